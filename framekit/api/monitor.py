@@ -106,12 +106,14 @@ class FieldRow:
 class FrameLog:
     """The last `kept` entries. `add` is a run's monitor."""
 
-    def __init__(self, kept: int = KEPT) -> None:
+    def __init__(self, protocols: Mapping[int, Protocol] | None = None, kept: int = KEPT) -> None:
         self.counts: Counter[str] = Counter()
         self.dropped = 0
         self.last_number = 0
         """The number of the newest entry; 0 when there is none."""
         self._channels: dict[int, tuple[Protocol, str | None, Mapping[str, Any]]] = {}
+        for channel, protocol in (protocols or {}).items():
+            self.know(channel, protocol, None, {})
         self._entries: deque[FrameEntry] = deque(maxlen=kept)
 
     def know(self, channel: int, protocol: Protocol, role: str | None, params: Mapping[str, Any]) -> None:

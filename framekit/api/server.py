@@ -19,11 +19,12 @@ from framekit.codec.shown import refusal_text
 from framekit.definition.times import LineFormat
 from framekit.link.events import Seen
 from framekit.run.model import DEFAULT_LIMITS, ConnectionLimits
+from framekit.runfile.channels import line_of
 from framekit.runfile.devices import Device as Device
 from framekit.runfile.devices import DeviceSettings, load_devices, with_faults
 from framekit.service.capture import Capture
 from framekit.service.driver import LineLoad
-from framekit.service.serving import Serving, ServingMonitor, check_line, line_of
+from framekit.service.serving import Serving, ServingMonitor, check_line
 from framekit.transport.clock import AsyncioClock
 
 
@@ -224,7 +225,7 @@ def aserve(
     found = with_faults(found, faults, Path.cwd())
     try:
         check_line(found)
-        line = line_of(found[0], speed, format)
+        line = line_of(found[0].protocol, speed, format)
         limits = ConnectionLimits(nanoseconds(idle_timeout), connections)
     except ValueError as error:
         raise RequestError(str(error)) from None

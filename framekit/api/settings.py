@@ -18,13 +18,13 @@ from framekit.definition.load import load_protocol
 from framekit.definition.load.reader import parse_bytes, parse_number
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import NOWHERE, Position, did_you_mean
-from framekit.definition.times import LineFormat, parse_format, parse_time
+from framekit.definition.times import LineFormat, parse_time
 from framekit.link.addresses import AddressGrammar as AddressGrammar
 from framekit.link.evaluate import Names as Names
 from framekit.link.parameters import ParameterError, given_value
 from framekit.link.scope import Scope
 from framekit.run.model import Channel
-from framekit.runfile.channels import needs_own, needs_station, parse_station
+from framekit.runfile.channels import line_of, needs_own, needs_station, parse_station
 
 
 class LoadedProtocol(typing.Protocol):
@@ -99,11 +99,15 @@ def line_settings(
     found = protocol_of(protocol)
     if found.kind != "protocol":
         raise RequestError(f"'{found.name}' is carried by other protocols, it has no line of its own")
+    try:
+        line = line_of(found, speed, format)
+    except ValueError as error:
+        raise RequestError(str(error)) from None
     return ClientSettings(
         protocol=found,
         port=found.line.port_of(_port(port)),
         role=None if frames_alone else _role(found, role),
-        line=_line(found, speed, format),
+        line=line,
         own=None if own is None else checked_station(found, own),
         station=None if station is None else checked_station(found, station),
         params=checked_params(found, params or {}),
@@ -152,18 +156,6 @@ def _role(protocol: Protocol, role: str | None) -> str | None:
         hint = did_you_mean(role, protocol.roles)
         raise RequestError(f"'{protocol.name}' has no role '{role}'" + (f" – {hint}" if hint else ""))
     return role
-
-
-def _line(protocol: Protocol, speed: int | None, format: str | None) -> LineFormat | None:
-    line = protocol.line
-    if line.kind == "stream":
-        if speed is not None or format is not None:
-            raise RequestError(f"'{protocol.name}' runs on connections, which have no speed and no format")
-        return None
-    try:
-        return parse_format(line.format if format is None else format, line.speed if speed is None else speed)
-    except ValueError as error:
-        raise RequestError(str(error)) from None
 
 
 def names_of(protocol: Protocol, given: Mapping[str, Any]) -> Names:

@@ -17,7 +17,13 @@ Order = Literal["ABCD", "CDAB", "BADC", "DCBA"]
 
 ORDERS: tuple[str, ...] = get_args(Order)
 _UNITS = {8: "byte", 16: "word", 32: "dword", 64: "lword"}
-_FORMATS = {_UNITS[bits]: code for bits, code in UNSIGNED_CODES.items()}
+_FORMATS = {
+    "unsigned": UNSIGNED_CODES,
+    "bcd": UNSIGNED_CODES,
+    "signed": {bits: code.lower() for bits, code in UNSIGNED_CODES.items()},
+    "float": {32: "f", 64: "d"},
+}
+"""What `struct` calls numbers of so many bits, by their kind."""
 _KINDS = {"i": "signed", "u": "unsigned", "f": "float", "b": "bcd"}
 _TYPES = {name: (bits, _KINDS[name[0]]) for name, bits in NUMBER_BITS.items()}
 VIEWS: tuple[str, ...] = (*_TYPES, "string")
@@ -36,36 +42,37 @@ class NumberView:
 
     def read(self, data: bytes) -> list[int] | list[float]:
         """The numbers in data in memory's form. Raises MemoryValueError for digits that are none."""
-        data = self._ordered(data)
-        code = _FORMATS[self.unit]
-        numbers = [number for (number,) in struct.iter_unpack("<" + code, data)]
-        if self.kind == "float":
-            return as_float(numbers, self.unit)
-        if self.kind == "bcd":
-            return as_decimal(numbers, self.unit)
-        return as_signed(numbers, self.unit) if self.kind == "signed" else numbers
+        numbers = [number for (number,) in struct.iter_unpack(f"<{self._code}", self._ordered(data))]
+        return as_decimal(numbers, self.unit) if self.kind == "bcd" else numbers
 
     def write(self, values: Sequence[float]) -> bytes:
         """Memory's form of the numbers. Raises MemoryValueError for one that does not fit."""
         for value in values:
             if not isinstance(value, (int, float)) or (self.kind != "float" and not isinstance(value, int)):
                 raise MemoryValueError(f"{value!r} is no {self.type}")
-        if self.kind == "float":
-            numbers = from_float(values, self.unit)
-        elif self.kind == "bcd":
+        numbers = values
+        if self.kind == "bcd":
             numbers = from_decimal([int(value) for value in values], self.unit)
-        elif self.kind == "signed":
-            numbers = from_signed([int(value) for value in values], self.unit)
-        else:
-            numbers = [int(value) for value in values]
         try:
-            return self._ordered(struct.pack(f"<{len(numbers)}{_FORMATS[self.unit]}", *numbers))
+            return self._ordered(struct.pack(f"<{len(numbers)}{self._code}", *numbers))
+        except OverflowError as problem:
+            raise MemoryValueError(f"a number is too large for a floating-point {self.unit}") from problem
         except struct.error:
-            raise MemoryValueError(f"{_outside(numbers)} does not fit into a {self.type}") from None
+            half = 1 << unit_bits(self.unit) - 1
+            if self.kind == "signed":
+                wrong = next(value for value in numbers if not -half <= value < half)
+                what = f"{wrong} does not fit into {unit_bits(self.unit)} bits with sign: {-half} to {half - 1}"
+            else:
+                what = f"{max(numbers, key=abs)} does not fit into a {self.type}"
+            raise MemoryValueError(what) from None
+
+    @property
+    def _code(self) -> str:
+        return _FORMATS[self.kind][unit_bits(self.unit)]
 
     def _ordered(self, data: bytes) -> bytes:
         """Between memory's form and elements with their low byte first: the same both ways."""
-        size = struct.calcsize(_FORMATS[self.unit])
+        size = unit_bits(self.unit) // 8
         if size > 1 and self.bytes_swapped:
             data = swap(data, 2)
         if size > 2 and self.words_reversed:
@@ -156,10 +163,6 @@ def view_of(type_: str, order: str | None = None) -> NumberView | TextView:
     return NumberView(type_, _UNITS[bits], kind, reversed_, swapped)
 
 
-def _outside(numbers: Sequence[int]) -> int:
-    return max(numbers, key=abs)
-
-
 _FLOATS = {32: ("<I", "<f"), 64: ("<Q", "<d")}
 
 
@@ -168,18 +171,6 @@ def as_signed(values: Iterable[int], unit: str | int) -> list[int]:
     bits = unit_bits(unit)
     half, whole = 1 << (bits - 1), 1 << bits
     return [value - whole if value >= half else value for value in values]
-
-
-def from_signed(values: Iterable[int], unit: str | int) -> list[int]:
-    """The reverse of `as_signed`. Raises MemoryValueError for a value that does not fit."""
-    bits = unit_bits(unit)
-    half, mask = 1 << (bits - 1), (1 << bits) - 1
-    result = []
-    for value in values:
-        if not -half <= value < half:
-            raise MemoryValueError(f"{value} does not fit into {bits} bits with sign: {-half} to {half - 1}")
-        result.append(value & mask)
-    return result
 
 
 def as_decimal(values: Iterable[int], unit: str | int) -> list[int]:

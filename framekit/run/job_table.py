@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Container, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Any, get_args
 from typing import Protocol as Interface
@@ -230,29 +230,18 @@ class JobStatus:
 def status_of(slot: JobSlot, profile: JobProfile) -> JobStatus:
     """A view for a moment; an idle slot shows the job it had last."""
     order = slot.order
-    common = {
-        "slot": slot.number,
-        "state": slot.state.value,
-        "word": slot.word,
-        "text": profile.text_of(slot.word),
-        "error": slot.error,
-        "pending": slot.asked is not None,
-        "counters": slot.counters,
-        "last_good": slot.last_good,
-        "last_error": slot.last_error,
-    }
+    status = JobStatus(
+        slot=slot.number, kind="", state=slot.state.value, word=slot.word, text=profile.text_of(slot.word),
+        error=slot.error, pending=slot.asked is not None, counters=slot.counters, last_good=slot.last_good,
+        last_error=slot.last_error,
+    )  # fmt: skip
     if order is None:
-        return JobStatus(kind="", **common)  # type: ignore[arg-type]
-    return JobStatus(
-        kind=order.kind,
-        remote=order.remote,
-        own=order.place.text,
-        count=order.count,
-        host=order.host or ("" if order.channel is None else f"channel {order.channel}"),
-        period=order.period,
-        left=slot.left if order.times else None,
-        **common,  # type: ignore[arg-type]
-    )
+        return status
+    host = order.host or ("" if order.channel is None else f"channel {order.channel}")
+    return replace(
+        status, kind=order.kind, remote=order.remote, own=order.place.text, count=order.count, host=host,
+        period=order.period, left=slot.left if order.times else None,
+    )  # fmt: skip
 
 
 WriteBits = Callable[[tuple[int, ...]], None]

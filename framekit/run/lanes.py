@@ -228,11 +228,6 @@ class BlockLane:
         failing = self._failing.get(station)
         return failing is not None and failing.probe_at is not None
 
-    @property
-    def dead(self) -> tuple[Hashable, ...]:
-        """The stations that are dead now."""
-        return tuple(station for station in self._failing if self.is_dead(station))
-
     def changes(self) -> list[tuple[Hashable, bool]]:
         """What has `changed` since this was asked last."""
         found, self.changed = self.changed, []

@@ -207,7 +207,7 @@ def to_memory(part: FramePart, place: OwnPlace, value: Any, room: int | None) ->
     if _is_float(part):
         return place.address.unit_bits, memory_of(from_float([value], unit), unit)
     try:
-        return place.address.unit_bits, memory_of([_scaled(part, int(value))], unit)
+        return place.address.unit_bits, memory_of([int(value) // _unit(part)], unit)
     except ValueError:
         raise ValueError(f"'{part.name}' is {value}, that does not fit into {place.text} ({unit})") from None
 
@@ -225,10 +225,6 @@ def from_memory(part: FramePart, place: OwnPlace, memory: bytes) -> Any:
     if isinstance(part, Field) and part.type.signed and place.address.unit_bits > 1:
         number = as_signed(number, unit)
     return number[0] * _unit(part)
-
-
-def _scaled(part: FramePart, value: int) -> int:
-    return value // _unit(part)
 
 
 def _unit(part: FramePart) -> int:
@@ -273,18 +269,15 @@ class FrameFields:
 def field_reader(part: FramePart, place: OwnPlace, size: int | None, memory: DeviceMemory) -> Read:
     """Reads the value of a field from its place at every call; `size` bytes where it takes as many as one likes."""
     if not takes_bytes(part):
-        return partial(_converted, part, place, piece_reader(memory, place, place.address.unit_bits))
+        number = piece_reader(memory, place, place.address.unit_bits)
+        return lambda: from_memory(part, place, number())
     if size is None:
         size = fixed_bytes(part)
     if size is None:
         raise ValueError(f"the size of '{part.name}' is not known – give the block size: {{{part.name}: N}}")
     read = piece_reader(memory, place, 8 * size)
     is_text = isinstance(part, Field) and part.type.kind == "ascii"
-    return partial(_converted, part, place, read) if is_text else read
-
-
-def _converted(part: FramePart, place: OwnPlace, read: Callable[[], bytes]) -> Any:
-    return from_memory(part, place, read())
+    return (lambda: from_memory(part, place, read())) if is_text else read
 
 
 Refresh = Callable[[], None]

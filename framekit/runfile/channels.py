@@ -530,6 +530,16 @@ def read_station(reader: Reader, node: Node, protocol: Protocol) -> Any:
         return parse_station(reader.text(node), protocol)
 
 
+def line_of(protocol: Protocol, speed: int | None, format: str | None) -> LineFormat | None:
+    """A line's settings, the protocol's own where nothing is given; None on connections. Raises ValueError."""
+    line = protocol.line
+    if line.kind == "stream":
+        if speed is not None or format is not None:
+            raise ValueError(f"'{protocol.name}' runs on connections, which have neither speed nor format")
+        return None
+    return parse_format(line.format if format is None else format, line.speed if speed is None else speed)
+
+
 def parse_station(text: str, protocol: Protocol) -> Any:
     """Raises ValueError with a sentence for what is no station of this protocol."""
     station = protocol.station

@@ -114,7 +114,7 @@ class DeviceService:
     """A device at work on one port. Its memory can be read and written from outside at any time.
 
     `store`: what it shares with the same device on other ports. `on_state` is told when the port opens or closes.
-    `faults`: those of the line, where there is no store yet. `on_fault` is shown all but frames, for instance what
+    `on_fault` is shown all but frames, for instance what
     could not be worked out; `watch_troubles` does the same in words. Where a protocol has no services, each frame that
     goes out counts as one.
     """
@@ -130,10 +130,9 @@ class DeviceService:
         on_fault: Monitor | None = None,
         store: DeviceStore | None = None,
         on_state: Callable[[str], None] | None = None,
-        faults: FaultPlan | None = None,
     ) -> None:
         self.device = device
-        self.store = store = DeviceStore(device, clock, faults) if store is None else store
+        self.store = store = DeviceStore(device, clock) if store is None else store
         self.faults = store.faults
         self.memory = store.memory
         line_port = port if self.faults is None else FaultyPort(port, self.faults)

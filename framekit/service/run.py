@@ -93,35 +93,33 @@ LONGEST_SHUTDOWN = 5_000_000_000
 """A run ends after this (ns) even if a session could not be closed."""
 
 
-class RunShutdown:
+def close_sessions(channels: Iterable[ChannelService], clock: Clock, within: int, end: Callable[[], None]) -> None:
     """Closes the sessions of channels; `end` is called once, when all are closed or `within` ns have passed.
 
     Where no channel has a session it is called at once.
     """
+    with_session = [channel for channel in channels if channel.has_session]
+    if not with_session:
+        end()
+        return
+    waiting = {channel.channel.number for channel in with_session}
 
-    def __init__(self, channels: Iterable[ChannelService], clock: Clock, within: int, end: Callable[[], None]) -> None:
-        self._clock = clock
-        self._end: Callable[[], None] | None = end
-        with_session = [channel for channel in channels if channel.has_session]
-        self._waiting = {channel.channel.number for channel in with_session}
-        if not with_session:
-            self._over()
-            return
-        self._limit = clock.call_at(clock.now() + within, self._over)
-        for channel in with_session:
-            channel.close_session(partial(self._left, channel.channel.number))
+    def over() -> None:
+        waiting.clear()
+        end()
 
-    def _left(self, number: int) -> None:
+    limit = clock.call_at(clock.now() + within, over)
+
+    def left(number: int) -> None:
         """Told from inside of an engine, which is to be left before anything ends."""
-        self._waiting.discard(number)
-        if not self._waiting:
-            self._limit.cancel()
-            self._clock.call_soon(self._over)
+        if number in waiting:
+            waiting.remove(number)
+            if not waiting:
+                limit.cancel()
+                clock.call_soon(end)
 
-    def _over(self) -> None:
-        end, self._end = self._end, None
-        if end is not None:
-            end()
+    for channel in with_session:
+        channel.close_session(partial(left, channel.channel.number))
 
 
 log = logging.getLogger(__name__)
@@ -332,7 +330,7 @@ class RunService:
                 self.stop()
             done()
 
-        RunShutdown(self.channels.values(), self.clock, within, end)
+        close_sessions(self.channels.values(), self.clock, within, end)
 
     def _stop_jobs(self) -> None:
         if self.jobs is not None:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
-from framekit.definition.times import NEVER, LineFormat, parse_format
+from framekit.definition.times import NEVER, LineFormat
 from framekit.link.events import LinkCounters, Monitor, Seen
 from framekit.link.exchange import RequestHandler
 from framekit.link.services.server import ServiceCounters
@@ -37,8 +37,6 @@ class Serving:
     """Serves devices, all of which hear the same line. `wrap` may put something around every port, faults say.
 
     `line_errors` counts bad frames by their cause, bytes that were no frame, and connections refused or closed here.
-
-    `on_state(port, state)` is told when a port opens ('open') or why it was closed.
     """
 
     def __init__(
@@ -48,14 +46,12 @@ class Serving:
         line: LineFormat | None,
         monitor: ServingMonitor | None = None,
         *,
-        on_state: Callable[[str, str], None] | None = None,
         wrap: Callable[[Port], Port] | None = None,
         limits: ConnectionLimits = DEFAULT_LIMITS,
     ) -> None:
         self.clock = clock
         self.line = line
         self.monitor = monitor
-        self.on_state = on_state or (lambda port, state: None)
         self.wrap = wrap or (lambda port: port)
         self.stores = stores_of(devices, clock)
         self.stations: dict[Port, list[DeviceService]] = {}
@@ -71,7 +67,7 @@ class Serving:
 
     def serve(self, port: Port) -> None:
         """Answers on a port, which is opened, and opened again when it is lost, until `stop`."""
-        self._begin(port, lambda state: self.on_state(port.name, state))
+        self._begin(port, lambda state: None)
 
     async def begin(self, url: str) -> tuple[str, str]:
         """Listens at `url`, or opens that port. Raises ValueError for what is no port, OSError.
@@ -89,7 +85,6 @@ class Serving:
         def state(text: str) -> None:
             if not first_state.done():
                 first_state.set_result(text)
-            self.on_state(port.name, text)
 
         self._begin(port, state)
         reached = await first_state
@@ -115,7 +110,6 @@ class Serving:
         def state(text: str) -> None:
             if text != "open":
                 self.clock.call_soon(lambda: self._end(port))
-            self.on_state(port.name, text)
 
         self._begin(port, state)
         self._set_idle_alarm()
@@ -145,7 +139,6 @@ class Serving:
         for port in sorted((port for port in self._hosts if self._last_frame(port) <= since), key=self._last_frame):
             self.line_errors["idle connections closed"] += 1
             self._end(port)
-            self.on_state(port.name, "idle for too long")
         self._set_idle_alarm()
 
     def _begin(self, port: Port, on_state: Callable[[str], None]) -> None:
@@ -218,16 +211,6 @@ def check_line(devices: list[Device]) -> None:
             raise ValueError(f"{protocols} can't share a line – serve them on two ports")
     if len(alone) > 1 and any(device.own is None for device in alone):
         raise ValueError("several devices on one line need stations – add station to their files")
-
-
-def line_of(device: Device, speed: int | None, format: str | None) -> LineFormat | None:
-    """The line's settings, the protocol's own where nothing is given. Raises ValueError with a sentence."""
-    line = device.protocol.line
-    if line.kind == "stream":
-        if speed is not None or format is not None:
-            raise ValueError(f"{device.protocol.name} runs on connections, which have neither speed nor format")
-        return None
-    return parse_format(format or line.format, line.speed if speed is None else speed)
 
 
 class ListeningPort(Port):

@@ -198,9 +198,7 @@ class TcpPort(StreamPort):
         except TimeoutError:
             reason = f"no connection to {self.host}:{self.number} within {self.connect_within:g} s"
         except (OSError, UnicodeError) as error:
-            number = getattr(error, "errno", None) or 0
-            why = os.strerror(number) if number > 0 else getattr(error, "strerror", None) or str(error)
-            reason = f"no connection to {self.host}:{self.number}: {why}"
+            reason = f"no connection to {self.host}:{self.number}: {_why(error)}"
         else:
             return
         if self.connection is connection:
@@ -211,6 +209,12 @@ class TcpPort(StreamPort):
         if connecting is not None:
             connecting.cancel()
         super().close()
+
+
+def _why(error: Exception) -> str:
+    """What the system says of an error, without the address that it puts before it."""
+    number = getattr(error, "errno", None) or 0
+    return os.strerror(number) if number > 0 else getattr(error, "strerror", None) or str(error)
 
 
 def bracketed(host: str) -> str:
@@ -449,9 +453,8 @@ class UdpPort(DatagramPort):
         try:
             transport, _ = await self.clock.loop.create_datagram_endpoint(lambda: endpoint, **where)
         except (OSError, UnicodeError) as error:
-            number = getattr(error, "errno", None) or 0
-            why = os.strerror(number) if number > 0 else str(error)
-            self.lost(endpoint, f"cannot {'listen at' if self.listens else 'reach'} {self.host}:{self.number}: {why}")
+            what = f"cannot {'listen at' if self.listens else 'reach'} {self.host}:{self.number}"
+            self.lost(endpoint, f"{what}: {_why(error)}")
             return
         if self._endpoint is not endpoint:
             transport.close()

@@ -174,7 +174,7 @@ def test_failures_that_say_nothing_of_the_station_do_not_count() -> None:
             bench.now += 10 * MS
             lane.running[0] = 1
             lane.ended(bench.scheduler.states[0], Failure(outcome=outcome), bench.now, 0)
-    assert lane.dead == ()
+    assert lane.changed == []
 
 
 def test_one_that_is_never_dead() -> None:

@@ -153,8 +153,7 @@ def test_a_bad_frame_is_one_thing_in_every_view(name: str) -> None:
     bench.rest(2_000 * MS)
     bench.hear(data)
     bench.rest(2_000 * MS)
-    log = FrameLog()
-    log.know(1, bench.listener.protocol, None, {})
+    log = FrameLog({1: bench.listener.protocol})
     for seen in bench.seen:
         log.add(1, seen)
     assert log.counts == {"bad": 2}

@@ -17,7 +17,7 @@ from framekit.link.scope import Scope
 from framekit.link.services.client import Client, TransferResult
 from framekit.run.model import FaultPlan, FaultRule
 from framekit.runfile.devices import Device, memory_of
-from framekit.service.device import DeviceService
+from framekit.service.device import DeviceService, DeviceStore
 from framekit.service.driver import Driver
 from framekit.service.faults import FaultInjector, FaultyPort
 from framekit.transport.clock import VirtualClock
@@ -80,7 +80,8 @@ class FaultWorld:
             name="device", protocol=self.protocol, role=link.answering, own=link.station,
             params=server_params, areas=areas, grammar=grammar, profile=None, mapping={}, initial=(),
         )  # fmt: skip
-        self.device = DeviceService(device, self.line.port("device"), self.clock, settings, faults=self.plan)
+        store = DeviceStore(device, self.clock, self.plan)
+        self.device = DeviceService(device, self.line.port("device"), self.clock, settings, store=store)
         self.injector = self.device.faults
         assert self.injector is not None
         client_params = {**link.params, **link.own}

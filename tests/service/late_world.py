@@ -19,7 +19,7 @@ from framekit.link.services.client import Client, Done, Transfer, TransferResult
 from framekit.run.model import FaultPlan, FaultRule
 from framekit.runfile.devices import Device, memory_of
 from framekit.service.client import ClientService
-from framekit.service.device import DeviceService
+from framekit.service.device import DeviceService, DeviceStore
 from framekit.transport.clock import VirtualClock
 from framekit.transport.simulated_line import SimulatedLine
 
@@ -115,7 +115,9 @@ class LateWorld:
             params=line.device, areas=areas, grammar=grammar, profile=None, mapping={}, initial=(),
         )  # fmt: skip
         plan = FaultPlan(seed=seed, rules=rules).of_line()
-        self.device = DeviceService(device, wire.port("device"), self.clock, settings, faults=plan)
+        self.device = DeviceService(
+            device, wire.port("device"), self.clock, settings, store=DeviceStore(device, self.clock, plan)
+        )
         self.seen: list[Seen] = []
         self.service = ClientService(
             protocol, wire.port("client"), self.clock, role=line.asking, params={**line.params, **params},
