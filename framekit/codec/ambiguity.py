@@ -254,6 +254,9 @@ FEWEST = 2
 PLACES = 6
 """Constant bytes of a frame that are looked at before it is tried."""
 
+MOST_TWIN = 64
+"""Bytes of a frame of fixed size that others of the same size are compared with."""
+
 ALIKE = 256
 """Frames in one list that no constant tells from another one."""
 
@@ -355,6 +358,7 @@ class _Checker:
         self.sampler = sampler
         self.shapes = StaticSizes(codec.protocol.frames)
         self.judged: dict[tuple[str, str, bool], Sample | None] = {}
+        self.twins: dict[tuple[str, str, bool], Sample | None] = {}
         self.constants: dict[str, tuple[tuple[int, int], ...]] = {}
 
     def matrix(self, candidates: list[_Candidate], todo: str) -> Iterator[Problem]:
@@ -364,7 +368,7 @@ class _Checker:
         for later in candidates:
             samples = () if later.frame in known else self.sampler.samples(later.frame)
             known.add(later.frame)
-            tried = 0
+            tried, twin = 0, ""
             for earlier in before.like(samples[0].data) if samples else ():
                 if not self._matters(earlier, later):
                     continue
@@ -378,6 +382,13 @@ class _Checker:
                     at, todo_there = self._own_place(later, todo)
                     yield Problem(at, f"{what}: {beginning(sample.data)} fits both", todo_there)
                     break
+                if not twin and (sample := self._twin(earlier, later)) is not None:
+                    twin = f"'{later.frame}' of {len(sample.data)} bytes is taken for '{earlier.frame}', which is tried"
+                    twin = f"{twin} first: {beginning(sample.data)} fits both"
+            else:
+                if twin:
+                    at, todo_there = self._own_place(later, todo)
+                    yield Problem(at, twin, todo_there, warning=True)
             before.add(later, self._constants(later.frame))
 
     def _own_place(self, later: _Candidate, todo: str) -> tuple[Position, str]:
@@ -411,6 +422,18 @@ class _Checker:
             taken = enough and all(self._fits(earlier.frame, sample, later.inside) for sample in samples)
             self.judged[key] = samples[0] if taken else None
         return self.judged[key]
+
+    def _twin(self, earlier: _Candidate, later: _Candidate) -> Sample | None:
+        """A sample of `later`, which varies in size, as long as `earlier` is, if each of that size is taken for it."""
+        size = self.shapes.frame(earlier.frame).fixed
+        if size is None or size > MOST_TWIN or self.shapes.frame(later.frame).fixed is not None:
+            return None
+        key = earlier.frame, later.frame, later.inside
+        if key not in self.twins:
+            samples = list(self.sampler.resized(later.frame, size))
+            taken = len(samples) >= FEWEST and all(self._fits(earlier.frame, one, later.inside) for one in samples)
+            self.twins[key] = samples[0] if taken else None
+        return self.twins[key]
 
     def _is_constant(self, frame: str) -> bool:
         """Whether one sample is all there is: nothing in the frame varies."""

@@ -15,6 +15,7 @@ class FrameError(ValueError):
     `cause` is one of: check, parity, framing, overrun, constant, where, digits, value, range, require, short, too_long,
     length, surplus, cut. `segment` is the name or kind of what is wrong, `offset` its first byte in the frame,
     `refuse` the code the frame is to be refused with (None: it is just bad), `fields` what was read before the fault.
+    `also`: the first other fault beside a wrong check code.
     """
 
     def __init__(
@@ -36,6 +37,7 @@ class FrameError(ValueError):
         self.found = found
         self.refuse = refuse
         self.fields: dict[str, Any] = dict(fields or {})
+        self.also: FrameError | None = None
 
 
 class Misread(FrameError):  # noqa: N818 - what it is a case of says so
@@ -50,7 +52,7 @@ class Misread(FrameError):  # noqa: N818 - what it is a case of says so
         self._read = frame, examine, bytes(data), ctx
 
     def __getattr__(self, name: str) -> Any:
-        if name not in ("cause", "segment", "offset", "expected", "found", "fields"):
+        if name not in ("cause", "segment", "offset", "expected", "found", "fields", "also"):
             raise AttributeError(name)
         frame, examine, data, ctx = self._read
         error: FrameError = examine(data, ctx).error(frame)

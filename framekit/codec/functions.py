@@ -159,8 +159,14 @@ def fitting(
 
 
 def nearest(faults: list[tuple[str, FrameError]]) -> tuple[str, FrameError] | None:
-    """The frame that fits best, and its fault."""
-    return max(faults, key=lambda fault: (fault[1].cause == "check", fault[1].offset), default=None)
+    """The frame that fits best, and its fault: all but its check code is right, or else the most of it."""
+
+    def fitness(fault: tuple[str, FrameError]) -> tuple[bool, int]:
+        error = fault[1]
+        other = error.also if error.cause == "check" else error
+        return (True, error.offset) if other is None else (False, other.offset)
+
+    return max(faults, key=fitness, default=None)
 
 
 def reason(faults: list[tuple[str, FrameError]], data: bytes) -> str:
@@ -170,7 +176,8 @@ def reason(faults: list[tuple[str, FrameError]], data: bytes) -> str:
     best = nearest(faults)
     if best is None:
         return "this protocol has no frames that could be tried"
-    return f"no frame fits; nearest is '{best[0]}': {best[1]}"
+    also = f"; also {best[1].also}" if best[1].also is not None else ""
+    return f"no frame fits; nearest is '{best[0]}': {best[1]}{also}"
 
 
 def _holds_unknown(fields: Mapping[str, Any]) -> bool:

@@ -183,6 +183,23 @@ class Sampler:
             self._made[frame] = tuple(found.values())
         return self._made[frame]
 
+    def resized(self, frame: str, size: int) -> Iterator[Sample]:
+        """The samples that have `size` bytes, or have them when one value is longer or shorter."""
+        for sample in self.samples(frame):
+            if len(sample.data) == size:
+                yield sample
+                continue
+            for name, value in sample.values.items():
+                if isinstance(value, (bytes, str, list)) and value:
+                    longest = value * (size // len(value) + 1)
+                    tried = (
+                        self._read_back(frame, {**sample.values, name: longest[:many]}) for many in range(size + 1)
+                    )
+                    found = next((one for one in tried if one is not None and len(one.data) >= size), None)
+                    if found is not None and len(found.data) == size:
+                        yield found
+                        break
+
     @property
     def in_vain(self) -> list[str]:
         """The frames that samples were wanted of, and that have none."""
@@ -197,6 +214,13 @@ class Sampler:
     def _try(self, frame: str, random_: random.Random) -> Sample | None:
         try:
             values = _Record(self, random_, self.codec.protocol.frames[frame].segments, None).make()
+        except (MissingName, *EVALUATION_ERRORS):
+            return None
+        return self._read_back(frame, values)
+
+    def _read_back(self, frame: str, values: Mapping[str, Any]) -> Sample | None:
+        """A sample of these values; None where they cannot be encoded and decoded again."""
+        try:
             data = self.codec.encode(frame, values, self.context)
             read = self.codec.decode(frame, data, self.context)
         except (EncodeError, FrameError, MissingName, *EVALUATION_ERRORS):

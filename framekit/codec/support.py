@@ -215,21 +215,21 @@ def crc(
 
 def build_hex(value: int, places: int) -> bytes:
     """Upper-case hex digits, highest first. Raises ValueError if the value is negative or too large."""
-    if value >> 4 * places:
+    if not places or value >> 4 * places:
         raise Unfit(f"{value} does not fit into {places} hex digits")
     return b"%0*X" % (places, value)
 
 
 def build_hex_lower(value: int, places: int) -> bytes:
     """Lower-case hex digits, highest first. Raises ValueError if the value is negative or too large."""
-    if value >> 4 * places:
+    if not places or value >> 4 * places:
         raise Unfit(f"{value} does not fit into {places} hex digits")
     return b"%0*x" % (places, value)
 
 
 def build_hex_little(value: int, places: int) -> bytes:
     """Upper-case hex digits, the last byte's two first: 1234h is `3412`. Raises ValueError, also for odd places."""
-    if value >> 4 * places or places % 2:
+    if not places or value >> 4 * places or places % 2:
         raise Unfit(f"{value} does not fit into {places} hex digits in pairs")
     return binascii.hexlify(value.to_bytes(places >> 1, "little")).upper()
 
@@ -280,7 +280,7 @@ def parse_dec_little(digits: bytes | bytearray) -> int:
 
 def build_oct(value: int, places: int) -> bytes:
     """Octal digits, highest first. Raises ValueError if the value is negative or too large."""
-    if value >> 3 * places:
+    if not places or value >> 3 * places:
         raise Unfit(f"{value} does not fit into {places} octal digits")
     return b"%0*o" % (places, value)
 

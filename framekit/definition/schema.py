@@ -220,10 +220,11 @@ class Messages:
         """All keys that are missing in one mapping, without those that are there misspelt."""
         node, schema = self.places.node(path), error.schema
         strange = [key for key in error.instance if key not in schema.get("properties", ())]
+        cutoff = _NEARLY if OWN_KEYS in schema else 0.6
         missing = [
             key
             for key in error.validator_value
-            if key not in error.instance and not difflib.get_close_matches(key, strange, n=1, cutoff=0.6)
+            if key not in error.instance and not difflib.get_close_matches(key, strange, n=1, cutoff=cutoff)
         ]
         if missing and node.at not in self.cut:
             keys = ("key " if len(missing) == 1 else "keys ") + ", ".join(f"'{key}'" for key in missing)

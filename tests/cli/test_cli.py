@@ -118,6 +118,23 @@ def test_damage_is_told_where_a_frame_takes_everything(capsys: pytest.CaptureFix
     assert call(capsys, "decode", "snp", "--frame", "stray", good[:-2] + "00")[0] == 0
 
 
+def test_the_nearest_frame_is_one_of_which_all_but_the_check_fits(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """A wrong check code weighs less than a wrong constant."""
+    file = tmp_path / "near.yaml"
+    frames = "one: {body: [{const: 1A}, {data: d, size: 2}, {check: sum8}]}"
+    others = "two: {body: [{const: 2B}, {data: d, size: 2}, {check: sum8}]}"
+    for text in (f"{frames}, {others}", f"{others}, {frames}"):
+        file.write_text(f"protocol: near\nframes: {{{text}}}\n", encoding="utf-8")
+        _, _, err = call(capsys, "decode", str(file), "2B 00 00 AB")
+        assert (
+            err == "framekit decode: no frame fits; nearest is 'two': check at byte 3: check, expected 2b, found ab\n"
+        )
+        _, _, err = call(capsys, "decode", str(file), "--frame", "one", "2B 00 00 AB")
+        assert err.endswith("expected 2b, found ab; also const at byte 0: constant, expected 1a, found 2b\n")
+
+
 def test_decode_as_a_table(capsys: pytest.CaptureFixture[str]) -> None:
     status, out, _ = call(capsys, "decode", "third-party-plc", "06 52 44 32 34 03")
     assert status == 0

@@ -67,6 +67,21 @@ def test_a_count_in_a_row_does_not_separate() -> None:
     assert problems("{frame: long, then: again, at_most: 2, else: end}; {frame: fixed, then: again}")
 
 
+def test_a_frame_of_varying_size_is_compared_with_one_of_fixed_size_before_it() -> None:
+    """Only some of its frames are as long: that is a warning. One that is told by a constant is no twin."""
+    text = """
+protocol: t
+line: {format: 8E1}
+frames:
+  fixed: {from: server, body: [{const: STX}, {field: a, type: u8}, {field: b, type: u8}, {field: c, type: u8}]}
+  varying: {from: server, body: [{const: STX}, {length: n, type: u8, of: [d]}, {data: d, size: n}]}
+"""
+    (problem,) = check_matrices(load_protocol_text(text))
+    assert problem.warning and problem.at.line == 6
+    assert problem.what.startswith("'varying' of 4 bytes is taken for 'fixed', which is tried first: 02 02 ")
+    assert check_matrices(load_protocol_text(text.replace("{field: a, type: u8}", "{const: FF}"))) == []
+
+
 def test_what_repeats_the_request_separates() -> None:
     text = """
 protocol: t

@@ -391,9 +391,59 @@ FOUND: dict[str, tuple[str, dict[str, Any], str]] = {
         {"d": b"ab"},
         "04 03 61 62",
     ),
+    "a length before conversion in an optional part, of what is under a condition": (
+        "[{field: k, type: u8}, {optional: [{length: n, type: u8, of: [d], plain: yes},"
+        " {data: d, size: n, convert: hex_to_ascii, when: k}, {field: a, type: u8}]}]",
+        {"k": 1, "d": b"a", "a": 5},
+        "01 01 36 31 05",
+    ),
+    "an optional part that is not there before a constant": (
+        "[{optional: [{field: a, type: u8}]}, {const: 05}, {inner: i, of: [word]}, {const: 03}]",
+        {"i": {"word": {}}},
+        "05 61 62 03",
+    ),
+    "a rest in a record before what is under a condition on it": (
+        "[{include: counted, as: r}, {field: x, type: u8, when: r.n > 3}]",
+        {"r": {"d": b"abc"}},
+        "03 61 62 63",
+    ),
+    "a field of a record that is worked out from what comes later": (
+        "[{include: by_later, as: r}, {field: t, type: u8}]",
+        {"r": {}, "t": 4},
+        "05 04",
+    ),
+    "a record without values in a record": (
+        "[{include: hollow, as: r}, {field: b, type: u8, when: r.a > 1}]",
+        {"r": {"a": 1}},
+        "78 00 01",
+    ),
+    "a range by places behind what takes no bytes": (
+        "[{require: 3 < 300}, {field: a, type: u16}, {check: sum8, over: 0..1}]",
+        {"a": 8},
+        "00 08 08",
+    ),
+    "a length that counts what a case in another case holds": (
+        "[{field: k, type: u8}, {choose: k, cases: {1: [{choose: k, cases: {1: [{field: a, type: u8}]}, else: []}],"
+        " 2: [{length: n, type: u8, of: [d, a]}, {data: d, size: rest}]}, else: []}]",
+        {"k": 2, "d": b"ab"},
+        "02 02 61 62",
+    ),
+    "bits of a number with a sign": (
+        "[{bits: {a: 0-2, b: 7}, of: i8}]",
+        {"a": 4, "b": 1},
+        "84",
+    ),
+    "bits of a record that are not there are nothing": (
+        "[{include: maybe_bits, as: r}, {require: r.x != 0}]",
+        {"r": {"k": 0}},
+        "00",
+    ),
 }
 """By what it shows: a body, values, their bytes."""
 DAMAGED: dict[str, tuple[str, str, str]] = {
+    "a field of a record that comes of what is later": (
+        "[{include: by_later, as: r}, {field: t, type: u8}]", "07 04", "value"
+    ),
     "a length of what is not there": (
         "[{field: k, type: u8}, {length: n, type: u8, of: [d]}, {data: d, size: n, when: k}]", "00 04", "length"
     ),
@@ -420,6 +470,11 @@ DAMAGED: dict[str, tuple[str, str, str]] = {
 }  # fmt: skip
 """By what it shows: a body, damaged bytes, the cause."""
 UNSENDABLE: dict[str, tuple[str, dict[str, Any], str]] = {
+    "a number in no digits": (
+        "[{field: k, type: u8}, {field: x, type: hex, size: k}]",
+        {"k": 0, "x": 0},
+        "the values do not fit into this frame: 0 does not fit into 0 hex digits",
+    ),
     "data that hold the constant that ends them": (
         "[{data: d, size: rest}, {const: 10 03}, {field: k, type: u8}, {data: e, size: k}]",
         {"d": b"\x10\x03", "k": 1, "e": b"a"},
@@ -448,6 +503,10 @@ UNSENDABLE: dict[str, tuple[str, dict[str, Any], str]] = {
 }
 """By what it shows: a body, values, what is said about them."""
 REFUSED: dict[str, tuple[str, str]] = {
+    "a check over everything before it, in a record under a condition": (
+        "[{field: k, type: u8}, {include: checked, as: r, when: k}]",
+        "a check in a record under a condition has to say what it covers – name it in over:",
+    ),
     "a record that is read inside itself": (
         "[{field: k, type: u8}, {include: itself, as: r}]",
         "'r' is read inside 'r' itself – write the name of a field alone, without 'r'",
@@ -465,6 +524,11 @@ REFUSED: dict[str, tuple[str, str]] = {
         "[{field: k, type: u8}, {wrap: hex, of: [{field: a, type: u8}, {field: b, type: u8}], when: k},"
         " {check: sum8, over: k..a}]",
         "the range of a check ends in a part under a condition: 'a' – name the wrap part, or what stands beside it",
+    ),
+    "a check over a wrap under a condition and over a part of it": (
+        "[{field: k, type: u8}, {wrap: hex, of: [{field: a, type: u8}], when: k, name: w},"
+        " {check: sum8, over: [w, a]}]",
+        "a check covers what stands in a part under a condition: 'a'",
     ),
     "bits that depend on what is worked out from them": (
         "[{field: k, type: u8, is: x + 1}, {optional: [{field: a, type: u8, when: k > 1}, {bits: {x: 0-3}, of: u8}]}]",
@@ -597,6 +661,10 @@ def protocol_of(body: str) -> str:
         " circle: [{field: a, type: u8, default: r.a * 2, when: 3 > 3}],"
         " default: [{field: a, type: u8, default: 3}], inner: [{field: a, type: u8}], outer: [{include: inner, as: i}],"
         " sized: [{field: m, type: u8}, {data: d, size: m}],"
+        " maybe_bits: [{field: k, type: u8}, {bits: {x: 0-3}, of: u8, when: k}],"
+        " checked: [{check: xor8}], by_later: [{field: a, type: u8, is: t + 1}],"
+        " counted: [{length: n, type: u8, of: [d]}, {data: d, size: rest}],"
+        " nothing: [{skip: 1}], hollow: [{text: x}, {include: nothing, as: e}, {field: a, type: u8}],"
         " ended: [{text: ab}, {field: k, type: u8}, {skip: 1, when: k > 4}],"
         " told: [{text: ab}, {skip: 1, when: t > 3}],"
         " named_alike: [{field: a, type: u8, is: b + 1}, {field: b, type: u8}],"
@@ -750,12 +818,18 @@ def test_what_check_takes_never_crashes_and_round_trips(kind: str) -> None:
     assert len(results) >= ROUNDS
 
 
-DEFINITIONS = int(os.environ.get("FRAMEKIT_DEFINITIONS", "3000"))
-"""How many the long tests try; the first 10,000 have been tried."""
+ASKED = os.environ.get("FRAMEKIT_DEFINITIONS", "")
+"""What the long tests try instead of the first 3,000 and m1,000: so many of both, or those of a range (10000-16000)."""
+START, _, END = ASKED.rpartition("-")
+
+
+def firsts(usual: int) -> range:
+    """The first seeds of the pieces that are tried, of 500 each."""
+    return range(int(START or 0), int(END or usual), 500)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("first", range(0, DEFINITIONS, 500))
+@pytest.mark.parametrize("first", firsts(3000))
 def test_thousands_of_definitions_hold(first: int) -> None:
     """Of any number of segments; a seed that fails is tried alone with `tried("612", ())`."""
     results, failed = [], {}
@@ -769,7 +843,7 @@ def test_thousands_of_definitions_hold(first: int) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("first", range(0, DEFINITIONS // 5, 500))
+@pytest.mark.parametrize("first", firsts(1000))
 def test_definitions_with_parameters_state_and_more_functions_hold(first: int) -> None:
     """Tried alone: `tried("m612", (), more=True)`."""
     results, failed = [], {}

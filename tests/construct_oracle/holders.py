@@ -298,7 +298,7 @@ class OptionalConstruct(SegmentConstruct):
 
     def read(self, stream: BytesIO, context: Container, path: str, place: Place) -> None:
         reading: Reading = context._state
-        if stream.tell() < reading.room(context).end:
+        if rest_size(self, stream, context, place) > 0:
             self.segments._parse(stream, context, path)
         else:
             reading.leave_out(context, self.names)

@@ -17,6 +17,7 @@ from construct_oracle.rest import rest_size
 from construct_oracle.sizes import nothing_known
 from construct_oracle.state import Reading
 from construct_oracle.values import evaluated_size
+from framekit.codec.python.shape import in_place_of_records
 from framekit.definition.expression import Expression
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import Inner
@@ -77,7 +78,8 @@ class InnerConstruct(ValueSegment):
             room = reading.room(context)
             if room.end < start:
                 raise reading.stop(place, "short", "room for what follows", f"{room.end - start} bytes")
-            known = (reading.sizes.of(replace(one.segment, when=None), nothing_known) for one in reading.following)
+            behind = in_place_of_records(tuple(one.segment for one in reading.following))
+            known = (reading.sizes.of(replace(one, when=None), nothing_known) for one in behind)
             data, exact = stream.read(room.end - start), room.exact and None not in known
         stream.seek(start)
         return data, exact

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from framekit.definition.problems import is_nearly, listed
+from framekit.definition.load import load_protocol_text
+from framekit.definition.problems import DefinitionError, is_nearly, listed
 from framekit.definition.times import NEVER, readable_time
 
 
@@ -28,3 +29,34 @@ def test_near_misses(word: str, other: str, nearly: bool) -> None:
 )  # fmt: skip
 def test_times_for_people(time: int, text: str) -> None:
     assert readable_time(time) == text
+
+
+FOLLOWED = """
+protocol: p
+line: {format: 8E1}
+areas: {D: {size: 100, unit: word}}
+addresses: [{form: "{area}{start:dec}.{slot:dec}", unit: word}]
+groups:
+  ask: {from: client, where: {kind: 1}, head: [{field: kind, type: u8}], tail: [{check: sum8}]}
+frames:
+  read: {group: ask, body: [{field: start, type: u16}, {field: slot, type: u8}, {length: n, type: u8, of: [kind]}]}
+  reply: {from: server, body: [{length: n, type: u8, of: [data]}, {data: data, size: n}]}
+services:
+  read: [{units: [word], request: {read: {start: start, slot: slot}}, reply: [{reply: {data: data}}]}]
+"""
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "told"),
+    [
+        ("group: ask", "group: aks", "there is no group 'aks'"),
+        ("start:dec", "start:dex", "'dex' is not a kind of number"),
+        ("form:", "fomr:", "missing key 'form' in address form 1"),
+    ],
+)
+def test_what_only_follows_from_an_error_is_not_told(right: str, wrong: str, told: str) -> None:
+    load_protocol_text(FOLLOWED, "p")
+    with pytest.raises(DefinitionError) as caught:
+        load_protocol_text(FOLLOWED.replace(right, wrong), "p")
+    (problem,) = caught.value.problems
+    assert told in problem.what

@@ -104,12 +104,15 @@ def _room_of(d: DiagnosisWriter, length: Length) -> str | None:
     if is_followed(length, d.segments):
         return None
     targets = targets_of(length, d.segments)
-    single = [target.only for target in targets.values()]
-    converted = [t for t in single if length.plain and isinstance(t, Data) and t.convert is not None]
-    counted = [name for name in length.of if name not in {target.name for target in converted}]
+    converted = {
+        name: "" if target.only is not None and target.only.when is None else " or ()"
+        for name, target in targets.items()
+        if length.plain and any(isinstance(one, Data) and one.convert is not None for one in target.segments)
+    }
+    counted = [name for name in length.of if name not in converted]
     rooms = [quoted(name) for name in d.wire_names(counted)]
     parts = [f"n.room({', '.join(rooms)})"] if rooms else []
-    parts += [f"len(n[{quoted(one.name)}]{'' if one.when is None else ' or ()'})" for one in converted]
+    parts += [f"len(n[{quoted(name)}]{otherwise})" for name, otherwise in converted.items()]
     total = " + ".join(parts) or "0"
     if length.unit != 1:
         total = f"({total}) // {length.unit}" if len(parts) > 1 else f"{total} // {length.unit}"

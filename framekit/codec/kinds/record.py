@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python import forms
@@ -35,8 +36,12 @@ class RecordKind(SegmentKind[Record]):
         scope.entries[segment.name] = NameEntry(f"n[{quoted(segment.name)}]", "record", inside)
 
     def diagnose(self, d: DiagnosisWriter, segment: Record, scope: Scope, behind: Behind) -> None:
+        before = len(d.deferred)
         with d.out.block(f"with n.record({quoted(segment.name)}):"):
-            d.list(segment.of, inside_of(scope, segment.name), behind)
+            d.list(segment.of, inside_of(scope, segment.name), behind, all_is_read=False)
+        for place in range(before, len(d.deferred)):
+            one = d.deferred[place]
+            d.deferred[place] = replace(one, line=f"n.within({quoted(segment.name)}, lambda: {one.line})")
 
     def describe(self, segment: Record) -> str:
         return f"{segment.name} ({summary(segment.of)})"

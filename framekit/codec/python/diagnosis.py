@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from framekit.codec.python import forms
-from framekit.codec.python.expressions import ExpressionWriter, Scope, default_text
+from framekit.codec.python.expressions import ExpressionWriter, Scope, default_text, entries_read
 from framekit.codec.python.function import on_the_wire, span_names
 from framekit.codec.python.module import Module
 from framekit.codec.python.registry import kind_of, write_docstring
@@ -161,8 +161,9 @@ class DiagnosisWriter:
 
     def _is_told(self, segment: Segment, scope: Scope) -> bool:
         """Whether it can be told already if the segment is there."""
-        names = set() if segment.when is None else names_in(segment.when.root) & self.field_names
-        return all(id(scope.find(name)) in self.read_entries for name in names)
+        when = segment.when
+        entries = () if when is None else entries_read(when.root, scope, self.field_names)
+        return all(id(entry) in self.read_entries for entry in entries)
 
     def _in_place_of_records(self, after: Behind) -> Iterator[tuple[Segment, Scope]]:
         """The segments with those of records that are always there in place of these."""

@@ -374,7 +374,7 @@ class EncodeWriter:
 
     def or_nothing(self, name: str, text: str, when: Expression | None, scope: Scope) -> str:
         """Text of a value for the expressions that read it: what is absent is nothing."""
-        if when is None or name not in self.read_names:
+        if when is None or name not in self.read_names | self.fields_read:
             return text
         return f"({text} if {self.text(when, scope, OR)} else None)"
 
@@ -955,7 +955,10 @@ class EncodeWriter:
         rooms = self._rooms_for_others(segment)
         cases: Cases = kind_of(segment).cases(self, segment, scope, given)
         everywhere = {name for one in flat((segment,)) for name in one.value_names}
+        known = dict(self.rooms)
         for header, segments in cases:
+            here = {one.name for one in flat(segments or ())}
+            self.rooms = known | {name: local for name, local in rooms.items() if name not in here}
             with self.out.block(header), self.apart():
                 if segments is None:
                     self.add('raise EncodeError("", "no case fits")')
@@ -978,7 +981,7 @@ class EncodeWriter:
             record = scope.entries.get(outer)
             if record is None or record.kind != "record":
                 scope.entries[outer] = NameEntry(local)
-        self.rooms |= rooms
+        self.rooms = known | rooms
         if not has_checks:
             self.wires[name] = wire
 

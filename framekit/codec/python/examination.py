@@ -113,6 +113,7 @@ class Examination:
     def error(self, frame: str) -> FrameError:
         """The fault with the fields that were read before it."""
         fault = self.fault or FrameError("value", frame, 0, "values that fit together")
+        fault.also = self.notes.first if fault is self.notes.check else None
         last = self.turn + 1 if fault is self.notes.check else self.notes.turn
         fault.fields = {name: value for name, value in self.fields.items() if self.turns.get(name, 0) < last}
         return fault
@@ -239,6 +240,17 @@ class Examination:
         self.scopes.pop()
         self.path = outer
         self.bounds[name] = (self.data, start, self.at)
+
+    def within(self, name: str, compare: Callable[[], None]) -> None:
+        """Compares what a record holds, if it is there, with what was read after it."""
+        fields = self.scopes[-1].get(name)
+        if fields is None:
+            return
+        outer, self.path = self.path, f"{self.path}{name}."
+        self.scopes.append(fields)
+        compare()
+        self.scopes.pop()
+        self.path = outer
 
     def items(self, name: str, times: int | Ask | None, behind: int | Ask = 0) -> Iterator[int]:
         """Every item of a list of records; `times` None: as many as fit before the last `behind` bytes."""

@@ -6,7 +6,7 @@ context. The meaning of operators and functions is `expression.emit`'s, shared w
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, Protocol
 
@@ -32,6 +32,7 @@ from framekit.definition.expression import (
     Number,
     Text,
     Unary,
+    children,
     emit,
     walk,
 )
@@ -87,6 +88,31 @@ class Scope:
                 return scope.entries[name]
             scope = None if name in scope.declared else scope.parent
         return None
+
+
+def entry_of(node: Node, scope: Scope) -> NameEntry | None:
+    """What a node stands for, when it is a field, a part of one, or an item of a list."""
+    if isinstance(node, Name):
+        return scope.find(node.name)
+    if isinstance(node, Attribute):
+        outer = entry_of(node.value, scope)
+        return None if outer is None or outer.inside is None else outer.inside.entries.get(node.name)
+    if isinstance(node, Index):
+        outer = entry_of(node.value, scope)
+        return NameEntry("", "record", outer.inside) if outer is not None and outer.kind == "list" else None
+    return None
+
+
+def entries_read(node: Node, scope: Scope, fields: Iterable[str]) -> Iterator[NameEntry | None]:
+    """The fields that an expression reads, of a record those of it; None for one that nothing is known of yet."""
+    if isinstance(node, Name) and node.name in fields:
+        yield scope.find(node.name)
+    outer = entry_of(node.value, scope) if isinstance(node, Attribute) else None
+    if isinstance(node, Attribute) and outer is not None and outer.kind == "record" and outer.inside is not None:
+        yield outer.inside.entries.get(node.name)
+        return
+    for child in children(node):
+        yield from entries_read(child, scope, fields)
 
 
 class Outside(Protocol):
@@ -165,7 +191,7 @@ class ExpressionWriter:
         return self.module.table(node.name) or self.context(node.name)
 
     def attribute(self, node: Attribute) -> str:
-        entry = self._entry(node.value)
+        entry = entry_of(node.value, self.scope)
         if entry is not None and entry.direct and entry.inside is not None and node.name in entry.inside.entries:
             return entry.inside.entries[node.name].text
         text = emit(node.value, self, ATOM)
@@ -184,25 +210,13 @@ class ExpressionWriter:
         """Whether a node stands for what all items of a list have there."""
         if not isinstance(node, Attribute):
             return False
-        entry = self._entry(node.value)
+        entry = entry_of(node.value, self.scope)
         return (entry is not None and entry.kind == "list") or self._is_of_items(node.value)
 
     def _may_be_absent(self, node: Node) -> bool:
-        entry = self._entry(node)
+        entry = entry_of(node, self.scope)
         absent = entry is not None and entry.may_be_absent
         return absent or (isinstance(node, Attribute) and self._may_be_absent(node.value))
-
-    def _entry(self, node: Node) -> NameEntry | None:
-        """What a node stands for, when it is a field, a part of one, or an item of a list."""
-        if isinstance(node, Name):
-            return self.scope.find(node.name)
-        if isinstance(node, Attribute):
-            outer = self._entry(node.value)
-            return None if outer is None or outer.inside is None else outer.inside.entries.get(node.name)
-        if isinstance(node, Index):
-            outer = self._entry(node.value)
-            return NameEntry("", "record", outer.inside) if outer is not None and outer.kind == "list" else None
-        return None
 
     def _from_table(self, node: Node) -> bool:
         while isinstance(node, (Attribute, Index)):

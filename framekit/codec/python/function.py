@@ -6,12 +6,12 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
-from framekit.codec.python.expressions import ExpressionWriter, Scope
+from framekit.codec.python.expressions import ExpressionWriter, Scope, entries_read
 from framekit.codec.python.module import Module
 from framekit.codec.python.places import Place, between
 from framekit.codec.python.shape import Target, is_followed, names_asked_for
 from framekit.codec.python.source import Identifiers, Source
-from framekit.definition.expression import Call, Expression, Name, names_in, walk
+from framekit.definition.expression import Call, Expression, Name, walk
 from framekit.definition.model.frames import everything, expressions_of, flat, leaves
 from framekit.definition.model.segments import (
     Check,
@@ -88,8 +88,8 @@ class Function:
 
     def waits_for(self, expression: Expression, scope: Scope) -> bool:
         """Whether the expression reads fields that are not there yet."""
-        fields = (scope.find(name) for name in names_in(expression.root) if name in self.field_names)
-        return any(entry is None or not entry.is_read for entry in fields)
+        entries = entries_read(expression.root, scope, self.field_names)
+        return any(entry is None or not entry.is_read for entry in entries)
 
     # ---- lines --------------------------------------------------------------------------------------------
 
@@ -180,9 +180,10 @@ class Function:
         fixed, parts = 0, []
         for name, target in targets.items():
             size = None if target.only is None else self.shapes.of(target.only).fixed
-            if plain and isinstance(target.only, Data) and target.only.convert is not None:
+            if plain and any(isinstance(one, Data) and one.convert is not None for one in target.segments):
                 value = self.names_of_values.get(name, 'b""')
-                parts.append(f"len({value})" if target.only.when is None else f"len({value} or b'')")
+                there = target.only is not None and target.only.when is None
+                parts.append(f"len({value})" if there else f"len({value} or b'')")
             elif size is not None:
                 fixed += size
             else:

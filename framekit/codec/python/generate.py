@@ -41,7 +41,7 @@ from framekit.definition.expression import (
 from framekit.definition.model.frames import Frame, Layout, everything
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import StateVariable
-from framekit.definition.model.segments import Check, Choose, Length, Repeat, Segment
+from framekit.definition.model.segments import Check, Choose, Length, Segment
 
 _EMPTY: dict[str, Any] = {"text": "", "bytes": b"", "list": [], "record": {}}
 
@@ -467,12 +467,16 @@ class ModuleWriter:
 
 
 def refuse_vague_checks(segments: tuple[Segment, ...]) -> None:
-    """In a list 'everything before' could mean the item or the frame. Raises DefinitionError for such a check."""
-    for repeat in everything(segments):
-        if isinstance(repeat, Repeat) and isinstance(repeat.of, tuple):
-            for check in everything(repeat.of):
+    """In a list, or a record that may be absent, 'everything before' could mean that or the frame.
+
+    Raises DefinitionError for such a check.
+    """
+    for holder in everything(segments):
+        if holder.is_list or (holder.is_record and holder.when is not None):
+            for check in everything(holder.inner_record or ()):
                 if isinstance(check, Check) and check.over is None and check.span is None:
-                    raise not_possible(check, "a check in a list has to say what it covers", "name it in over:")
+                    where = "a list" if holder.is_list else "a record under a condition"
+                    raise not_possible(check, f"a check in {where} has to say what it covers", "name it in over:")
 
 
 _ALIASES = {

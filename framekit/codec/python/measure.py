@@ -15,6 +15,7 @@ from framekit.codec.python.expressions import (
     NameEntry,
     Scope,
     default_text,
+    entries_read,
     may_be_negative,
     may_fail,
 )
@@ -379,8 +380,8 @@ class MeasureWriter:
 
     def _is_told(self, segment: Segment, scope: Scope) -> bool:
         """Whether it can be told already if the segment is there."""
-        names = set() if segment.when is None else names_in(segment.when.root) & self.field_names
-        return all(scope.find(name) is not None for name in names)
+        when = segment.when
+        return when is None or None not in entries_read(when.root, scope, self.field_names)
 
     def _size_of(self, after: Pairs) -> str:
         """Text of the bytes of segments that are of fixed size when they are there."""

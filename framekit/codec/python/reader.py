@@ -779,6 +779,8 @@ class BufferReader:
                 self.read_run(items[place : place + count], whole=place == 0 and nothing, last=nothing)
             else:
                 kind_of(item.segment).read(self, item, item.segment, (*items[place + 1 :], *after))
+            for one in items[place : place + count]:
+                one.fields.attach()  # of a record, also where nothing in it has a value
             place += count
 
     def _keep_body_place(self) -> None:

@@ -136,7 +136,8 @@ def _covered_in_part(frame: Frame, check: Check) -> Iterator[Problem]:
     covered = set(check.span or check.over or ())
     whole = _covered_leaves(frame, check)
     for holder in parts_of(frame.segments, Segment):
-        in_part = holder.when is not None and not all(id(leaf) in whole for leaf in leaves(holder.usual_block))
+        part = all(id(leaf) in whole for leaf in leaves(holder.usual_block)) and check.span is not None
+        in_part = holder.when is not None and not part
         parts = holder.blocks if holder.has_cases or in_part else ()
         blocks = [{one.name for one in flat(block) if one.name} for block in parts]
         here = next((names for names in blocks if check.name in names), set())

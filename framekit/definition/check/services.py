@@ -566,7 +566,7 @@ def check_services(protocol: Protocol, broken: Collection[str] = ()) -> list[Pro
     found += _stations(protocol)
     told = {problem.at for problem in found}
     found += [problem for problem in check_unserved(protocol) if problem.at not in told]
-    return [*found, *_areas(protocol), *_codes(protocol), *_errors(protocol, broken)]
+    return [*found, *_areas(protocol, broken), *_codes(protocol), *_errors(protocol, broken)]
 
 
 def _constructors(protocol: Protocol, broken: Collection[str]) -> Iterator[Problem]:
@@ -733,7 +733,7 @@ def _names_places(row: ServiceRow) -> bool:
     }
 
 
-def _areas(protocol: Protocol) -> Iterator[Problem]:
+def _areas(protocol: Protocol, broken: Collection[str]) -> Iterator[Problem]:
     for area in protocol.areas.values():
         if area.size < 1:
             yield Problem(area.at, f"area '{area.name}' has no places", "give size: 1 or more")
@@ -747,7 +747,8 @@ def _areas(protocol: Protocol) -> Iterator[Problem]:
             if is_unit(unit) and unit not in UNIT_BITS and unit != area.unit:
                 what = f"'{unit}' in the codes of area '{area.name}' is not a unit"
                 yield Problem(area.at, what, did_you_mean(unit, UNIT_BITS))
-    if protocol.areas and not protocol.addresses and {"read", "write"} & protocol.services.keys():
+    told = bool(protocol.addresses) or "addresses" in broken
+    if protocol.areas and not told and {"read", "write"} & protocol.services.keys():
         what = "there are areas, but no form of address to name places in them"
         yield Problem(protocol.at, what, 'add addresses: [{form: "{area}{start:dec}"}]')
 

@@ -9,7 +9,15 @@ from typing import Any, ClassVar
 
 from framekit.definition.expression import Expression
 from framekit.definition.keys import KeyReading, ValueKind, keys, ref
-from framekit.definition.kinds.base import VALUE_NAMES, Fixing, Given, Segment, constant_number, number_written
+from framekit.definition.kinds.base import (
+    VALUE_NAMES,
+    Fixing,
+    Given,
+    References,
+    Segment,
+    constant_number,
+    number_written,
+)
 from framekit.definition.load.reader import Reader
 from framekit.definition.problems import Position, Problem
 from framekit.definition.wire_types import FieldType, type_keys
@@ -154,6 +162,10 @@ class Bits(Segment):
         parts = tuple(part.fixed(reader, wheres[part.name]) if part.name in wheres else part for part in self.parts)
         used.update(part.name for part in self.parts)
         return replace(self, parts=parts)
+
+    def resolved(self, references: References) -> Segment:
+        """Bits have no sign: the highest one is a bit like the others."""
+        return replace(self, type=replace(self.type, signed=False)) if self.type.is_whole_number else self
 
     def check(self) -> Iterator[Problem]:
         if not self.type.is_whole_number:

@@ -236,7 +236,7 @@ class _Resolver:
         place = 0
         for name, segment in self.names.items():
             size = fixed_size(segment)
-            if which == 0 and place == offset:
+            if which == 0 and place == offset and segment.takes_bytes:
                 return name
             if size is None:
                 break
@@ -259,7 +259,10 @@ GROUP_KEYS = frozenset({*INHERITED, "where", "extends"})
 
 @dataclass(frozen=True, slots=True)
 class Outline:
-    """What is known of a frame before it is read: its place, its groups (nearest first), and whether it is refused."""
+    """What is known of a frame before it is read: its place, its groups (nearest first), and whether it is refused.
+
+    `lacks_group`: a group of it is not there, which has been told.
+    """
 
     name: str
     space: Namespace
@@ -267,6 +270,7 @@ class Outline:
     groups: tuple[str, ...]
     refused: bool
     inner: bool
+    lacks_group: bool
 
 
 class FrameLoader:
@@ -290,7 +294,7 @@ class FrameLoader:
                 self.reader.note(owned.entry.key.at, f"there are two frames '{name}'", "give one another name")
                 continue
             with self.reader.going_on():
-                keys = self.reader.mapping(owned.entry.value)
+                keys, told = self.reader.mapping(owned.entry.value), len(self.reader.problems)
                 groups = tuple(self._chain(space, keys.get("group")))
                 carried = bool(groups) and space.section("groups")[groups[0]].inner
                 self.outlines[name] = Outline(
@@ -300,6 +304,7 @@ class FrameLoader:
                     groups,
                     keys.get("refuse") is not None,
                     owned.inner or inner_only or carried,
+                    len(self.reader.problems) > told,
                 )
 
     def _chain(self, space: Namespace, node: Node | None, own: str = "") -> Iterator[str]:
@@ -408,7 +413,7 @@ class FrameLoader:
         loader = SegmentLoader(space, self.find)
         loader.side = self._side(keys.get("from"))
         head, body, tail = loader.load(keys.get("head")), loader.load(own.get("body")), loader.load(keys.get("tail"))
-        if loader.spoilt:
+        if loader.spoilt or outline.lacks_group:
             raise Broken(outline.name)
         parts = apply_where(reader, (head, body, tail), self._where(outline, own), outline.owned.entry.key)
         head, body, tail = in_order(*resolve_references(reader, parts, loader.aliases))

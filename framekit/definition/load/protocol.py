@@ -18,7 +18,7 @@ from framekit.definition.load.namespace import Namespace, Owned, names_mentioned
 from framekit.definition.load.procedure import ProcedureLoader, ValueLoader
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.load.resolve import NumberNames, Stations
-from framekit.definition.load.services import ServiceLoader, load_address_forms
+from framekit.definition.load.services import ServiceLoader, load_address_forms, words_of_form
 from framekit.definition.model.frames import Frame, Layout, parts_of
 from framekit.definition.model.procedure import Role, Sequence, Session
 from framekit.definition.model.protocol import Protocol
@@ -45,6 +45,7 @@ class ProtocolLoader:
         self.values = ValueLoader(self.space, self.frames)
         self.procedure = ProcedureLoader(self.values)
         self.broken_layouts: set[str] = set()
+        self.offered_by_broken: set[str] = set()
 
     def load(self) -> Protocol:
         """The protocol as far as it could be read."""
@@ -124,7 +125,7 @@ class ProtocolLoader:
     def broken(self, loaded: Protocol) -> frozenset[str]:
         """Names of things that could not be read, or of sequences only in part: what is missing there is no problem."""
         missing = (set(self.frames.outlines) - loaded.frames.keys()) | self.broken_layouts | self.procedure.partly
-        missing |= self.space.twice
+        missing |= self.space.twice | self.offered_by_broken
         for section in ("params", "state", "queues", "tables", "sequences", "roles", "sessions"):
             missing |= self.space.section(section).keys() - getattr(loaded, section).keys()
         return frozenset(missing | (self._elsewhere("areas").section("areas").keys() - loaded.areas.keys()))
@@ -184,7 +185,13 @@ class ProtocolLoader:
         if node is None and space.source.application is not None:
             node = space.source.application.root.get("addresses")
         tables = [*self.space.section("tables"), *space.section("tables")]
-        return areas, load_address_forms(self.reader, None if isinstance(node, Scalar) else node, areas, tables)
+        node = None if isinstance(node, Scalar) else node
+        forms = load_address_forms(self.reader, node, areas, tables)
+        good = {form.at for form in forms}
+        for item in self.reader.items(node):
+            if item.at not in good:
+                self.offered_by_broken |= {"addresses", *words_of_form(item)}
+        return areas, forms
 
     def _errors(self, services: ServiceLoader) -> Errors | None:
         node = self._own("errors")

@@ -104,6 +104,13 @@ def load_address_forms(
     return tuple(found)
 
 
+def words_of_form(form: Node) -> set[str]:
+    """What may be a name in a form: what it would offer the services, were it not broken."""
+    entries = form.read_all() if isinstance(form, Mapping) else ()
+    texts = [text for entry in entries for text in (entry.key.text, getattr(entry.value, "text", ""))]
+    return set(re.findall(r"[A-Za-z_]\w*", " ".join(texts)))
+
+
 def _form(reader: Reader, keys: Mapping, areas: Collection[str], tables: Collection[str]) -> AddressForm:
     form = reader.scalar(keys.get("form"))
     area, unit = keys.get("area"), reader.maybe(reader.text, keys.get("unit"))
