@@ -24,8 +24,16 @@ from framekit.link.engine import Engine
 from framekit.link.services.client import Client
 
 PIECE = 4096
-QUIET_PIECE, QUIET_AGAIN = 64, 20_000_000
-"""Where a bad frame is followed by skipping until a silence: pieces of so many bytes, silences (ns) between them."""
+"""So many bytes come at once; of a connection that noise breaks so many come too, before there is a new one."""
+
+SMALL = 64
+"""Small pieces are of so many bytes."""
+
+PAUSE = 2_000_000
+"""Between small pieces (ns)."""
+
+QUIET_AGAIN = 20_000_000
+"""Between pieces, all of them small, where a bad frame is followed by skipping until a silence (ns)."""
 
 BLOCK = 1500
 """So many bytes are bred; they come again and again."""
@@ -78,22 +86,22 @@ class Line:
         self.engine.opened(0)
 
     def hear(self, data: bytes, piece: int = PIECE) -> None:
-        """Noise in pieces; between them the client asks again if its exchange is over.
+        """Noise in pieces, with pauses between small ones; after each the client asks again if its exchange is over.
 
         Where a bad frame is followed by skipping until a silence, silences stand in the noise, so that frames are
-        looked for again; where it breaks the connection, the next piece comes over a new one.
+        looked for again; where it breaks the connection, the next `PIECE` comes over a new one.
         """
-        piece = piece if not self.silence else min(piece, QUIET_PIECE)
+        piece = SMALL if self.silence else piece
+        pause = self.silence or (PAUSE if piece <= SMALL else 1000)
         for start in range(0, len(data), piece):
-            if self.engine.receiver.broken:
+            if self.engine.receiver.broken and start % PIECE == 0:
                 self.engine.closed(self.now, "out of step")
                 self.engine.opened(self.now)
-            if self.asks and not self.busy:
+            if self.asks and not self.busy and not self.engine.receiver.broken:
                 self._ask()
-            self.now += 1000 + self.silence
-            if self.silence:
-                while (due := self.engine.deadline) <= self.now:
-                    self.engine.tick(due)
+            self.now += pause
+            while (due := self.engine.deadline) <= self.now:
+                self.engine.tick(due)
             self.engine.receive(data[start : start + piece], self.now)
 
     def _ask(self) -> None:

@@ -81,6 +81,16 @@ class ExpectedFrames:
             self._found[byte] = found
         return found
 
+    def levels(self, buffer: bytes | bytearray, place: int, end: int) -> tuple[Level, ...]:
+        """The candidates that may begin at `place`, without those that the byte before `end` excludes that tells."""
+        start = self.starting[buffer[place]] or self.start(buffer[place])
+        at = place + start.at
+        if at < end:
+            left = start.left[buffer[at]]
+            if left.sure:
+                return (left.infos,)
+        return self.at(buffer[place])
+
     def ends(self, left: Left, byte: int) -> Ends:
         """What finds the ends of the expected candidates behind `byte`: those left, if that is sure."""
         left.ends = by_extent(left.infos if left.sure else self.at(byte)[0])

@@ -121,8 +121,8 @@ class FrameInfo:
             self.computed.append((name, compile_expression(is_)))
 
 
-Ends = tuple[tuple[Callable[..., int], Intact | None], ...]
-"""Of candidates: what finds the end of several of them alike, and a quick look whether one of them may be good."""
+Ends = tuple[tuple[Callable[..., int], Callable[..., int], Intact], ...]
+"""Of candidates: `extent` and `measure` of several of them alike, and a quick look whether one of them may be good."""
 
 
 def by_extent(infos: Sequence[FrameInfo]) -> Ends:
@@ -130,7 +130,10 @@ def by_extent(infos: Sequence[FrameInfo]) -> Ends:
     groups: dict[Any, list[FrameInfo]] = {}
     for info in infos:
         groups.setdefault(_does(info.extent), []).append(info)
-    return tuple((group[0].extent, any_intact([(one.frame, one.intact) for one in group])) for group in groups.values())
+    return tuple(
+        (group[0].extent, group[0].measure, any_intact([(one.frame, one.intact) for one in group]))
+        for group in groups.values()
+    )
 
 
 def _does(function: Callable[..., int]) -> Any:

@@ -35,11 +35,11 @@ def intact_of(frame: Frame) -> Intact | None:
     return intact
 
 
-def any_intact(frames: Sequence[tuple[Frame, Intact | None]]) -> Intact | None:
-    """Whether bytes may be a good one of several frames, told apart by one byte first; None if nothing tells."""
+def any_intact(frames: Sequence[tuple[Frame, Intact | None]]) -> Intact:
+    """Whether bytes may be a good one of several frames, told apart by one byte first; always where nothing tells."""
     looks = {look: dict(_restricted(frame)) for frame, look in frames}
     if None in looks:
-        return None
+        return lambda raw: True
     known = Counter(place for allowed in looks.values() for place in allowed)
     if len(looks) == 1 or not known:
         return _any_of(tuple(look for look in looks if look is not None))

@@ -13,7 +13,7 @@ from typing import Any
 from framekit.codec.errors import FrameError
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
-from framekit.link.arrivals import Arrival, BadFrame, FrameArrived, Noise
+from framekit.link.arrivals import Arrival, FrameArrived, Noise
 from framekit.link.candidates import Bad, Candidates, Complete, Good, Trouble, first_of, worse
 from framekit.link.evaluate import CODEC_ERRORS, Names
 from framekit.link.events import CharacterFault
@@ -30,10 +30,6 @@ Of those that come faster, one is told for so many bytes; what is between is wha
 
 MADE_GOOD = 4
 """For so many bad frames a good one makes up."""
-
-
-Read = tuple[FrameInfo | None, int, dict[str, Any] | None]
-"""A candidate, its size and its fields."""
 
 
 class Again:
@@ -236,8 +232,12 @@ class Receiver:
         if candidates.said and self._scope is not None and self._scope.version != self._version:
             candidates.forget()
         while stream.position < len(stream.buffer) or self._noise.data or self._skipping:
-            is_plain = (self._now == stream.last and not self._skipping and not stream.is_marked) or self._is_plain()
-            if is_plain and (self._read_row(frames, found, is_all) or (found and not is_all)):
+            is_plain = self._now == stream.last and not self._skipping and (not stream.is_marked or self._is_plain())
+            if not is_plain:
+                self._pass_over(frames, found)
+            elif self._read_row(frames, found, is_all):
+                break
+            if found and not is_all:
                 break
             if stream.position >= len(stream.buffer) and is_plain and not self._noise.data:
                 break
@@ -264,10 +264,8 @@ class Receiver:
         return frames
 
     def _is_plain(self) -> bool:
-        """Whether only the bytes themselves count here: no long pause, damaged character or frame taken out."""
+        """Whether only the bytes themselves count: no long pause, damaged character or frame taken out."""
         stream = self.stream
-        if self._now != stream.last or self._skipping:
-            return False
         return not (stream.pauses or stream.faults or stream.taken_out)
 
     def _read_row(self, frames: ExpectedFrames, found: list[Arrival], is_all: bool) -> bool:
@@ -278,7 +276,7 @@ class Receiver:
         """
         stream, names, said, inside = self.stream, self._names, self._candidates.said, self._inside
         holders = () if inside is None else inside.holders
-        buffer, starting, add = stream.buffer, frames.starting, found.append
+        buffer, starting = stream.buffer, frames.starting
         place = first = stream.position
         end, offset, came = len(buffer), stream.base + stream.removed, (stream.last, stream.last)
         newest = stream.ends[-2] - stream.base if len(stream.ends) > 1 else 0
@@ -289,13 +287,9 @@ class Receiver:
                 if at >= end:
                     break
                 left = start.left[buffer[at]]
-                info, fields, damage = left.alone, None, None
+                info, fields = left.alone, None
                 if info is None:
-                    size = 0
-                    if left.infos and not self._noise.data:
-                        info, size, fields = self._shortest(left.infos, place)
-                        if info is None:
-                            break
+                    info, size = (None, 0) if self._noise.data else self._shortest(left.infos, place)
                 elif said:
                     seen = self._candidates.seen(info)
                     if seen is None:
@@ -306,49 +300,38 @@ class Receiver:
                 if size < 0:
                     stream.position = place
                     return self._is_begun(left, size)
-                raw = buffer[place : place + size]
-                if type(raw) is not bytes:
-                    raw = bytes(raw)
-                if size and fields is None and info is not None:
+                if info is not None and size:
+                    part = buffer[place : place + size]
+                    raw = part if type(part) is bytes else bytes(part)
                     try:
                         fields = info.decode(raw, names)
                     except FrameError as error:
                         if error.refuse is not None:
                             break
-                        damage = None if info.guesses else error  # a guessed end is found by `_look`
                     else:
                         if info.guesses and not said and "unknown" in fields[info.inner or ""]:
                             break
                 if fields is None or info is None:
-                    stream.position = place
+                    stream.position = first = place
                     if size and stream.base + place >= self._bad_until:
-                        first = place
-                        if info is None or damage is None or said or inside is not None or not left.sure:
-                            break
-                        bad = self._bad(self._candidates.misread(info, raw, damage, True))
-                        if isinstance(bad, (BadFrame, Noise)):
-                            add(bad)
-                        if not is_all or self.broken or self._skipping:
-                            return False
-                        place = first = stream.position
-                        continue
-                    self._pass_over(frames, found)
-                    if stream.position == place or (found and not is_all):
-                        place = first = stream.position
                         break
-                    place = stream.position
+                    self._pass_over(frames, found)
+                    first = stream.position
+                    if first == place or (found and not is_all):
+                        return False
+                    place = first
                     continue
                 if inside is not None and not (left.sure and (info.name not in holders or inside.nothing_in(raw))):
                     break
                 if self._noise.data:
-                    add(self._noise.take())
+                    found.append(self._noise.take())
                     if not is_all:
                         break
                 arrived = FrameArrived()
                 arrived.make, arrived.decoded, arrived.raw = info.make, fields, raw
                 arrived.offset = offset + place
                 arrived.times = came if place >= newest else stream.times_of(place, place + size)
-                add(arrived)
+                found.append(arrived)
                 self._good_since = True
                 if not is_all:
                     arrived.value = info.make(fields, raw, None)
@@ -366,31 +349,6 @@ class Receiver:
             self._moved()
         return False
 
-    def _shortest(
-        self, infos: tuple[FrameInfo, ...], place: int
-    ) -> tuple[FrameInfo | None, int, dict[str, Any] | None]:
-        """The shortest good frame of several that may begin at `place`; None where that is not sure."""
-        candidates, buffer, names = self._candidates, self.stream.buffer, self._names
-        whole: list[tuple[int, int, FrameInfo]] = []
-        for number, info in enumerate(infos):
-            seen = candidates.seen(info)
-            if seen is None:
-                return None, 0, None
-            size = info.measure(buffer, place, len(buffer), names, seen)
-            if size > 0:
-                whole.append((size, number, info))
-        if len(whole) > 1:
-            whole.sort()
-        for size, _, info in whole:
-            raw = bytes(buffer[place : place + size])
-            if len(whole) == 1 or info.intact is None or info.intact(raw):
-                try:
-                    return info, size, info.decode(raw, names)
-                except FrameError as error:
-                    if error.refuse is not None:
-                        break
-        return None, 0, None
-
     def _is_begun(self, left: Left, size: int) -> bool:
         """Whether the frame that has begun here, as measuring says by `size`, wants more before anything else."""
         stream, info = self.stream, left.alone
@@ -398,7 +356,9 @@ class Receiver:
             return False
         place, end = stream.position, len(stream.buffer)
         inside = self._inside
-        if inside is not None and info.name in inside.holders and not inside.nothing_in(stream.buffer, place):
+        if self._now != stream.last or (
+            inside is not None and info.name in inside.holders and not inside.nothing_in(stream.buffer, place)
+        ):
             return False
         if info.guesses and size >= -info.behind and not self._candidates.said:
             size = info.measure(stream.buffer, place, end, self._names, 0)
@@ -410,6 +370,24 @@ class Receiver:
         self.waiting_since = stream.time_of(place)
         return True
 
+    def _shortest(self, infos: tuple[FrameInfo, ...], place: int) -> tuple[FrameInfo | None, int]:
+        """The shortest frame of several that may be good at `place`; a size below 0 where that is not sure."""
+        candidates, buffer, names = self._candidates, self.stream.buffer, self._names
+        whole: list[tuple[int, int, FrameInfo]] = []
+        for number, info in enumerate(infos):
+            seen = candidates.seen(info)
+            if seen is None:
+                return None, -1
+            size = info.measure(buffer, place, len(buffer), names, seen)
+            if size > 0:
+                whole.append((size, number, info))
+        if len(whole) > 1:
+            whole.sort()
+        for size, _, info in whole:
+            if len(whole) == 1 or info.intact is None or info.intact(bytes(buffer[place : place + size])):
+                return info, size
+        return None, -1 if infos else 0
+
     def _pass_over(self, frames: ExpectedFrames, found: list[Arrival]) -> None:
         """Passes over places where no good frame begins, and none that is told of or wants more bytes.
 
@@ -418,18 +396,21 @@ class Receiver:
         """
         stream, inside, symbol = self.stream, self._inside, self._rules.symbols
         buffer, place = stream.buffer, stream.position
-        if self._rules.resync == "never" or self._candidates.said:
+        if self._skipping or place >= len(buffer) or self._rules.resync == "never" or self._candidates.said:
             return
         is_skipped = stream.base + place < self._bad_until
+        goes_on = bool(self._noise.data) and self._noise.skipped is is_skipped
+        total, is_cut = self.pauses.reach(self._now)
         silence = stream.first_after(stream.silences, place - 1) if stream.silences else None
-        total, goes_on = len(buffer), bool(self._noise.data) and self._noise.skipped is is_skipped
-        end = total if silence is None else silence
+        end = total if silence is None else min(total, silence)
+        if end == place or self._noise.is_long:
+            return
         end = min(end, place + LONGEST - (len(self._noise.data) if goes_on else 0))
+        stop: int | None = None
         if is_skipped:
             end = min(end, self._bad_until - stream.base)
-        if self._noise.is_long:
-            return
-        names, lost, every, stops = self._names, self._lost, frames.every, frames.stops
+            stop = self.pauses.silence_behind(place, self._now)
+        names, quiet, every, stops = self._names, self._quiet, frames.every, frames.stops
         first, starting = place, every.starting
         try:
             while place < end:
@@ -440,15 +421,23 @@ class Receiver:
                 left = start.left[buffer[at]]
                 if inside is not None and not (left.sure and inside.holders.isdisjoint(left.names)):
                     break
-                for extent, look in left.ends or every.ends(left, buffer[place]):
+                silent = bad = None
+                for extent, measure, look in left.ends or every.ends(left, buffer[place]):
                     size = extent(buffer, place, total, names)
-                    if size == 0 or (is_skipped and size == lost):
+                    if size == 0:
                         continue
-                    if not is_skipped or size < 0:
+                    if not is_skipped or (quiet < size < 0 and not is_cut):
                         break
-                    if look is None or look(buffer[place : place + size]):
+                    if size == quiet:
+                        silent = look
+                    elif size > 0 and look(buffer[place : place + size]):
                         break
+                    else:
+                        bad = measure
                 else:
+                    is_silent = silent is not None and (bad is None or bad(buffer, place, total, names) in (0, quiet))
+                    if silent is not None and is_silent and (stop is None or silent(buffer[place:stop])):
+                        break
                     step = 1
                     if buffer[place] == symbol:
                         if place + 1 == total:
@@ -482,12 +471,12 @@ class Receiver:
             return self._skip()
         if self._noise and (self._noise.is_long or stream.first_after(stream.silences, position - 1) == position):
             return self._noise.take()
-        levels = frames.at(stream.buffer[position])
+        limit, is_cut = self.pauses.reach(self._now)
+        levels = frames.levels(stream.buffer, position, limit)
         if self._inside:
-            inside = self._inside.find(stream, (*levels[0], *levels[1]))
+            inside = self._inside.find(stream, sum(levels, ()))
             if inside is not None:
                 return self._noise_before() or self._taken_out(*inside)
-        limit, is_cut = self.pauses.reach(self._now)
         worst: Bad | None = None
         silent: list[FrameInfo] = []
         is_told = stream.base + position >= self._bad_until

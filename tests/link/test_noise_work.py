@@ -37,9 +37,11 @@ def engine(name: str, role: str | None, monitor: Monitor | None = None) -> Engin
     return made
 
 
-def calls(name: str, role: str | None, pieces: list[bytes], monitor: Monitor | None = None) -> tuple[int, Engine]:
-    """How many functions are called while these pieces come one right after the other."""
-    hearing, count = engine(name, role, monitor), 0
+def calls(
+    name: str, role: str | None, pieces: list[bytes], monitor: Monitor | None = None, pause: int = 1000
+) -> tuple[int, Engine]:
+    """How many functions are called while these pieces come with pauses (ns) between them."""
+    hearing, count, now = engine(name, role, monitor), 0, 1_000_000_000
 
     def counted(frame: object, event: str, argument: object) -> None:
         nonlocal count
@@ -47,8 +49,11 @@ def calls(name: str, role: str | None, pieces: list[bytes], monitor: Monitor | N
 
     sys.setprofile(counted)
     try:
-        for number, piece in enumerate(pieces):
-            hearing.receive(piece, 1_000_000_000 + 1000 * number)
+        for piece in pieces:
+            while hearing.deadline <= now:
+                hearing.tick(hearing.deadline)
+            hearing.receive(piece, now)
+            now += pause
     finally:
         sys.setprofile(None)
     return count, hearing
@@ -122,6 +127,18 @@ def test_the_worst_bytes_take_few_calls_too(name: str, role: str | None, is_watc
         count, hearing = calls(name, role, cut(data[:3000], 1500), seen.append if is_watched else None)
         if hearing.counters.received * 200 < len(data):
             assert count / 3000 < WORST, data[:40].hex()
+
+
+READ_ON = [side for side in SIDES if load_protocol(side[0]).receiver.resync == "next_start"]
+"""Where reading goes on after a bad frame: elsewhere a piece costs what the silence or the connection does."""
+
+
+@pytest.mark.parametrize(("name", "role"), READ_ON, ids=str)
+def test_small_pieces_with_pauses_take_few_calls(name: str, role: str | None) -> None:
+    for data in (Random(1).randbytes(1500), *worst(name)):
+        count, hearing = calls(name, role, cut(data[:1500], 64), pause=2_000_000)
+        if hearing.counters.received * 200 < 1500:
+            assert count / 1500 < MOST, data[:40].hex()
 
 
 @pytest.mark.parametrize("size", [1, 7, 300, 4000])
