@@ -7,7 +7,6 @@ it is needed: a command that decodes a frame needs the functions and what `Frame
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import marshal
 import os
@@ -52,7 +51,7 @@ def cache_folder() -> Path | None:
         folder = Path(given) if given is not None else _user_cache() / "framekit"
         if not folder.is_absolute():
             return None
-        with contextlib.suppress(FileExistsError):
+        with suppress(FileExistsError):
             folder.mkdir(mode=0o700, parents=True)
         return folder if _is_own(os.lstat(folder), stat.S_ISDIR) else None
     except (OSError, RuntimeError):  # RuntimeError: no home folder
@@ -89,7 +88,7 @@ def read_kept(folder: Path, name: str) -> bytes | None:
 def keep(folder: Path, name: str, data: bytes) -> None:
     """Writes a file, whole or not at all; a cache that cannot be written is none."""
     temporary = folder / f"{name}.{os.getpid()}.new{SUFFIX}"
-    with contextlib.suppress(OSError):
+    with suppress(OSError):
         descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
         try:
             with open(descriptor, "wb") as file:
@@ -225,39 +224,43 @@ class Shelf:
 
     def read(self, path: Path) -> Kept | None:
         """What was kept, if it is whole and still right."""
-        key = self._key(path)
-        data = read_kept(self.cache, key) or b""
-        digest, content = data[:32], data[32:]
-        if hashlib.sha256(content).digest() != digest or not content.startswith(key.encode()):
+        content = self._content(self._key(path))
+        if content is None:
             return None
         try:
-            kept = Kept(*marshal.loads(content[len(key) :]))
+            kept = Kept(*marshal.loads(content))
             return kept if Sources(*kept.sources).still_hold() else None
         except (EOFError, ValueError, TypeError, AttributeError, LookupError):  # nothing of ours: it is made again
             return None
 
     def write(self, path: Path, kept: Kept) -> None:
-        """Keeps it with its own key: under another name it counts for nothing."""
-        key = self._key(path)
-        content = key.encode() + marshal.dumps(tuple(kept))
-        keep(self.cache, key, hashlib.sha256(content).digest() + content)
+        self._write(self._key(path), tuple(kept))
 
     def read_code(self, path: Path, sources: Sources, what: str) -> CodeType | None:
         """Other code that was made of a definition read from these very sources."""
-        key = self._key_of_code(path, sources, what)
-        data = read_kept(self.cache, key) or b""
-        digest, content = data[:32], data[32:]
-        if hashlib.sha256(content).digest() != digest or not content.startswith(key.encode()):
+        content = self._content(self._key_of_code(path, sources, what))
+        if content is None:
             return None
         try:
-            code = marshal.loads(content[len(key) :])
+            code = marshal.loads(content)
         except (EOFError, ValueError, TypeError):  # nothing of ours: it is made again
             return None
         return code if isinstance(code, CodeType) else None
 
     def write_code(self, path: Path, sources: Sources, what: str, code: CodeType) -> None:
-        key = self._key_of_code(path, sources, what)
-        content = key.encode() + marshal.dumps(code)
+        self._write(self._key_of_code(path, sources, what), code)
+
+    def _content(self, key: str) -> bytes | None:
+        """What was kept under a key, if it is whole."""
+        data = read_kept(self.cache, key) or b""
+        digest, content = data[:32], data[32:]
+        if hashlib.sha256(content).digest() != digest or not content.startswith(key.encode()):
+            return None
+        return content[len(key) :]
+
+    def _write(self, key: str, value: Any) -> None:
+        """Keeps it with its own key: under another name it counts for nothing."""
+        content = key.encode() + marshal.dumps(value)
         keep(self.cache, key, hashlib.sha256(content).digest() + content)
 
     def _key_of_code(self, path: Path, sources: Sources, what: str) -> str:

@@ -15,13 +15,13 @@ import pytest
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import FrameError
 from framekit.codec.kinds import SegmentKind, register
+from framekit.codec.python import forms
 from framekit.codec.python import module as generated
 from framekit.codec.python.encode import PackArgument
 from framekit.codec.python.encode_plan import Task
 from framekit.codec.python.expressions import NameEntry
 from framekit.codec.python.reader import Slot
 from framekit.codec.python.registry import KINDS as CODES
-from framekit.codec.python.rules import forms
 from framekit.codec.samples import Sampler
 from framekit.definition import brought, schema
 from framekit.definition.keys import IDENTIFIER, key

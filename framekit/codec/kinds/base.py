@@ -9,13 +9,12 @@ from typing import Any, Generic, TypeVar
 from framekit.codec.python import forms
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import Cases, EncodeWriter, Given, PackArgument
-from framekit.codec.python.encode_plan import Task
+from framekit.codec.python.encode_plan import Lengths, Rules, RuleWriter, Task
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.module import add_helpers
 from framekit.codec.python.reader import BufferReader, Item, Slot
 from framekit.codec.python.registry import KINDS
-from framekit.codec.python.rules import Lengths, Rules, RuleWriter
 from framekit.definition.brought import bring
 from framekit.definition.expression import PRODUCT, Expression
 from framekit.definition.kinds.base import KINDS as KINDS_BY_KEY

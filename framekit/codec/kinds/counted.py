@@ -8,11 +8,10 @@ from framekit.codec.kinds.base import TypedKind
 from framekit.codec.python import forms
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import EncodeWriter, Given
-from framekit.codec.python.encode_plan import Task
+from framekit.codec.python.encode_plan import Lengths, Rules, RuleWriter, Task
 from framekit.codec.python.expressions import NameEntry, Scope
 from framekit.codec.python.reader import BufferReader, Item, Slot, not_possible
 from framekit.codec.python.registry import type_text
-from framekit.codec.python.rules import Lengths, Rules, RuleWriter
 from framekit.codec.python.shape import (
     comes_with,
     is_followed,

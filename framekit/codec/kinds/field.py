@@ -6,12 +6,11 @@ from framekit.codec.kinds.base import TypedKind
 from framekit.codec.python import forms
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import EncodeWriter, Given
-from framekit.codec.python.encode_plan import Task
+from framekit.codec.python.encode_plan import Lengths, Rules, RuleWriter, Task
 from framekit.codec.python.expressions import NameEntry, Scope, constant_of, default_text
 from framekit.codec.python.places import Place, between, index
 from framekit.codec.python.reader import BufferReader, Item, Slot
 from framekit.codec.python.registry import type_text
-from framekit.codec.python.rules import Lengths, Rules, RuleWriter
 from framekit.codec.python.source import bytes_literal, literal, quoted
 from framekit.codec.support import build_int
 from framekit.definition.expression import AND, OR, PRODUCT, Bytes, Expression, Number, Text

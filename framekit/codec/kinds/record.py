@@ -9,10 +9,9 @@ from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python import forms
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter, inside_of
 from framekit.codec.python.encode import EncodeWriter, Given
-from framekit.codec.python.encode_plan import Task
+from framekit.codec.python.encode_plan import Lengths, Rules, RuleWriter, Task
 from framekit.codec.python.expressions import NameEntry, Scope
 from framekit.codec.python.registry import summary
-from framekit.codec.python.rules import Lengths, Rules, RuleWriter
 from framekit.codec.python.source import Source, quoted
 from framekit.definition.model.segments import Record, lack_default
 

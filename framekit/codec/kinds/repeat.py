@@ -6,13 +6,12 @@ from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python import forms
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter, inside_of
 from framekit.codec.python.encode import EncodeWriter, Given
-from framekit.codec.python.encode_plan import Task
+from framekit.codec.python.encode_plan import Lengths, Rules, RuleWriter, Task
 from framekit.codec.python.expressions import NameEntry, Scope
 from framekit.codec.python.measure import Finished, MeasureWriter, Pairs
 from framekit.codec.python.places import Fields, Place, between
 from framekit.codec.python.reader import BufferReader, Item, without_end
 from framekit.codec.python.registry import summary, type_text
-from framekit.codec.python.rules import Lengths, Rules, RuleWriter
 from framekit.codec.python.shape import is_name, is_plain_name, may_be_empty, names_read
 from framekit.codec.python.source import Code, quoted, text_source
 from framekit.definition.expression import AND, BIT_OR, PRODUCT, Binary, Expression, Number

@@ -5,11 +5,10 @@ from __future__ import annotations
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import EncodeWriter, Given
-from framekit.codec.python.encode_plan import Task
+from framekit.codec.python.encode_plan import Lengths, Rules, RuleWriter, Task
 from framekit.codec.python.expressions import NameEntry, Scope
 from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.reader import BufferReader, Item
-from framekit.codec.python.rules import Lengths, Rules, RuleWriter
 from framekit.codec.python.source import quoted, text_source
 from framekit.definition.expression import AND, BIT_OR
 from framekit.definition.model.segments import (

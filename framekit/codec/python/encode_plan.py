@@ -1,18 +1,27 @@
-"""What an encoder knows before it is written: in which order values are worked out, which bytes checks need kept.
+"""What an encoder knows before it is written: the order of its values, the bytes its checks need kept, its rules.
 
 Each value comes after those it depends on; fields may refer to later ones. Where values refer to each other in a
 circle, one that may be given is taken from what was given. A check that covers everything before it in its buffer needs
-nothing kept; for any other, the segments it covers are put together apart from their neighbours.
+nothing kept; for any other, the segments it covers are put together apart from their neighbours. The rules say what
+each value must be; refusals are explained with them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
+from framekit.codec.python import forms
 from framekit.codec.python.function import on_the_wire, span_names
-from framekit.definition.model.frames import everything, leaves
-from framekit.definition.model.segments import Check, Segment
+from framekit.codec.python.module import Module
+from framekit.codec.python.registry import kind_of
+from framekit.codec.python.source import quoted
+from framekit.definition.model.frames import everything, flat, leaves
+from framekit.definition.model.segments import Check, Count, Length, Segment
+
+Lengths = Mapping[str, forms.Range]
+Rules = Iterable[tuple[str, str]]
+"""Names of values, each with the text of its rule."""
 
 
 @dataclass(slots=True)
@@ -105,3 +114,66 @@ def checks_in(segments: Iterable[Segment]) -> Iterator[Check]:
             yield segment
         elif segment.is_record:
             yield from checks_in(segment.members)
+
+
+class RuleWriter:
+    """Writes the rules of the values of a list of segments."""
+
+    def __init__(self, module: Module, title: str) -> None:
+        self.module = module
+        self.title = title
+        module.function("Rule")
+
+    def mapping(self, segments: tuple[Segment, ...]) -> str:
+        """The mapping name → rule, as text."""
+        branches = {id(one) for segment in flat(segments) for one in _in_branches(segment)}
+        lengths = _lengths(segments)
+        found: dict[str, str] = {}
+        for segment in flat(segments):
+            always = id(segment) not in branches and segment.when is None
+            for name, rule in kind_of(segment).rules(self, segment, always, lengths):
+                found.setdefault(name, rule)
+        return "{" + ", ".join(f"{quoted(name)}: {rule}" for name, rule in found.items()) + "}"
+
+    def rule(
+        self,
+        kind: str,
+        limits: forms.Range,
+        needed: bool,
+        names: str = "",
+        inside: str = "",
+        only: bool = False,
+        unit: int = 1,
+    ) -> str:
+        parts = [quoted(kind)]
+        if limits.least is not None or limits.most is not None:
+            parts += [str(limits.least), str(limits.most)]
+        if needed:
+            parts.append("needed=True")
+        if names:
+            parts.append(f"names={names}")
+        if only:
+            parts.append("only=True")
+        if unit != 1:
+            parts.append(f"unit={unit:_}")
+        if inside:
+            parts.append(f"inside={inside}")
+        return f"Rule({', '.join(parts)})"
+
+
+def _in_branches(segment: Segment) -> Iterable[Segment]:
+    for block in () if segment.is_there_inside else segment.blocks:
+        yield from flat(block)
+
+
+def _lengths(segments: tuple[Segment, ...]) -> dict[str, forms.Range]:
+    """How long a value may be because of the one length or count that stands for it alone."""
+    found: dict[str, forms.Range] = {}
+    for segment in flat(segments):
+        limits = forms.value_range(segment) if isinstance(segment, (Length, Count)) else forms.Range(None, None)
+        least, most = limits.least, limits.most
+        if isinstance(segment, Length) and len(segment.of) == 1 and segment.unit == 1 and segment.plus == 0:
+            found[segment.of[0]] = forms.Range(least or None, most)
+        if isinstance(segment, Count) and segment.plus == 0:
+            found[segment.of] = forms.Range(least or None, most)
+    return found

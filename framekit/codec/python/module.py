@@ -19,7 +19,7 @@ from typing import Any
 
 from framekit.codec import support
 from framekit.codec.checks import FUNCTIONS, source_of
-from framekit.codec.python import examination, frame_choice, refusals, runtime
+from framekit.codec.python import examination, runtime
 from framekit.codec.python.choices import in_order
 from framekit.codec.python.expressions import ExpressionWriter, NameEntry, Scope
 from framekit.codec.python.source import OWN_WORDS, Code, Identifiers, Source, literal, quoted, text_source
@@ -91,7 +91,7 @@ BUILT_IN = frozenset(
     {"station", "own", "role", "line", "now", "clock", "request", "buffer", "reply", "expected", "it", "part"}
 )
 _LONGEST_FORMAT_NAME = 30
-_PASTED: list[Any] = [support, runtime, frame_choice, refusals, examination]
+_PASTED: list[Any] = [support, runtime, examination]
 OWN_HELPERS = len(_PASTED)
 
 

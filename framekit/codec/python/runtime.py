@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from struct import Struct
-from typing import Any
+from typing import Any, NamedTuple
 
-from framekit.codec.errors import FrameError
+from framekit.codec.errors import EncodeError, FrameError
+from framekit.codec.support import Unfit
 
 Context = Mapping[str, Any]
 Reads = Callable[..., dict[str, Any]]
@@ -195,11 +196,356 @@ def end_of_doubled(data: bytes | bytearray, at: int, escape: int, size: int, end
     return at
 
 
-NEEDS: dict[str, tuple[str, ...]] = {"end_of_region": ("find_region_end",)}
+# ---- frames of which one stands somewhere; which, and by which byte they are told apart, the generator writes
+
+
+class Frame(NamedTuple):
+    """One frame's functions. `refuse`: the code it is always refused with; `extent`: None where it is `measure`."""
+
+    name: str
+    encode: Callable[..., bytes]
+    decode: Callable[..., dict[str, Any]]
+    measure: Callable[..., int]
+    examine: Callable[..., Any]
+    refuse: int | None = None
+    extent: Callable[..., int] | None = None
+
+
+class Choice:
+    """Frames that may stand at one place, in the order they are tried, told apart by one byte.
+
+    `named` holds them by name, `encoders` what builds them. `readers`: by the deciding byte, names with decoders in the
+    order they are tried, or another choice; `all_readers`: those for when that byte is not there. `likely`: by the
+    deciding byte, the first name and decoder where it leaves one or two; `sole`: how long the only frame is that it
+    allows, None where there are several.
+    """
+
+    __slots__ = (
+        "all_readers", "at", "cases", "encoders", "everything", "likely", "named", "others", "readers", "sole",
+    )  # fmt: skip
+
+    def __init__(self, everything: tuple[Frame, ...], at: int = 0, cases: Any = None, others: Any = None) -> None:
+        self.everything = everything
+        self.at = at
+        self.cases: dict[int, Any] = cases or {}
+        self.others: Any = everything if others is None else others
+        self.named = {frame.name: frame for frame in everything}
+        self.encoders = {frame.name: frame.encode for frame in everything}
+        self.all_readers = readers_of(everything)
+        self.readers = [readers_of(self.others)] * 256
+        self.sole = [measure_of(self.others)] * 256
+        for byte, found in self.cases.items():
+            self.readers[byte] = readers_of(found)
+            self.sole[byte] = measure_of(found)
+        self.likely = [found[0] if type(found) is tuple and 1 <= len(found) <= 2 else None for found in self.readers]
+
+    def frames(self, data: bytes | bytearray, start: int = 0, end: int | None = None) -> tuple[Frame, ...]:
+        """The frames that the deciding byte allows; all, if it is not there."""
+        place = start + self.at
+        if place >= (len(data) if end is None else end):
+            return self.everything
+        found = self.cases.get(data[place], self.others)
+        return found if type(found) is tuple else found.frames(data, start, end)
+
+
+def readers_of(found: Any) -> Any:
+    """Names and decoders of a row of frames; a choice stays what it is."""
+    return tuple((frame.name, frame.decode) for frame in found) if type(found) is tuple else found
+
+
+def measure_of(found: Any) -> Any:
+    """What measures a row of frames if it is one or none."""
+    if found == ():
+        return no_frame
+    return found[0].measure if type(found) is tuple and len(found) == 1 else None
+
+
+def no_frame(data: bytes | bytearray, start: int, end: int, ctx: Context, seen: int = 0) -> int:
+    """What measures where no frame may stand."""
+    return 0
+
+
+def readers_at_once(choice: Choice, readers: dict[str, Any]) -> list[Any]:
+    """By the deciding byte: what reads the frame that is likely together with the one around it; None: nothing does."""
+    return [None if one is None else readers.get(one[0]) for one in choice.likely]
+
+
+def decode_first(choice: Choice, data: bytes, ctx: Context) -> dict[str, Any]:
+    """The first frame that fits, as `{name: fields}`. Raises FrameError if that frame is to be refused."""
+    try:
+        found = choice.readers[data[choice.at]]
+        while type(found) is Choice:
+            choice = found
+            found = choice.readers[data[choice.at]]
+    except IndexError:
+        found = choice.all_readers
+    for name, decode in found:
+        try:
+            return {name: decode(data, ctx)}
+        except FrameError as error:
+            if error.refuse is not None:
+                raise
+    return {"unknown": {"data": data}}
+
+
+def measure_first(
+    choice: Choice, data: bytes | bytearray, start: int, end: int, ctx: Context, seen: int = 0, whole: bool = False
+) -> int:
+    """How long the frame is that stands here: the first that fits, else what is wanted at least.
+
+    While one wants more, none behind it is taken: how the bytes come makes no difference. `whole`: no more come.
+    """
+    want, quiet, lost = 0, False, False
+    for frame in choice.frames(data, start, end):
+        size = frame.measure(data, start, end, ctx, seen)
+        if size > 0:
+            if (whole or not want) and fits(frame, bytes(data[start : start + size]), ctx):
+                return size
+        elif size > QUIET:
+            if size:
+                want = max(want, size) if want else size
+        else:
+            quiet, lost = quiet or size == QUIET, lost or size == LOST
+    return want or (QUIET if quiet else LOST if lost else 0)
+
+
+def extent_first(choice: Choice, data: bytes | bytearray, start: int, end: int, ctx: Context, seen: int = 0) -> int:
+    """What `measure_first` says if a frame fits that is complete: none is read for that."""
+    place = start + choice.at
+    measure = choice.sole[data[place]] if place < end else None
+    if measure is not None:
+        size: int = measure(data, start, end, ctx, seen)
+        return size
+    want, quiet, lost = 0, False, False
+    for frame in choice.frames(data, start, end):
+        size = frame.measure(data, start, end, ctx, seen)
+        if size > 0:
+            if not want:
+                return size
+        elif size > QUIET:
+            if size:
+                want = max(want, size) if want else size
+        else:
+            quiet, lost = quiet or size == QUIET, lost or size == LOST
+    return want or (QUIET if quiet else LOST if lost else 0)
+
+
+def fits(frame: Frame, data: bytes, ctx: Context) -> bool:
+    """Whether the bytes are this frame, good or to be refused."""
+    try:
+        frame.decode(data, ctx)
+    except FrameError as error:
+        return error.refuse is not None
+    return True
+
+
+def encode_one(choice: Choice, value: Any, name: str, ctx: Context) -> bytes:
+    """The bytes of `{frame: fields}`. Raises EncodeError."""
+    # a dict is by far the most frequent, and asking whether something is a Mapping costs as much as the rest
+    one = (type(value) is dict or isinstance(value, Mapping)) and len(value) == 1
+    ((wanted, fields),) = value.items() if one else (("", None),)
+    if type(fields) is not dict and not isinstance(fields, Mapping):
+        raise EncodeError(name, f"'{name}' must be one frame as {{name: fields}}")
+    frame = choice.named.get(wanted)
+    if frame is not None:
+        try:
+            return frame.encode(fields, ctx)
+        except EncodeError as error:
+            path = f"{name}.{wanted}."
+            more = tuple(path + one for one in error.more)
+            raise EncodeError(path + error.field if error.field else name, str(error), more) from None
+    if wanted == "unknown":
+        return bytes(b"" + fields["data"])
+    raise EncodeError(name, f"'{name}' cannot be a '{wanted}'")
+
+
+# ---- why values cannot be sent: asked by encoders when something went wrong ---------------------------------
+
+
+class Rule(NamedTuple):
+    """What a value must be. `least` and `most` limit numbers, and the length of texts, bytes and lists.
+
+    `names` (name → number) may be given instead of the number, `only` those. A number is a multiple of `unit`.
+    `inside`: the rules of a mapping or of the items of a list ('' for items that are plain values).
+    """
+
+    type: str
+    least: int | None = None
+    most: int | None = None
+    needed: bool = False
+    names: Any = ()
+    only: bool = False
+    unit: int = 1
+    inside: Any = None
+
+
+Rules = Mapping[str, Rule]
+
+
+def check_given(
+    values: Context,
+    rules: Rules,
+    computed: Context,
+    path: str = "",
+    elsewhere: tuple[str, ...] = (),
+    absent: tuple[str, ...] = (),
+) -> None:
+    """Every value must be known, and what is computed must be as computed.
+
+    `elsewhere`: names of cases not taken. `absent`: names of what is not there; None may be given for them. Raises
+    EncodeError.
+    """
+    if elsewhere or not values.keys() <= rules.keys():
+        for name in values:
+            if name not in rules or name in elsewhere:
+                raise EncodeError(f"{path}{name}", f"there is no '{path}{name}' in this frame")
+    for name in absent:
+        if values.get(name) is not None:
+            raise EncodeError(path + name, f"'{path}{name}' is not part of this frame, but {values[name]!r} is given")
+    for name, right in computed.items():
+        if name in values and name not in absent:
+            given = values[name]
+            if rules[name].names and isinstance(given, str):
+                given = rules[name].names.get(given, given)
+            if given != right:
+                raise EncodeError(path + name, f"'{path}{name}' is computed as {right!r}, not {given!r}")
+
+
+def encode_error(values: Any, rules: Rules, error: Exception) -> EncodeError:
+    """What is wrong with the values, in one sentence."""
+    if isinstance(error, EncodeError):
+        return error
+    found = find_misfit(values, rules, "") if isinstance(values, Mapping) else None
+    if found is not None:
+        return found
+    missing = path_of(error.args[0], rules) if isinstance(error, KeyError) else None
+    if missing is not None:
+        return EncodeError(missing, f"'{missing}' is missing")
+    if isinstance(error, KeyError) and isinstance(error.args[0], str):
+        name = error.args[0]
+        return EncodeError("", name if " " in name else f"'{name}' is needed to build this frame: give it in ctx")
+    why = str(error) if isinstance(error, Unfit) else "what is computed from them cannot be worked out or sent"
+    return EncodeError("", f"the values do not fit into this frame: {why}")
+
+
+def path_of(name: Any, rules: Rules) -> str | None:
+    """The path of the value of that name, None if there is none."""
+    if name in rules:
+        return str(name)
+    for outer, rule in rules.items():
+        inner = path_of(name, rule.inside) if rule.inside else None
+        if inner is not None:
+            return f"{outer}.{inner}"
+    return None
+
+
+def find_misfit(values: Context, rules: Rules, path: str) -> EncodeError | None:
+    """The first value that breaks its rule, or, if that is one that is missing, all that are."""
+    for name in values:
+        if name not in rules:
+            return EncodeError(f"{path}{name}", f"there is no '{path}{name}' in this frame")
+    for name, rule in rules.items():
+        if name in values:
+            found = misfit_of(values[name], rule, path + name)
+        elif rule.needed:
+            found = missing_error([one for one in rules if rules[one].needed and one not in values], path)
+        else:
+            found = None
+        if found is not None:
+            return found
+    return None
+
+
+def missing_error(names: list[str], path: str) -> EncodeError | None:
+    """Values that are not there."""
+    if not names:
+        return None
+    *some, last = [f"'{path}{name}'" for name in names]
+    verb = f"{', '.join(some)} and {last} are" if some else f"{last} is"
+    return EncodeError(path + names[0], f"{verb} missing", tuple(path + name for name in names[1:]))
+
+
+def misfit_of(value: Any, rule: Rule, name: str) -> EncodeError | None:
+    """What is wrong with one value."""
+    if rule.names and (isinstance(value, str) or (rule.only and isinstance(value, (int, float)))):
+        if value in rule.names or value in rule.names.values():
+            return None
+        return EncodeError(name, f"'{name}' is one of {', '.join(rule.names)}, not {value!r}")
+    kinds: dict[str, Any] = {"number": int, "float": (int, float), "text": str, "bytes": (bytes, bytearray)}
+    kinds |= {"digits": (bytes, bytearray), "list": (list, tuple), "mapping": Mapping, "any": object}
+    if not isinstance(value, kinds[rule.type]):
+        return EncodeError(name, f"'{name}' must be a {rule.type}, not {type(value).__name__}")
+    if rule.type in ("number", "float"):
+        size, what = value, f"'{name}' is {value}"
+    else:
+        size = len(value) if rule.type in ("text", "bytes", "digits", "list") else 0
+        what = f"'{name}' has a length of {size}"
+    if rule.least is not None and size < rule.least:
+        return EncodeError(name, f"{what}, less than {rule.least}")
+    if rule.most is not None and size > rule.most:
+        return EncodeError(name, f"{what}, more than {rule.most}")
+    if rule.unit != 1 and value % rule.unit:
+        return EncodeError(name, f"{what}, no multiple of {rule.unit}")
+    if rule.type == "digits" and (size % 2 or value.strip(b"0123456789ABCDEFabcdef")):
+        return EncodeError(name, f"'{name}' is not made of pairs of hex digits")
+    if rule.type == "text" and any(ord(sign) > 255 for sign in value):
+        return EncodeError(name, f"'{name}' has characters that are no bytes")
+    return None if rule.inside is None else misfit_inside(value, rule.inside, name)
+
+
+def misfit_inside(value: Any, rules: Rules, name: str) -> EncodeError | None:
+    """What is wrong in a mapping or in the items of a list."""
+    if isinstance(value, Mapping):
+        return find_misfit(value, rules, f"{name}.")
+    for place, item in enumerate(value):
+        path = f"{name}[{place}]"
+        if "" in rules:
+            found = misfit_of(item, rules[""], path)
+        elif isinstance(item, Mapping):
+            found = find_misfit(item, rules, f"{path}.")
+        else:
+            found = EncodeError(path, f"'{path}' must be a mapping of fields")
+        if found is not None:
+            return found
+    return None
+
+
+def needed(values: Context, name: str, path: str) -> Any:
+    """A value of a record that has to be there. Raises EncodeError."""
+    if name not in values:
+        raise EncodeError(path + name, f"'{path}{name}' is missing")
+    return values[name]
+
+
+def check_size(name: str, found: int, wanted: int | None) -> None:
+    """A value must be as long as another one says. Raises EncodeError."""
+    if wanted is None:
+        raise EncodeError(name, f"the size of '{name}' cannot be told: a value it is worked out from is not there")
+    if found != wanted:
+        raise EncodeError(name, f"'{name}' has a length of {found}, it must be {wanted}")
+
+
+NEEDS: dict[str, tuple[str, ...]] = {
+    "end_of_region": ("find_region_end",),
+    "decode_first": ("Choice", "Frame"),
+    "measure_first": ("Choice", "Frame", "fits"),
+    "extent_first": ("measure_first",),
+    "fits": ("Frame",),
+    "encode_one": ("Choice", "Frame"),
+    "Choice": ("Frame", "measure_of", "no_frame", "readers_of"),
+    "readers_at_once": ("Choice",),
+    "check_given": ("Rule",),
+    "encode_error": ("Unfit", "find_misfit", "path_of"),
+    "find_misfit": ("Rule", "misfit_of", "missing_error"),
+    "misfit_of": ("Rule", "misfit_inside"),
+    "misfit_inside": ("find_misfit", "misfit_of"),
+}
 """The names of this module that a helper uses itself."""
 
 IMPORTS: dict[str, tuple[str, ...]] = {
     "Structs": ("from struct import Struct",),
     "Packs": ("from collections.abc import Callable", "from struct import Struct"),
+    "Frame": ("from collections.abc import Callable", "from typing import NamedTuple"),
+    "Rule": ("from typing import NamedTuple",),
 }
 """The import lines that a helper's source stands on."""
