@@ -16,7 +16,6 @@ from typing import Any
 from framekit.codec.shown import explain
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER, LineFormat, parse_format
-from framekit.link.clock import DEFAULT_START, DeviceState
 from framekit.link.evaluate import Names
 from framekit.link.events import CharacterFault, Command, LinkCounters, Monitor, Send
 from framekit.link.exchange import Ask, Exchange, MemoryAccess, Outcome, RequestHandler
@@ -25,7 +24,7 @@ from framekit.link.lanes import Lanes, Shutdown
 from framekit.link.output import Output
 from framekit.link.receiver import Receiver
 from framekit.link.reception import Dispatcher, OnFrame, Reception
-from framekit.link.scope import Scope
+from framekit.link.scope import DEFAULT_START, DeviceState, Scope
 from framekit.link.sequences.compiler import program_of
 from framekit.link.sequences.runtime import EngineFunctions, Machine
 from framekit.link.sequences.state import Run, SessionState, State, frame_gone

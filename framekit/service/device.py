@@ -11,12 +11,11 @@ from pathlib import Path
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.definition.problems import DefinitionError, Problem
 from framekit.definition.times import MOST_STATIONS, LineFormat
-from framekit.link.clock import DeviceState
 from framekit.link.engine import Engine
 from framekit.link.events import LinkCounters, Monitor, Seen
 from framekit.link.exchange import RequestHandler
 from framekit.link.frame_faults import FrameFaults
-from framekit.link.scope import Scope
+from framekit.link.scope import DeviceState, Scope
 from framekit.link.services.server import MemoryServer, ServiceCounters
 from framekit.memory.clock_bits import SystemBits
 from framekit.run.model import Channel, FaultPlan

@@ -16,7 +16,7 @@ from functools import partial
 from typing import Protocol
 
 from framekit.definition.times import NEVER
-from framekit.link.clock import DEFAULT_START
+from framekit.link.scope import DEFAULT_START
 
 Callback = Callable[[], None]
 

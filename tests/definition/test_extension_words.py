@@ -313,7 +313,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from framekit.codec.kinds import SegmentKind, register
-from framekit.codec.python.places import between
+from framekit.codec.python.function import between
 from framekit.definition.keys import IDENTIFIER, key
 from framekit.definition.kinds.base import Segment
 from framekit.definition.model.segments import exactly

@@ -8,7 +8,7 @@ from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import EncodeWriter, Given
 from framekit.codec.python.encode_plan import Lengths, Rules, RuleWriter, Task
 from framekit.codec.python.expressions import NameEntry, Scope, constant_of, default_text
-from framekit.codec.python.places import Place, between, index
+from framekit.codec.python.function import Place, between, index
 from framekit.codec.python.reader import BufferReader, Item, Slot
 from framekit.codec.python.registry import type_text
 from framekit.codec.python.source import bytes_literal, literal, quoted

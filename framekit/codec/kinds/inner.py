@@ -9,9 +9,8 @@ from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import EncodeWriter, Given
 from framekit.codec.python.encode_plan import Lengths, Rules, RuleWriter, Task
 from framekit.codec.python.expressions import NameEntry, Scope
-from framekit.codec.python.function import MISFIT
+from framekit.codec.python.function import MISFIT, between
 from framekit.codec.python.measure import MeasureWriter, Pairs
-from framekit.codec.python.places import between
 from framekit.codec.python.reader import BufferReader, Item
 from framekit.codec.python.source import quoted
 from framekit.definition.expression import AND, Expression

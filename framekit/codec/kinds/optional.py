@@ -7,8 +7,8 @@ from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import Cases, EncodeWriter, Given
 from framekit.codec.python.encode_plan import Task
 from framekit.codec.python.expressions import Scope
+from framekit.codec.python.function import Place
 from framekit.codec.python.measure import MeasureWriter, Pairs
-from framekit.codec.python.places import Place
 from framekit.codec.python.reader import BufferReader, Item
 from framekit.codec.python.registry import summary
 from framekit.codec.python.source import quoted

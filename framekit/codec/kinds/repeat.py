@@ -8,8 +8,8 @@ from framekit.codec.python.diagnosis import Behind, DiagnosisWriter, inside_of
 from framekit.codec.python.encode import EncodeWriter, Given
 from framekit.codec.python.encode_plan import Lengths, Rules, RuleWriter, Task
 from framekit.codec.python.expressions import NameEntry, Scope
+from framekit.codec.python.function import Fields, Place, between
 from framekit.codec.python.measure import Finished, MeasureWriter, Pairs
-from framekit.codec.python.places import Fields, Place, between
 from framekit.codec.python.reader import BufferReader, Item, without_end
 from framekit.codec.python.registry import summary, type_text
 from framekit.codec.python.shape import is_name, is_plain_name, may_be_empty, names_read

@@ -6,8 +6,8 @@ from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import EncodeWriter, PackArgument
 from framekit.codec.python.expressions import Scope
+from framekit.codec.python.function import Place
 from framekit.codec.python.measure import Finished, MeasureWriter, Pairs
-from framekit.codec.python.places import Place
 from framekit.codec.python.reader import BufferReader, Item
 from framekit.codec.python.source import bytes_literal, quoted
 from framekit.definition.model.segments import (

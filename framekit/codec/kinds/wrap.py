@@ -10,8 +10,8 @@ from framekit.codec.python.diagnosis import Behind, DiagnosisWriter, checks_opti
 from framekit.codec.python.encode import EncodeWriter, Given
 from framekit.codec.python.encode_plan import Task
 from framekit.codec.python.expressions import Scope
+from framekit.codec.python.function import between
 from framekit.codec.python.measure import MeasureWriter, Pairs, needed_names
-from framekit.codec.python.places import between
 from framekit.codec.python.reader import BufferReader, Item, not_possible, shown_name
 from framekit.codec.python.registry import summary
 from framekit.codec.python.source import Code, bytes_literal, quoted, text_source

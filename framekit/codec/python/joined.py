@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 
 from framekit.codec.python.choices import Leaf, Switch, in_order, tree_of
 from framekit.codec.python.expressions import Scope
-from framekit.codec.python.function import Function
+from framekit.codec.python.function import Fields, Function
 from framekit.codec.python.module import Module
-from framekit.codec.python.places import Fields
 from framekit.codec.python.reader import BufferReader, Item, limit
 from framekit.codec.python.shape import Target, named, names_read
 from framekit.codec.python.source import Source

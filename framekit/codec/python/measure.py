@@ -19,8 +19,8 @@ from framekit.codec.python.expressions import (
     may_be_negative,
     may_fail,
 )
+from framekit.codec.python.function import Place, between, index
 from framekit.codec.python.module import Module
-from framekit.codec.python.places import Place, between, index
 from framekit.codec.python.registry import kind_of, write_docstring
 from framekit.codec.python.shape import leading
 from framekit.codec.python.source import Identifiers, Source, bytes_literal, literal, quoted

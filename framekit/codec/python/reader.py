@@ -15,9 +15,8 @@ from framekit.codec.checks import residue_of
 from framekit.codec.python import forms
 from framekit.codec.python.expressions import NameEntry, Scope, constant_of, default_text, may_be_negative
 from framekit.codec.python.forms import code_text, is_call
-from framekit.codec.python.function import MISFIT, Function, covers_later, span_names
+from framekit.codec.python.function import MISFIT, Fields, Function, Place, between, covers_later, index, span_names
 from framekit.codec.python.module import Module
-from framekit.codec.python.places import Fields, Place, between, index
 from framekit.codec.python.registry import kind_of, struct_order, summary, write_docstring
 from framekit.codec.python.shape import Target, comes_with, in_place_of_records, is_followed, is_plain_name, targets_of
 from framekit.codec.python.source import Source, bytes_literal, literal, quoted

@@ -15,14 +15,13 @@ from typing import Any
 from framekit.codec.shown import code_text, explain
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
-from framekit.link.clock import with_date
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.events import Break, Monitor, Seen, Send
 from framekit.link.exchange import Ask, Exchange, MemoryAccess, Outcome, RequestHandler
 from framekit.link.frame_table import FrameTable
 from framekit.link.late import LateReplies
 from framekit.link.output import Output
-from framekit.link.scope import Scope
+from framekit.link.scope import Scope, with_date
 from framekit.link.sequences.state import (
     MOST_STEPS,
     NOT_TAKEN,
