@@ -31,7 +31,8 @@ from framekit.cli.common import (
     until,
     why_not,
 )
-from framekit.cli.screen.session import LiveSession, show
+from framekit.cli.screen import show
+from framekit.cli.screen.session import LiveSession
 from framekit.transport.schemes import help_on_ports
 
 if TYPE_CHECKING:

@@ -27,7 +27,8 @@ from framekit.cli.common import (
     until,
     why_not,
 )
-from framekit.cli.screen.session import LiveSession, show
+from framekit.cli.screen import show
+from framekit.cli.screen.session import LiveSession
 
 if TYPE_CHECKING:
     from framekit.api.monitor import LiveView

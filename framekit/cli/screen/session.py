@@ -1,11 +1,8 @@
-"""What the live display shows: a session, and how it is opened. Each verb that can be shown has its own kind."""
+"""What the live display shows: a session. Each verb that can be shown has its own kind."""
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING
-
-from framekit.cli.common import VerbError
 
 if TYPE_CHECKING:
     from framekit.api.monitor import LiveView
@@ -47,30 +44,3 @@ class LiveSession:
 
     async def end(self) -> None:
         raise NotImplementedError
-
-
-MISSING = (
-    "the live display needs textual – install framekit with the extra 'screen': pip install '.[screen]' in its folder"
-)
-
-
-def show(session: LiveSession) -> int:
-    """Until its time is over or the user quits. Raises VerbError, DefinitionError."""
-    try:
-        from framekit.cli.screen.app import MonitorApp
-    except ModuleNotFoundError as error:
-        if (error.name or "").split(".")[0] not in ("textual", "rich"):
-            raise
-        raise VerbError(MISSING) from None
-    app = MonitorApp(session)
-    app.run()
-    failure = app.failure or session.failure
-    if failure is not None:
-        from framekit.definition.problems import DefinitionError
-
-        if isinstance(failure, DefinitionError):
-            raise failure
-        raise failure if isinstance(failure, VerbError) else VerbError(str(failure))
-    for problem in session.problems:
-        print(problem, file=sys.stderr)
-    return 1 if session.lost else 0
