@@ -20,8 +20,7 @@ from benchmarks.by_hand import (
 )
 from benchmarks.by_hand_links import decode_mailbox, decode_typed_read, encode_mailbox, encode_typed_read
 from benchmarks.by_hand_named import build_numbers, build_registers, build_request, build_typed_read, build_write
-from framekit.codec.builders import Builders
-from framekit.codec.codec import Codec, compile_protocol
+from framekit.codec.codec import Builders, Codec, compile_protocol
 from framekit.definition.load import load_protocol
 
 Fields = dict[str, Any]

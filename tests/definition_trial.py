@@ -12,8 +12,7 @@ from link_world import feed
 
 from framekit.codec.ambiguity import check_matrices
 from framekit.codec.batch import BatchDecoder
-from framekit.codec.builders import Builders
-from framekit.codec.codec import Codec, compile_protocol
+from framekit.codec.codec import Builders, Codec, compile_protocol
 from framekit.codec.columns import Cut
 from framekit.codec.errors import EncodeError, FrameError
 from framekit.definition.load import load_protocol_text

@@ -21,7 +21,7 @@ from framekit.link.evaluate import Names
 from framekit.link.scope import Scope
 
 if TYPE_CHECKING:
-    from framekit.codec.builders import Builders
+    from framekit.codec.codec import Builders
     from framekit.codec.construct import CompiledFrame
 
 
@@ -42,7 +42,7 @@ class Protocol:
 
     @cached_property
     def _builders(self) -> Builders:
-        from framekit.codec.builders import Builders
+        from framekit.codec.codec import Builders
 
         return Builders(self._codec, self._scope)
 

@@ -9,9 +9,8 @@ from pathlib import Path
 from framekit.api.errors import RequestError
 from framekit.api.settings import ClientSettings
 from framekit.codec.codec import compile_protocol
-from framekit.codec.encode_hints import with_hint
 from framekit.codec.errors import EncodeError
-from framekit.codec.plain import PlainValues
+from framekit.codec.plain import PlainValues, with_hint
 from framekit.definition.load.reader import parse_number
 from framekit.definition.model.frames import parts_of
 from framekit.definition.model.protocol import Protocol

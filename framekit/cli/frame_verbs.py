@@ -54,9 +54,8 @@ def add_encode_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_encode(arguments: argparse.Namespace) -> int:
     from framekit.codec.codec import compile_protocol
-    from framekit.codec.encode_hints import with_hint
     from framekit.codec.errors import EncodeError
-    from framekit.codec.plain import PlainValues
+    from framekit.codec.plain import PlainValues, with_hint
     from framekit.definition.problems import did_you_mean
 
     protocol = load(arguments.protocol)

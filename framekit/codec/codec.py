@@ -1,13 +1,16 @@
-"""A protocol compiled once: its frames as functions, behind names.
+"""A protocol compiled once: its frames as functions, behind names, and their builders, made when they are asked for.
 
 The source that `framekit.codec.python` writes is run in a module of its own. As many codecs are kept as loaded
-definitions. Which link uses it, and what a context holds, is not known here.
+definitions. The compiler is imported when something is to be compiled: most commands find that in the cache.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from types import CodeType, ModuleType
+from typing import Any, get_type_hints
 
+from framekit.codec.errors import EncodeError
 from framekit.codec.functions import Context, Decode, Encode, FrameFunctions, Span, module_of
 from framekit.definition.load.protocol import MOST_KEPT
 from framekit.definition.model.protocol import Protocol
@@ -59,3 +62,47 @@ def _keep(codec: Codec) -> Codec:
     while len(_compiled) > MOST_KEPT:
         _compiled.pop(next(iter(_compiled)), None)
     return codec
+
+
+# ---- builders ------------------------------------------------------------------------------------------------
+
+Build = Callable[..., bytes]
+
+
+class Builders:
+    """The builders of one protocol, a keyword for every value, for frames that depend on nothing but one context."""
+
+    def __init__(self, codec: Codec, context: Context) -> None:
+        from framekit.codec.python.generate import BuilderModules
+
+        self._codec = codec
+        self._context = context
+        self._modules = BuilderModules(codec.protocol)
+        self._made: dict[tuple[str, ...], Build] = {}
+
+    def inside(self, frame: str) -> tuple[str, ...]:
+        """The frames that may stand in a frame."""
+        from framekit.codec.python.flat import inner_frames
+
+        return tuple(inner_frames(self._codec.protocol.frames[frame]))
+
+    def builder(self, *frames: str) -> Build:
+        """The function that builds the first of the frames with each of the others inside the one before it.
+
+        Raises KeyError where one cannot stand there.
+        """
+        if frames not in self._made:
+            self._made[frames] = self._make(frames)
+        return self._made[frames]
+
+    def _make(self, frames: tuple[str, ...]) -> Build:
+        from framekit.codec.python.generate import ENCODER
+
+        name, source = self._modules.source(frames)
+        encoder = self._codec.encoders[frames[0]]
+        names: dict[str, Any] = {"ctx": self._context, "EncodeError": EncodeError, ENCODER: encoder}
+        names["__name__"] = f"framekit_builders_{self._codec.protocol.name}"
+        exec(compile(source, f"<builder of {' with '.join(frames)}>", "exec"), names)
+        found: Build = names[name]
+        found.__annotations__ = get_type_hints(found, names)
+        return found

@@ -14,10 +14,9 @@ from framekit.codec.errors import FrameError
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
 from framekit.link.arrivals import Arrival, FrameArrived, Noise
-from framekit.link.candidates import Bad, Candidates, Complete, Good, Trouble, first_of, worse
+from framekit.link.candidates import Bad, Candidates, Complete, ExpectedFrames, Good, Left, Trouble, first_of, worse
 from framekit.link.evaluate import CODEC_ERRORS, Names
 from framekit.link.events import CharacterFault
-from framekit.link.expected import ExpectedFrames, Left
 from framekit.link.frame_table import FrameInfo, FrameTable, ProtocolCodec, table_of
 from framekit.link.inside import InsideFinder
 from framekit.link.stream import LONGEST, NoiseRun, Pauses, Stream, scope_of

@@ -14,13 +14,11 @@ from random_bodies import RandomBody
 from shipped import APPLICATIONS, PROTOCOLS
 
 from framekit.codec.ambiguity import sample_context
-from framekit.codec.builders import Builders
-from framekit.codec.codec import compile_protocol
+from framekit.codec.codec import Builders, compile_protocol
 from framekit.codec.errors import EncodeError
-from framekit.codec.python.flat import write_plain_builder
+from framekit.codec.python.flat import Parameters, inner_frames, levels_of, write_plain_builder
 from framekit.codec.python.generate import MOST_BUILDERS, BuilderModules, builder_name, generate_source, normal_protocol
 from framekit.codec.python.module import Module
-from framekit.codec.python.parameters import Parameters, inner_frames, levels_of
 from framekit.codec.samples import Sampler
 from framekit.definition.load import load_protocol, load_protocol_text
 from framekit.definition.model.protocol import Protocol

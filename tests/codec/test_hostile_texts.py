@@ -20,8 +20,7 @@ from typing import Any
 import pytest
 from segment_cases import SECTIONS
 
-from framekit.codec.builders import Builders
-from framekit.codec.codec import compile_protocol
+from framekit.codec.codec import Builders, compile_protocol
 from framekit.codec.python import generate
 from framekit.codec.python.generate import BuilderModules, generate_source
 from framekit.codec.python.module import _PASTED

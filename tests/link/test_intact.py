@@ -11,7 +11,7 @@ from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import FrameError
 from framekit.codec.samples import Sampler
 from framekit.definition.load import load_protocol, load_protocol_text
-from framekit.link.intact import intact_of
+from framekit.link.frame_table import intact_of
 from framekit.link.scope import Scope
 
 FRAMES = Path(__file__).parents[2] / "frames"

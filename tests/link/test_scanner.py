@@ -11,8 +11,8 @@ from link.link_world import MS, cut_at
 from link.test_shipped_streams import NAMES, loaded, receiver
 
 from framekit.link.arrivals import Arrival, BadFrame, FrameArrived
+from framekit.link.candidates import ExpectedFrames
 from framekit.link.events import CharacterFault, LineFault
-from framekit.link.expected import ExpectedFrames
 from framekit.link.receiver import Receiver
 from framekit.link.values import plain
 

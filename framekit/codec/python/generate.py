@@ -18,11 +18,10 @@ from framekit.codec.python.diagnosis import write_examiner
 from framekit.codec.python.encode import write_encoder
 from framekit.codec.python.examination import Examination
 from framekit.codec.python.expressions import ExpressionWriter, Scope, is_flag
-from framekit.codec.python.flat import write_builder, write_plain_builder
+from framekit.codec.python.flat import Level, inner_frames, levels_of, rows_of, write_builder, write_plain_builder
 from framekit.codec.python.joined import write_pairs
 from framekit.codec.python.measure import write_extent, write_measurer
 from framekit.codec.python.module import BUILT_IN, Module, pasted_names, used_methods
-from framekit.codec.python.parameters import Level, inner_frames, levels_of, rows_of
 from framekit.codec.python.reader import not_possible, write_decoder
 from framekit.codec.python.shape import names_read
 from framekit.codec.python.source import Source, identifier, literal, quoted
