@@ -225,7 +225,7 @@ def test_a_wrong_definition(capsys: pytest.CaptureFixture[str], tmp_path: Path) 
 def test_what_the_settings_forbid_is_not_sent(capsys: pytest.CaptureFixture[str]) -> None:
     device = Path(__file__).parents[2] / "examples" / "srtp-cpu.device.yaml"
     status, out, err = call(capsys, "write", "srtp", "--port", f"sim:{device}", "%R300", "5")
-    assert (status, out) == (2, "") and err.endswith("it was not sent\n")
+    assert (status, out) == (2, "") and err.endswith("it was not sent: the parameter allow has to be writes\n")
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,8 @@ NOISE = Seen("in", "noise", 7, b"\xff\xfe")
 
 
 def log(kept: int = 100) -> FrameLog:
-    made = FrameLog({1: MLDP, 2: USER}, {1: "client"}, kept=kept)
+    made = FrameLog({2: USER}, kept=kept)
+    made.know(1, MLDP, "client", {})
     made.add(1, GOOD)
     made.add(1, BAD)
     made.add(1, NOISE)

@@ -46,7 +46,7 @@ class Bench:
 
     def counts(self) -> list[tuple[int, int, int, int]]:
         states = self.service.states.values()
-        return [(s.counters.started, s.counters.done, s.counters.failed, s.counters.running) for s in states]
+        return [(s.started, s.done, s.failed, s.running) for s in states]
 
 
 def test_a_restart_goes_on_where_it_was(tmp_path: Path) -> None:

@@ -291,11 +291,16 @@ def _line(protocol: Protocol) -> Iterator[Problem]:
         yield Problem(at, f"{line.tcp} is no port number", "use 1 to 65535")
 
 
-def check_protocol(protocol: Protocol, broken: Collection[str] = ()) -> list[Problem]:
+def check_protocol(
+    protocol: Protocol, broken: frozenset[str] = frozenset(), words_of_forms: frozenset[str] = frozenset()
+) -> list[Problem]:
     """Everything wrong with a protocol that loaded; warnings among it.
 
     `broken`: names of things that could not be loaded, whose problems have been told; that they are missing is none.
+    `words_of_forms`: the same for what broken forms of addresses may offer.
     """
+    are_forms_known = not broken
+    broken |= words_of_forms
     problems = NameChecker(protocol, broken).check()
     for frame in protocol.frames.values():
         problems += check_frame(protocol, frame)
@@ -304,7 +309,7 @@ def check_protocol(protocol: Protocol, broken: Collection[str] = ()) -> list[Pro
     problems += check_procedure(protocol, broken)
     problems += check_services(protocol, broken)
     problems += check_commands(protocol, broken)
-    if not broken:
+    if are_forms_known:
         problems += check_forms(protocol.addresses, protocol.areas, protocol.tables)
     told = {problem.at for problem in problems}
     return [*problems, *(problem for problem in check_kinds(protocol) if problem.at not in told)]

@@ -45,7 +45,7 @@ class ProtocolLoader:
         self.values = ValueLoader(self.space, self.frames)
         self.procedure = ProcedureLoader(self.values)
         self.broken_layouts: set[str] = set()
-        self.offered_by_broken: set[str] = set()
+        self.words_of_forms: set[str] = set()
 
     def load(self) -> Protocol:
         """The protocol as far as it could be read."""
@@ -125,7 +125,7 @@ class ProtocolLoader:
     def broken(self, loaded: Protocol) -> frozenset[str]:
         """Names of things that could not be read, or of sequences only in part: what is missing there is no problem."""
         missing = (set(self.frames.outlines) - loaded.frames.keys()) | self.broken_layouts | self.procedure.partly
-        missing |= self.space.twice | self.offered_by_broken
+        missing |= self.space.twice
         for section in ("params", "state", "queues", "tables", "sequences", "roles", "sessions"):
             missing |= self.space.section(section).keys() - getattr(loaded, section).keys()
         return frozenset(missing | (self._elsewhere("areas").section("areas").keys() - loaded.areas.keys()))
@@ -190,7 +190,7 @@ class ProtocolLoader:
         good = {form.at for form in forms}
         for item in self.reader.items(node):
             if item.at not in good:
-                self.offered_by_broken |= {"addresses", *words_of_form(item)}
+                self.words_of_forms |= {"addresses", *words_of_form(item)}
         return areas, forms
 
     def _errors(self, services: ServiceLoader) -> Errors | None:
@@ -354,7 +354,7 @@ def _load(path: Path) -> Loaded:
     with suppress(Broken):
         loader = ProtocolLoader(reader, documents, documents.source(path))
         protocol = loader.load()
-        reader.problems.extend(check_protocol(protocol, loader.broken(protocol)))
+        reader.problems.extend(check_protocol(protocol, loader.broken(protocol), frozenset(loader.words_of_forms)))
     problems = documents.first_words(reader.problems, path)
     if protocol is None or any(not problem.warning for problem in problems):
         raise DefinitionError(problems)
