@@ -93,7 +93,7 @@ def status_word(outcome: str, device_code: int | None) -> int:
     return error_code(outcome)
 
 
-EXPLAINED = ("damaged_frame", "cannot_store", "cannot_send", "bad_setting")
+EXPLAINED = ("damaged_frame", "cannot_store", "cannot_send", "bad_setting", "not_allowed")
 """Outcomes that say little without their cause."""
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from framekit.api.run import run_status
+from framekit.api.run import carry_out, run_status
 from framekit.cli.run_output import status_data, status_text
 from framekit.definition.problems import DefinitionError
 from framekit.link.events import Seen
@@ -102,6 +102,29 @@ def test_blocks_come_and_go(tmp_path: Path) -> None:
     bench.edit()
     bench.clock.run_for(SECOND)
     assert set(bench.service.states) == {0, 1, 2}
+
+
+def test_control_lines_know_the_edited_run(tmp_path: Path) -> None:
+    bench = Bench(tmp_path)
+    bench.clock.run_for(SECOND)
+    sets = "sets:\n  1:\n    blocks:" + RUN[RUN.index("blocks:") + 7 :].replace("\n", "\n    ")
+    sets += '\n  2: {blocks: {5: {read: "40002", channel: 3, station: 1, into: M9}}}\n'
+    text = RUN[: RUN.index("blocks:")] + '  3: {port: "sim:one.device.yaml", protocol: modbus-rtu}\n' + sets
+    before = ("fire 2.5", "enable 2.5", "disable set 2", "disable channel 3")
+    for line in before:
+        with pytest.raises(ValueError, match="there is no"):
+            carry_out(bench.service, line)
+    bench.edit(text=text)
+    carry_out(bench.service, "fire 2.5")
+    bench.clock.run_for(SECOND)
+    assert bench.counts(64 + 5) == (1, 1, 0) and bench.memory.read("M", "word", 9) == [12]
+    for line in ("disable 2.5", "disable set 2", "disable channel 3"):
+        carry_out(bench.service, line)
+    assert not bench.service.states[64 + 5].enabled and run_status(bench.service).channels[-1].state != "open"
+    bench.edit()
+    for line in before:
+        with pytest.raises(ValueError, match="there is no"):
+            carry_out(bench.service, line)
 
 
 def test_what_removed_blocks_counted_stays_in_the_totals(tmp_path: Path) -> None:

@@ -10,11 +10,15 @@ from typing import Any
 
 import pytest
 from link.link_world import Side, compiled
+from near_run import started
 from transfer_world import TransferWorld
 
 import framekit
+from framekit.api.run import run_status
 from framekit.cli.main import main
+from framekit.cli.run_output import status_text
 from framekit.link.services.client import Client, TransferResult
+from framekit.transport.clock import VirtualClock
 
 PROTOCOL = "srtp"
 
@@ -88,6 +92,17 @@ def test_a_client_only_reads_unless_it_is_allowed_more(device: Any) -> None:
         assert client.read("%R1") == [1], "the connection is as good as before"
         assert client.call("short_status")["plc"]["state"] == 2
     assert device.memory.read("R1", 1) == [1]
+
+
+def test_a_run_says_why_a_write_was_kept_back(tmp_path: Path) -> None:
+    clock = VirtualClock()
+    run = (
+        "run: r\nmemory: masterlogic\nchannels: {1: {port: 'sim:there.device.yaml', protocol: srtp}}\n"
+        "blocks: {0: {write: '%R301', from: M200, once: yes}}\n"
+    )
+    service = started(tmp_path, run, "device: there\nprotocol: srtp\n", clock)
+    clock.run_for(1_000_000_000)
+    assert "not_allowed: the parameter allow has to be writes" in status_text(run_status(service), 0)
 
 
 def test_refusals_by_name(device: Any) -> None:
