@@ -6,7 +6,7 @@ import argparse
 import json
 import sys
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
@@ -48,7 +48,9 @@ if TYPE_CHECKING:
 def add_encode_arguments(parser: argparse.ArgumentParser) -> None:
     add(parser, "protocol")
     parser.add_argument("frame", metavar="FRAME", help="name of a frame; `framekit frames PROTOCOL` lists them")
-    parser.add_argument("fields", nargs="*", metavar="FIELD=VALUE", help="value of a field; JSON for lists and records")
+    parser.add_argument(
+        "fields", nargs="*", metavar="FIELD=VALUE", help="value of a field; JSON for lists and records, or RECORD.FIELD"
+    )
     add(parser, "--set", "--json")
 
 
@@ -62,7 +64,7 @@ def run_encode(arguments: argparse.Namespace) -> int:
     if arguments.frame not in protocol.frames:
         hint = did_you_mean(arguments.frame, protocol.frames)
         raise WordsError(f"'{protocol.name}' has no frame '{arguments.frame}'" + (f" – {hint}" if hint else ""))
-    given = dict(assignment(text) for text in arguments.fields)
+    given = fields_given(arguments.fields)
     scope = scope_of(protocol, arguments.set)
     try:
         fields = PlainValues(protocol).from_plain(arguments.frame, given)
@@ -74,6 +76,21 @@ def run_encode(arguments: argparse.Namespace) -> int:
     else:
         print(spaced(data))
     return 0
+
+
+def fields_given(texts: Iterable[str]) -> dict[str, Any]:
+    """The values of `NAME=VALUE` and `NAME.PART=VALUE`, parts in mappings by their names. Raises WordsError."""
+    given: dict[str, Any] = {}
+    for text in texts:
+        path, value = assignment(text)
+        *outer, name = path.split(".")
+        record = given
+        for part in outer:
+            record = record.setdefault(part, {})
+            if not isinstance(record, dict):
+                raise WordsError(f"'{path}' is a part of '{part}', which has a value already – give one of the two")
+        record[name] = value
+    return given
 
 
 def add_decode_arguments(parser: argparse.ArgumentParser) -> None:

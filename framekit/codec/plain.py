@@ -87,7 +87,9 @@ class PlainValues:
             case Segment(is_record=True):
                 return self._read(by_value_name(segment.members), _mapping(value))
             case Inner():
-                ((frame, fields),) = _mapping(value).items()
+                if len(_mapping(value)) != 1:
+                    raise ValueError("one frame with its values is wanted here: {frame: {name: value}}")
+                ((frame, fields),) = value.items()
                 if frame not in self.protocol.frames:
                     return {frame: fields}
                 return {frame: self.from_plain(frame, _mapping(fields))}

@@ -38,9 +38,33 @@ def test_encode_an_inner_frame_as_json(capsys: pytest.CaptureFixture[str]) -> No
     assert call(capsys, *words)[:2] == (0, "11 03 00 6B 00 03 76 87\n")
 
 
+def test_encode_takes_values_of_records_one_by_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("p.yaml").write_text(
+        "protocol: p\nlayouts:\n  L: [{field: a, type: u8}, {field: t, type: u16, unit: ms}]\n"
+        "  M: [{include: L, as: inner}, {field: b, type: u8}]\n"
+        "frames:\n  A: {body: [{include: M, as: d1}, {field: x, type: u8}]}\n",
+        "utf-8",
+    )
+    parts = ("d1.inner.a=5", "d1.inner.t=2 s", "x=9", "d1.b=0x0A")
+    assert call(capsys, "encode", "p.yaml", "A", *parts) == (0, "05 07 D0 0A 09\n", "")
+    assert call(capsys, "encode", "p.yaml", "A", 'd1={"inner": {"a": 5, "t": "2 s"}}', "d1.b=10", "x=9")[0] == 0
+    _, out, _ = call(capsys, "decode", "p.yaml", "05 07 D0 0A 09")
+    assert "\nd1.inner.a " in out, "the names are those that decode shows"
+    for texts, message in (
+        (("d1=5", "d1.b=1"), "'d1.b' is a part of 'd1', which has a value already"),
+        (("d1.c=5", "x=1"), "there is no 'd1.c'"),
+    ):
+        status, _, err = call(capsys, "encode", "p.yaml", "A", *texts)
+        assert status == 2 and message in err
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
+        (("modbus-rtu", "request_adu", "station=1", "pdu.address=1", "pdu.count=2"), "one frame with its values"),
         (("mldp", "read_individual", "statoin=1"), "did you mean 'station'"),
         (("mldp", "read_individual", "station=999", "command=r", 'variables=[{"name": "%MW1"}]'), "station"),
         (("modbus-rtu", "request_adu", "station=1", 'pdu={"read_holding": {"adress": 1}}'), "did you mean 'address'"),
