@@ -15,7 +15,6 @@ from framekit.api.loop_thread import Closing, LoopThread, with_arguments_of
 from framekit.api.memory import Do, Memory
 from framekit.api.run import nanoseconds
 from framekit.api.settings import checked_station
-from framekit.codec.shown import refusal_text
 from framekit.definition.times import LineFormat
 from framekit.link.events import Seen
 from framekit.run.model import DEFAULT_LIMITS, ConnectionLimits
@@ -183,7 +182,7 @@ class AsyncServer:
         serving, found = self._opened(), []
         for number, store in enumerate(serving.stores):
             protocol, counters = store.device.protocol, store.counters
-            reasons = {refusal_text(protocol, code): count for code, count in sorted(counters.refused.items())}
+            reasons = dict(counters.reasons(protocol))
             found.append(ServedDevice(store.device, counters.done, counters.errors, reasons, serving.published(number)))
         return found
 

@@ -73,6 +73,9 @@ class RequestHandler(Protocol):
 
     def serve(self, request: FrameValue, buffer: bytes, station: Any, check_only: bool, names: Names) -> Served: ...
 
+    def unanswered(self) -> None:
+        """The reply to the last request could not be built."""
+
 
 class MemoryAccess(Protocol):
     """The device's memory, as `store` and `memory()` need it. Both raise ValueError."""

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from framekit.codec.codec import Codec, compile_protocol
-from framekit.codec.shown import refusal_text
 from framekit.definition.model import protocol as model
 from framekit.link.arrivals import BadFrame
 from framekit.link.engine import Engine
@@ -54,15 +53,14 @@ class ChannelCounters:
 
     def add(self, other: ChannelCounters) -> None:
         """What another channel counted, whose place this one takes."""
-        self.served.done += other.served.done
-        self.served.refused.update(other.served.refused)
+        self.served.add(other.served)
         self.done += other.done
         self.failed.update(other.failed)
 
     def clear(self) -> None:
         """Counting begins anew."""
-        self.served.done = self.done = 0
-        self.served.refused.clear()
+        self.served.clear()
+        self.done = 0
         self.failed.clear()
 
     @property
@@ -71,8 +69,7 @@ class ChannelCounters:
 
     def reasons(self, protocol: model.Protocol) -> Counter[str]:
         """The errors by what they were."""
-        refused = {refusal_text(protocol, code): count for code, count in self.served.refused.items()}
-        return self.failed + Counter(refused)
+        return self.failed + self.served.reasons(protocol)
 
 
 class ChannelOwner(Protocol):

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from api_world import device_file, pymodbus_server
@@ -278,6 +280,21 @@ channels: {1: {port: "sim:silent.device.yaml", protocol: silent, params: {retrie
 blocks: {0: {call: get, once: yes}}
 """
 TOO_LARGE = "simulated device 'd': main, step reply: 'd' is 300, more than 255"
+
+
+def test_a_request_whose_reply_cannot_be_built_is_an_error_of_the_device(tmp_path: Path) -> None:
+    (tmp_path / "silent.yaml").write_text(SILENT, "utf-8")
+    path, quick = tmp_path / "silent.yaml", {"retries": 0, "reply_timeout": "30 ms"}
+
+    async def ask() -> Any:
+        async with framekit.aserve(path, "pty:") as server, framekit.aconnect(path, server.port, params=quick) as one:
+            with pytest.raises(framekit.NoReplyError):
+                await one.call("get")
+            assert await one.read("R0") == [0]
+            return server.status()[0]
+
+    status = asyncio.run(ask())
+    assert (status.services, status.errors, status.reasons) == (1, 1, {"expression": 1})
 
 
 def test_a_simulated_device_that_cannot_build_its_reply_says_so_where_the_user_looks(

@@ -100,6 +100,9 @@ class Echoing:
             return Served(None, refusal=request.refusal)
         return Served(self.answer(request), reply_buffer=buffer[::-1])
 
+    def unanswered(self) -> None:
+        """It counts nothing."""
+
 
 class Side:
     """One engine on virtual time, with what it sent and was told. The other side is the test, or another `Side`."""

@@ -102,6 +102,9 @@ class Station:
         self.executed.append((request.fields["src"], request.fields["tns"]))
         return self.server.serve(request, buffer, station, check_only, names)
 
+    def unanswered(self) -> None:
+        self.server.unanswered()
+
     def next(self) -> None:
         """Writes a random value somewhere, or reads what has been written."""
         if self.todo == 0:

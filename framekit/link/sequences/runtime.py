@@ -100,6 +100,7 @@ class Machine:
         self.queues = Queues(scope.protocol)
         self.session = SessionState(None, scope)
         self.server: RequestHandler | None = None
+        self.owes_reply: Run | None = None  # a request has been carried out for it, and nothing was sent since
         self.memory: MemoryAccess | None = None
         self.ask_service: Ask | None = None
         self.monitor: Monitor | None = None
@@ -151,6 +152,9 @@ class Machine:
 
     def _trouble(self, run: Run, error: Exception) -> None:
         """Something a definition wrote could not be worked out: the sequence ends, its callers may go on."""
+        if self.owes_reply is run and self.server is not None:
+            self.owes_reply = None
+            self.server.unanswered()
         while run.state is not DONE:
             run.cause = explain(error)
             run.lane.steps_done += STEPS_OF_TROUBLE
@@ -203,6 +207,7 @@ class Machine:
     def put_out(self, run: Run, data: bytes, value: FrameValue, repeated: bool = False) -> None:
         """Gives the bytes of a frame to the line, and shows it."""
         self.last_frame = self.scope.now
+        self.owes_reply = None
         if self.on_send is not None:
             self.on_send()
         if self.monitor is not None:
@@ -732,6 +737,8 @@ def serve(a: CallFrame, request: Any, buffer: bytes, station: Any, check_only: b
         machine.show("trouble", frame=request.frame, reason=served.trouble)
     d.reply, d.reply_buffer, d.refusal = served.reply, served.reply_buffer, served.refusal
     d.answers(request)
+    is_owed = not check_only and served.reply is not None and not served.refusal
+    machine.owes_reply = a.run if is_owed else None
     if not check_only:
         d.buffer = served.reply_buffer
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Protocol, TypeVar
 
-from framekit.codec.shown import explain
+from framekit.codec.shown import explain, refusal_text
 from framekit.definition.expression import Expression, Name, Text, names_in
 from framekit.definition.model import protocol as model
 from framekit.definition.model.procedure import Target as SetTarget
@@ -348,10 +348,14 @@ Rule = tuple[Evaluate, Evaluate, bool]
 
 @dataclass(slots=True)
 class ServiceCounters:
-    """`done`: requests carried out; `refused`: how many were refused, by the code they were refused with."""
+    """`done`: requests carried out; `refused`: how many were refused, by the code they were refused with.
+
+    `unanswered`: requests whose reply could not be built.
+    """
 
     done: int = 0
     refused: Counter[int] = field(default_factory=Counter)
+    unanswered: int = 0
 
     def count(self) -> None:
         """One more has been carried out."""
@@ -359,7 +363,25 @@ class ServiceCounters:
 
     @property
     def errors(self) -> int:
-        return self.refused.total()
+        return self.refused.total() + self.unanswered
+
+    def reasons(self, protocol: model.Protocol) -> Counter[str]:
+        """The errors by what they were."""
+        found = Counter({refusal_text(protocol, code): count for code, count in sorted(self.refused.items())})
+        if self.unanswered:
+            found["expression"] = self.unanswered
+        return found
+
+    def add(self, other: ServiceCounters) -> None:
+        """What another counted goes on here."""
+        self.done += other.done
+        self.refused.update(other.refused)
+        self.unanswered += other.unanswered
+
+    def clear(self) -> None:
+        """Counting begins anew."""
+        self.done = self.unanswered = 0
+        self.refused.clear()
 
 
 Found = TypeVar("Found")
@@ -518,6 +540,11 @@ class MemoryServer:
         elif not check_only:
             self.counters.done += 1
         return served
+
+    def unanswered(self) -> None:
+        """The reply to the request that was carried out last could not be built: that was no good service."""
+        self.counters.done -= 1
+        self.counters.unanswered += 1
 
     def asked(self, request: FrameValue, names: Names) -> tuple[CompiledBlock | None, Names]:
         """The exchange that a request asks for, whether it would be refused or not; nothing is done.
