@@ -36,6 +36,11 @@ class FrameValue:
             self._computed = read()
         return self.fields if self._computed is None else {**self._computed, **self.fields}
 
+    @property
+    def was_built(self) -> bool:
+        """Whether it has become bytes, on its own or inside another frame."""
+        return self.raw is not None or self.pending is not None or self._computed is not None
+
     def field(self, name: str) -> Any:
         """A field by name. Raises KeyError."""
         if name in self.fields:

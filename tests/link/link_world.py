@@ -90,6 +90,7 @@ class Echoing:
     def __init__(self, answer: Callable[[FrameValue], FrameValue | None]) -> None:
         self.answer = answer
         self.requests: list[FrameValue] = []
+        self.not_answered = 0
 
     def serve(self, request: FrameValue, buffer: bytes, station: Any, check_only: bool, names: Any) -> Served:
         if not check_only:
@@ -99,7 +100,7 @@ class Echoing:
         return Served(self.answer(request), reply_buffer=buffer[::-1])
 
     def unanswered(self) -> None:
-        """It counts nothing."""
+        self.not_answered += 1
 
 
 class Side:

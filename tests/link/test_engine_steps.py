@@ -613,6 +613,40 @@ listen:
     assert side.taken() == [b"\x02\x11", block(b"\x02\x01")] and len(server.requests) == 1
 
 
+ANSWERED = """
+listen:
+  local: {asked: frame, late: u8}
+  steps:
+    - step: idle
+      receive:
+        - {frame: ask, set: {asked: it}, then: work}
+        - {frame: enq, set: {late: 1}, then: later}
+    - step: work
+      serve: {request: asked}
+      send: ack
+    - {step: answer, branch: [{when: asked.x != 0, send: reply, then: idle}, {then: idle}]}
+    - {step: later, send: {ask: {x: late + 255}}, then: idle}
+"""
+
+
+def test_a_reply_that_cannot_be_built_is_told_to_the_server_and_nothing_else_is() -> None:
+    """After an acknowledgement too; not for a broadcast, which has no reply, nor when the reply has gone out."""
+    text = protocol(ANSWERED, roles="server: {lanes: {main: {listen: listen}}}")
+    server = Echoing(lambda request: FrameValue("yes", {"x": request.fields["x"] + 0xFE}))
+    side = Side(text, "server", server=server)
+    for data, sent, count in [
+        (b"\x01\x01", [b"\x06", b"\x02\xff"], 0),
+        (b"\x05", [], 0),
+        (b"\x01\x02", [b"\x06"], 1),
+        (b"\x05", [], 1),
+        (b"\x01\x00", [b"\x06"], 1),
+        (b"\x05", [], 1),
+    ]:
+        side.gets(data)
+        side.run(SECOND)
+        assert (side.taken(), server.not_answered) == (sent, count), data
+
+
 def test_memory_is_stored_into_and_read() -> None:
     class Memory:
         def __init__(self) -> None:

@@ -100,7 +100,7 @@ class Machine:
         self.queues = Queues(scope.protocol)
         self.session = SessionState(None, scope)
         self.server: RequestHandler | None = None
-        self.owes_reply: Run | None = None  # a request has been carried out for it, and nothing was sent since
+        self.owed: tuple[FrameValue, FrameValue | None] | None = None  # the last reply; what it is to
         self.memory: MemoryAccess | None = None
         self.ask_service: Ask | None = None
         self.monitor: Monitor | None = None
@@ -152,8 +152,8 @@ class Machine:
 
     def _trouble(self, run: Run, error: Exception) -> None:
         """Something a definition wrote could not be worked out: the sequence ends, its callers may go on."""
-        if self.owes_reply is run and self.server is not None:
-            self.owes_reply = None
+        if self.server is not None and self._owes_reply(run):
+            self.owed = None
             self.server.unanswered()
         while run.state is not DONE:
             run.cause = explain(error)
@@ -169,6 +169,14 @@ class Machine:
             except CircleError:
                 self._circle(run)
                 return
+
+    def _owes_reply(self, run: Run) -> bool:
+        """Whether the request it took last has been carried out and its reply was not built yet."""
+        if self.owed is None or run.state is DONE:
+            return False
+        reply, taken = self.owed
+        d = run.top.d
+        return d.reply is reply and d.last_taken is taken and not reply.was_built
 
     def _circle(self, run: Run) -> None:
         run.cause = "steps go round without waiting"
@@ -207,7 +215,6 @@ class Machine:
     def put_out(self, run: Run, data: bytes, value: FrameValue, repeated: bool = False) -> None:
         """Gives the bytes of a frame to the line, and shows it."""
         self.last_frame = self.scope.now
-        self.owes_reply = None
         if self.on_send is not None:
             self.on_send()
         if self.monitor is not None:
@@ -738,7 +745,7 @@ def serve(a: CallFrame, request: Any, buffer: bytes, station: Any, check_only: b
     d.reply, d.reply_buffer, d.refusal = served.reply, served.reply_buffer, served.refusal
     d.answers(request)
     is_owed = not check_only and served.reply is not None and not served.refusal
-    machine.owes_reply = a.run if is_owed else None
+    machine.owed = (served.reply, d.last_taken) if is_owed and served.reply is not None else None
     if not check_only:
         d.buffer = served.reply_buffer
 
