@@ -130,7 +130,7 @@ class Candidates:
         if said is not None:
             if type(said) is not Unfinished or end - position <= said.had:
                 return said
-            seen, before = said.seen, said.had
+            seen, before = said.seen, said.seen if said.silent else said.had
         length = self._length(info, position, end, seen)
         result: Result
         if length > 0:

@@ -18,6 +18,12 @@ from framekit.definition.load import load_protocol_text
 from framekit.definition.problems import DefinitionError
 
 FOUND: dict[str, tuple[str, dict[str, Any], str]] = {
+    "a check over a list whose items hold digits: the list counts as it stands": (
+        "[{count: n, type: u8, of: r}, {repeat: r, times: n, of: [{field: k, type: u8},"
+        " {wrap: hex, of: [{field: b, type: u8}]}]}, {check: sum8, over: r..here}]",
+        {"r": [{"k": 1, "b": 1}, {"k": 2, "b": 1}]},
+        "02 01 30 31 02 30 31 C5",
+    ),
     "a count of items in a case": (
         "[{field: k, type: u8}, {count: c, type: u8, of: xs}, "
         "{choose: k, cases: {1: [{repeat: xs, times: 2, of: u8}]}, else: []}]",

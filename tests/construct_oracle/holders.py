@@ -161,7 +161,7 @@ class RepeatConstruct(ValueSegment):
         items: list[Any] = []
         reading.store(context, self.name, items, place)
         times = self._times(reading, context, place)
-        with reading.within(self._room(reading, stream, context, place)):
+        with reading.within(self._room(reading, stream, context, place)), reading.as_it_stands(stream):
             while len(items) < times if times is not None else stream.tell() < reading.region.end:
                 before = stream.tell()
                 inner = self.fields.open(stream, context)
@@ -223,6 +223,10 @@ class RepeatConstruct(ValueSegment):
             wanted = filling.compute(times, self.name) if isinstance(times, Expression) else times
             if wanted != len(items):
                 raise filling.error(self.name, f"'{self.name}' has {wanted} items, not {len(items)}")
+        with context._state.as_it_stands(stream):
+            self._write_items(items, filling, stream, context, path)
+
+    def _write_items(self, items: list[Any], filling: Filling, stream: BytesIO, context: Container, path: str) -> None:
         for place, item in enumerate(items):
             if self.fields is not None:
                 before = stream.tell()

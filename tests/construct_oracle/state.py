@@ -49,6 +49,14 @@ class State:
     def __init__(self, names: Names) -> None:
         self.names = names
         self.leaves: list[Leaf] = []
+        self.lists: dict[int, tuple[int, BytesIO, int, int]] = {}
+
+    @contextmanager
+    def as_it_stands(self, stream: BytesIO) -> Iterator[None]:
+        """What stands between entering and leaving counts in a check code as it is on the wire, wraps included."""
+        first, start = len(self.leaves), stream.tell()
+        yield
+        self.lists[first] = len(self.leaves), stream, start, stream.tell()
 
     def leaf(self, data: bytes, plain: int | None = None) -> Leaf:
         leaf = Leaf(data, len(data) if plain is None else plain)
@@ -56,7 +64,16 @@ class State:
         return leaf
 
     def bytes_of(self, first: int, last: int) -> bytes:
-        return b"".join(leaf.data for leaf in self.leaves[first:last])
+        found = bytearray()
+        while first < last:
+            end, stream, start, stop = self.lists.get(first, (first, None, 0, 0))
+            if stream is not None and first < end <= last:
+                found += stream.getvalue()[start:stop]
+                first = end
+            else:
+                found += self.leaves[first].data
+                first += 1
+        return bytes(found)
 
     def plain_size(self, mark: Mark) -> int:
         return sum(leaf.plain for leaf in self.leaves[mark.first : mark.last])
@@ -157,7 +174,7 @@ class Reading(State):
         """A reading that goes on from here by itself and has found nothing wrong yet."""
         other = Reading(self.names, self.sizes, self.region)
         other.following, other.offset, other.order = self.following, self.offset, self.order
-        other.leaves = list(self.leaves)
+        other.leaves, other.lists = list(self.leaves), dict(self.lists)
         return other
 
     def store(self, context: Container, name: str, value: Any, place: Place) -> None:

@@ -309,6 +309,29 @@ def test_cutting_changes_nothing_with_escapes(parts: list[bytes], places: list[i
     assert ordered(feed(receiver_of(ESCAPED), cut_at(data, places), names)) == ordered(whole)
 
 
+MAYBE_MORE = """
+protocol: maybe-more
+frames:
+  note:
+    body:
+      - {wrap: {escape: DLE}, of: [{data: d, size: 2}, {data: e, size: rest}]}
+      - {const: DLE ETX DLE STX}
+      - {optional: [{field: more, type: u8}]}
+      - {check: sum8, over: d..here}
+receiver: {quiet: 4 chars}
+"""
+
+
+def test_cutting_changes_nothing_where_an_end_is_found_and_silence_is_waited_for() -> None:
+    """What looks like a broken escape behind the end is surplus, however the bytes come."""
+    data = bytes.fromhex("FF 00 41 10 03 10 02 05 6A FF 00 41 10 FF 00 41 10 03 10 02 05 6A")
+    whole = feed(receiver_of(MAYBE_MORE), [data], ("note",))
+    assert whole[0] == ("bad", "note", "surplus", data, 0)
+    for cut in range(len(data)):
+        assert feed(receiver_of(MAYBE_MORE), cut_at(data, [cut]), ("note",)) == whole
+    assert feed(receiver_of(MAYBE_MORE), [data[at : at + 1] for at in range(len(data))], ("note",)) == whole
+
+
 @given(LETTER_STREAM, st.sampled_from([("set",), ("get", "ack"), ALL]))
 def test_every_byte_becomes_something_exactly_once(data: bytes, names: tuple[str, ...]) -> None:
     receiver = receiver_of(LETTERS)
