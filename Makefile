@@ -5,6 +5,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
+# Hundreds of tests start Python anew, which must not compile framekit every time.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo test test-long check lint bench clean
 
 demo: $(STAMP)

@@ -1,11 +1,18 @@
 """What holds for every test: none is timed, generated examples included; what was loaded and compiled is kept long."""
 
 import gc
+from contextlib import ExitStack
+from pathlib import Path
 
+import pytest
 from hypothesis import settings
+from shipped import FRAMES
 
 from framekit.codec import codec
+from framekit.codec.stored import LibraryKeeper, Shelf, cache_folder
 from framekit.definition.load import protocol as library
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.sources import Sources, kept_by
 
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
@@ -16,3 +23,22 @@ gc.set_threshold(
 
 codec.MOST_KEPT = library.MOST_KEPT = 512
 """Hundreds of small definitions come between two tests of a shipped one, which takes seconds to compile."""
+
+
+class ShippedKeeper(LibraryKeeper):
+    """Keeps the shipped definitions from one process of the tests to the next, in the user's cache folder."""
+
+    def loaded(self, path: Path) -> tuple[Protocol, Sources] | None:
+        return super().loaded(path) if path.parent == FRAMES else None
+
+    def was_loaded(self, path: Path, protocol: Protocol, sources: Sources) -> None:
+        if path.parent == FRAMES:
+            super().was_loaded(path, protocol, sources)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    cache = cache_folder()
+    if cache is not None:
+        keeping = ExitStack()
+        keeping.enter_context(kept_by(ShippedKeeper(Shelf(cache))))
+        config.add_cleanup(keeping.close)

@@ -16,12 +16,12 @@ import pytest
 from small_protocol import small_protocol
 
 import framekit
+from framekit.codec import codec as keeping
 from framekit.codec import errors
 from framekit.codec.codec import compile_protocol
 from framekit.codec.python.generate import generate_source
 from framekit.codec.python.source import broken
 from framekit.definition.load import load_protocol, load_protocol_text
-from framekit.definition.load.protocol import MOST_KEPT
 from framekit.definition.model.frames import Layout
 from framekit.definition.sources import shipped_folder
 
@@ -203,9 +203,11 @@ def test_long_conditions_are_broken_where_python_allows_it(first: str, word: str
         assert scope["result"] == int(expected(values))
 
 
-def test_no_more_codecs_are_kept_than_definitions() -> None:
+def test_no_more_codecs_are_kept_than_definitions(monkeypatch: pytest.MonkeyPatch) -> None:
     """A codec that falls out is made again when it is asked for; the one used last stays."""
-    protocols = [small_protocol("[{field: a, type: u8}]") for _ in range(MOST_KEPT + 1)]
+    monkeypatch.setattr(keeping, "MOST_KEPT", 4)
+    monkeypatch.setattr(keeping, "_compiled", {})
+    protocols = [small_protocol("[{field: a, type: u8}]") for _ in range(5)]
     first, second, *others = protocols
     codecs = [compile_protocol(one) for one in (first, second, *others[:-1])]
     assert compile_protocol(first) is codecs[0]

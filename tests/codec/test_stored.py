@@ -8,6 +8,7 @@ import os
 import pickle
 import subprocess
 import sys
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from types import CodeType
@@ -34,10 +35,12 @@ pytestmark = pytest.mark.skipif(not hasattr(os, "geteuid"), reason="there are no
 
 
 @pytest.fixture
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """An empty folder; what the other tests keep is not seen."""
     folder = tmp_path / "cache"
     monkeypatch.setenv("FRAMEKIT_CACHE", str(folder))
-    return folder
+    with kept_by(None):
+        yield folder
 
 
 @pytest.fixture

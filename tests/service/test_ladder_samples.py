@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 from types import CodeType
 
@@ -12,6 +13,7 @@ from job_bench import MS, SECOND, Bench
 from framekit.api.check import check_file
 from framekit.codec import codec
 from framekit.definition.model.protocol import Protocol
+from framekit.definition.sources import kept_by
 from framekit.runfile.run_file import load_run
 
 SAMPLES = Path(__file__).parents[2] / "examples" / "ge-channels"
@@ -22,8 +24,8 @@ _codes: dict[frozenset[str], CodeType] = {}
 
 
 @pytest.fixture(autouse=True)
-def compiled_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """All PLCs here have the same frames: these are compiled once, not once a device and test."""
+def compiled_once(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """All PLCs here have the same frames: these are compiled once, not once a device and test; and nothing is kept."""
     compiled = codec.code_of
 
     def code_of(protocol: Protocol) -> CodeType:
@@ -33,6 +35,8 @@ def compiled_once(monkeypatch: pytest.MonkeyPatch) -> None:
         return _codes[key]
 
     monkeypatch.setattr(codec, "code_of", code_of)
+    with kept_by(None):
+        yield
 
 
 @pytest.fixture
