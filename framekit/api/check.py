@@ -45,7 +45,7 @@ def _protocol(path: Path) -> Checked:
     problems = [*protocol.warnings, *check_matrices(protocol)]
     problems += check_addresses(protocol.addresses, protocol.areas, protocol.tables)
     roles = f", roles {', '.join(protocol.roles)}" if protocol.roles else ""
-    return Checked(f"{protocol.kind} {protocol.name}, {len(protocol.frames)} frames{roles}", problems)
+    return Checked(f"{protocol.kind} {protocol.name}, {plural(len(protocol.frames), 'frame')}{roles}", problems)
 
 
 def _device(path: Path) -> Checked:
@@ -80,7 +80,7 @@ def _run(path: Path) -> Checked:
     if problems:
         raise DefinitionError(problems)
     loads, doubts = loads_of(loaded)
-    what = f"run {loaded.name}, {len(loaded.blocks)} blocks on {len(loaded.channels)} channels"
+    what = f"run {loaded.name}, {plural(len(loaded.blocks), 'block')} on {plural(len(loaded.channels), 'channel')}"
     return Checked(what, [*loaded.warnings, *doubts], loads)
 
 
@@ -111,7 +111,8 @@ def _vectors(path: Path) -> Checked:
         raise DefinitionError([*problems, Problem(vectors.protocol_at, what, todo)]) from None
     if problems:
         raise DefinitionError(problems)
-    what = f"vectors of {vectors.protocol}, {len(vectors.frames)} frames, {len(vectors.conversations)} conversations"
+    frames, conversations = plural(len(vectors.frames), "frame"), plural(len(vectors.conversations), "conversation")
+    what = f"vectors of {vectors.protocol}, {frames}, {conversations}"
     return Checked(what, [])
 
 

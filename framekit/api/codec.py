@@ -16,7 +16,7 @@ from framekit.codec.columns import Batch, Cut
 from framekit.codec.errors import EncodeError, FrameError
 from framekit.codec.functions import candidates, fitting, nearest, reason
 from framekit.definition.model import protocol as model
-from framekit.definition.problems import did_you_mean
+from framekit.definition.problems import did_you_mean, plural
 from framekit.link.evaluate import Names
 from framekit.link.scope import Scope
 
@@ -171,7 +171,7 @@ class Protocol:
             raise RequestError(f"'{self.name}' has no frame '{frame}'" + (f" – {hint}" if hint else ""))
 
     def __repr__(self) -> str:
-        return f"<protocol {self.name}, {len(self.frames)} frames>"
+        return f"<protocol {self.name}, {plural(len(self.frames), 'frame')}>"
 
 
 def _named(frame: object) -> None:

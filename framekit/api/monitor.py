@@ -13,6 +13,7 @@ from framekit.api.errors import LineClosedError, RequestError
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.codec.plain import PlainValues
 from framekit.definition.model.protocol import Protocol
+from framekit.definition.problems import plural
 from framekit.definition.times import LineFormat
 from framekit.link.evaluate import EVALUATION_ERRORS
 from framekit.link.events import CharacterFault, Command, Monitor, Seen
@@ -542,7 +543,7 @@ class _Trial:
         if len(came) < len(sent):
             problems.append(f"{len(sent) - len(came)} of {len(sent)} bytes are missing")
         elif len(came) > len(sent):
-            problems.append(f"{len(came) - len(sent)} bytes too many")
+            problems.append(f"{plural(len(came) - len(sent), 'byte')} too many")
         if len(came) == len(sent):
             changed = [place for place in range(len(sent)) if came[place] != sent[place]]
             if changed:

@@ -33,6 +33,7 @@ from framekit.cli.common import (
     why_not,
 )
 from framekit.codec.shown import code_text
+from framekit.definition.problems import did_you_mean, plural
 
 if TYPE_CHECKING:
     from framekit import Seen
@@ -58,7 +59,6 @@ def run_encode(arguments: argparse.Namespace) -> int:
     from framekit.codec.codec import compile_protocol
     from framekit.codec.errors import EncodeError
     from framekit.codec.plain import PlainValues, with_hint
-    from framekit.definition.problems import did_you_mean
 
     protocol = load(arguments.protocol)
     if arguments.frame not in protocol.frames:
@@ -155,8 +155,6 @@ def frames_tried(codec: StoredCodec, frame: str | None, side: str | None) -> lis
 
     if frame is None:
         return of_side(codec.catalogue, side)
-    from framekit.definition.problems import did_you_mean
-
     protocol = codec.protocol
     if frame not in protocol.frames and frame not in protocol.groups:
         hint = did_you_mean(frame, [*protocol.frames, *protocol.groups])
@@ -251,7 +249,7 @@ def decode_capture(protocol: Protocol, arguments: argparse.Namespace) -> int:
     if found.is_cut:
         print(f"{arguments.capture}: the last record is not whole – its writer was stopped", file=sys.stderr)
     if not arguments.json:
-        print(f"{counts['frame']} frames, {counts['bad']} bad, {counts['noise']} times noise")
+        print(f"{plural(counts['frame'], 'frame')}, {counts['bad']} bad, {counts['noise']} times noise")
     return 1 if counts["bad"] or counts["noise"] else 0
 
 
@@ -356,8 +354,6 @@ def _places(low: int, high: int) -> str:
 
 
 def _bytes(size: object) -> str:
-    from framekit.definition.problems import plural
-
     return plural(size, "byte") if isinstance(size, int) else f"{size} bytes"
 
 

@@ -33,6 +33,7 @@ from framekit.cli.common import (
 )
 from framekit.cli.screen import show
 from framekit.cli.screen.session import LiveSession
+from framekit.definition.problems import plural
 from framekit.transport.schemes import help_on_ports
 
 if TYPE_CHECKING:
@@ -99,7 +100,8 @@ class _Printer:
             print_json(line)
         else:
             load = "" if share is None else f", line load {100 * share:.1f} %"
-            print(f"{counters.received} frames, {counters.bad} bad, {counters.noise_bytes} bytes of noise{load}")
+            frames, noise = plural(counters.received, "frame"), plural(counters.noise_bytes, "byte")
+            print(f"{frames}, {counters.bad} bad, {noise} of noise{load}")
 
 
 async def _listen(protocol: Protocol, arguments: argparse.Namespace, printer: _Printer, duration: int | None) -> int:
@@ -230,7 +232,8 @@ async def _replay(arguments: argparse.Namespace, line: LineFormat, events: list[
         print_json(told | {"received": sent.bytes_received, "seconds": round(seconds, 6), "reason": reason})
     else:
         pieces = f"{sent.pieces_sent} of {sent.pieces} pieces"
-        print(f"sent {pieces}, {sent.bytes_sent} bytes in {seconds:.3f} s; {sent.bytes_received} bytes came")
+        gone, came = plural(sent.bytes_sent, "byte"), plural(sent.bytes_received, "byte")
+        print(f"sent {pieces}, {gone} in {seconds:.3f} s; {came} came")
     if reason:
         raise (VerbError if sent.began else PortError)(reason)
     return 0

@@ -15,6 +15,7 @@ from framekit.api.monitor import FAULTY, FrameFilter
 from framekit.api.run import COMMANDS
 from framekit.cli.common import VerbError, shown_bytes, what_was_seen
 from framekit.cli.run_output import BLOCK_HEAD, block_row
+from framekit.definition.problems import plural
 
 if TYPE_CHECKING:
     from framekit.api.monitor import FieldRow, FrameEntry, LineOf, LiveView
@@ -133,7 +134,8 @@ class MonitorApp(App[None]):
         now = self.view.now()
         lines = [channel_line(number, line, now) for number, line in self.view.lines.items()]
         counts = self.view.log.counts
-        lines.append(f"{counts['frame']} frames, {counts['bad']} bad, {counts['noise']} times noise{self._in_force()}")
+        frames = plural(counts["frame"], "frame")
+        lines.append(f"{frames}, {counts['bad']} bad, {counts['noise']} times noise{self._in_force()}")
         self.channels.update("\n".join(lines))
         self.blocks.clear()
         for block in self.view.blocks():
@@ -182,7 +184,7 @@ class MonitorApp(App[None]):
             return
         seen = entry.seen
         fault = f" – {seen.reason} at byte {seen.place}" if seen.kind == "bad" else ""
-        self.about.update(f"no. {number}: {seen.frame or seen.kind}, {len(seen.raw)} bytes{fault}")
+        self.about.update(f"no. {number}: {seen.frame or seen.kind}, {plural(len(seen.raw), 'byte')}{fault}")
         for row in self.view.log.fields(entry):
             self.fields.add_row(*_as_it_is(field_cells(row, self.as_ascii)))
 
