@@ -5,12 +5,13 @@ from __future__ import annotations
 import argparse
 import asyncio
 import contextlib
+import gc
 import logging
 import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
     from framekit import Seen
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from framekit.definition.model.protocol import Protocol
     from framekit.definition.problems import Problem
     from framekit.definition.times import LineFormat
+
+V = TypeVar("V")
 
 
 class VerbError(Exception):
@@ -51,8 +54,8 @@ OPTIONS: dict[str, dict[str, Any]] = {
         "action": "append", "default": [], "metavar": "NAME=VALUE",
         "help": "value of a parameter or a variable that the bytes depend on; may be repeated",
     },
-    "--speed": {"type": int, "help": "line speed in bits a second; default: the protocol's"},
-    "--format": {"help": "data bits, parity and stop bits, such as 8E1; default: the protocol's"},
+    "--speed": {"type": int, "metavar": "BITS", "help": "line speed in bits a second; default: the protocol's"},
+    "--format": {"metavar": "8E1", "help": "data bits, parity (N, E, O, M, S) and stop bits; default: the protocol's"},
     "--param": {
         "action": "append", "default": [], "metavar": "NAME=VALUE",
         "help": "parameter of the protocol; may be repeated",
@@ -150,15 +153,33 @@ def assignment(text: str) -> tuple[str, Any]:
     """`NAME=VALUE`; the value is JSON where it is an object, a list or a quoted string, else plain text."""
     import json
 
+    def once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        return each_once(pairs, f"the value of '{name}' has '{{}}' twice – give it once")
+
     name, equals, value = text.partition("=")
     if not equals or not name:
         raise WordsError(f"'{text}' is not NAME=VALUE")
     if value[:1] in ("{", "[", '"'):
         try:
-            return name, json.loads(value)
+            return name, json.loads(value, object_pairs_hook=once_each)
         except json.JSONDecodeError as error:
             raise WordsError(f"the value of '{name}' is not JSON: {error.msg} at character {error.pos + 1}") from None
     return name, value
+
+
+def each_once(pairs: Iterable[tuple[str, V]], twice: str = "'{}' is given twice – give it once") -> dict[str, V]:
+    """Values by their names. Raises WordsError, `twice`, for a name that comes again."""
+    found: dict[str, V] = {}
+    for name, value in pairs:
+        if name in found:
+            raise WordsError(twice.format(name))
+        found[name] = value
+    return found
+
+
+def assignments(texts: Iterable[str]) -> dict[str, Any]:
+    """Several `NAME=VALUE`. Raises WordsError."""
+    return each_once(assignment(text) for text in texts)
 
 
 def scope_of(protocol: Protocol, settings: Iterable[str]) -> Names:
@@ -166,7 +187,7 @@ def scope_of(protocol: Protocol, settings: Iterable[str]) -> Names:
     from framekit.api.settings import names_of
 
     with in_words():
-        return names_of(protocol, dict(assignment(text) for text in settings))
+        return names_of(protocol, assignments(settings))
 
 
 def duration_of(text: str | None) -> int | None:
@@ -214,11 +235,6 @@ def line_of(protocol: Protocol, arguments: argparse.Namespace) -> LineFormat | N
         raise WordsError(str(error)) from None
 
 
-def params_of(arguments: argparse.Namespace) -> dict[str, Any]:
-    """The parameters of the command line."""
-    return dict(assignment(text) for text in arguments.param)
-
-
 def filter_of(arguments: argparse.Namespace) -> FrameFilter:
     """What the command line wants to see."""
     from framekit.api.monitor import FrameFilter
@@ -255,6 +271,17 @@ def on_stop(stop: Callable[[], object]) -> None:
     """From now on SIGINT and SIGTERM ask to stop."""
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, stop)
+
+
+@contextlib.contextmanager
+def without_collecting() -> Iterator[None]:
+    """What is there now is left out of garbage collections, which stop everything: for 0.2 s in a large run."""
+    gc.collect()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
 
 
 async def until(ended: asyncio.Event, duration: int | None) -> None:

@@ -14,7 +14,18 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from framekit.cli.common import VerbError, WordsError, add, assignment, duration_of, load, on_stop, print_json, why_not
+from framekit.cli.common import (
+    VerbError,
+    WordsError,
+    add,
+    assignment,
+    assignments,
+    duration_of,
+    load,
+    on_stop,
+    print_json,
+    why_not,
+)
 from framekit.cli.device_verbs import add_line, carry_out
 from framekit.codec.shown import code_text
 
@@ -162,7 +173,7 @@ def _record(blocks: CommandBlocks, given: list[str]) -> bytes:
     from framekit.api.commands import record_of
 
     plain = [text for text in given if "=" not in text]
-    return record_of(blocks.words, plain, dict(assignment(text) for text in given if "=" in text))
+    return record_of(blocks.words, plain, assignments(text for text in given if "=" in text))
 
 
 def fault(arguments: argparse.Namespace, why: object) -> int:

@@ -6,13 +6,12 @@ import argparse
 import itertools
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from framekit.cli.common import (
-    WordsError,
     add,
-    assignment,
+    assignments,
     load,
     plain,
     print_json,
@@ -94,7 +93,7 @@ def carry_out(
 
 
 def settings_of(arguments: argparse.Namespace, protocol: Protocol | None = None) -> ClientSettings:
-    """The line that is named; `protocol`: if it is loaded already. Raises DefinitionError, RequestError."""
+    """The line that is named; `protocol`: if it is loaded already. Raises DefinitionError, RequestError, WordsError."""
     from framekit.api.settings import line_settings
 
     params = assignments(arguments.param)
@@ -105,16 +104,6 @@ def settings_of(arguments: argparse.Namespace, protocol: Protocol | None = None)
         protocol or load(arguments.protocol), arguments.port, station=arguments.station, speed=arguments.speed,
         format=arguments.format, own=arguments.own, role=arguments.role, params=params,
     )  # fmt: skip
-
-
-def assignments(texts: Sequence[str]) -> dict[str, Any]:
-    """Several NAME=VALUE. Raises RequestError."""
-    from framekit.api.errors import RequestError
-
-    try:
-        return dict(assignment(text) for text in texts)
-    except WordsError as failure:
-        raise RequestError(str(failure)) from None
 
 
 def failed(arguments: argparse.Namespace, error: FramekitError) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import sys
 from collections import Counter
 from collections.abc import Iterable, Mapping
@@ -17,6 +18,7 @@ from framekit.cli.common import (
     WordsError,
     add,
     assignment,
+    assignments,
     existing,
     filter_of,
     hex_bytes,
@@ -50,7 +52,10 @@ def add_encode_arguments(parser: argparse.ArgumentParser) -> None:
     add(parser, "protocol")
     parser.add_argument("frame", metavar="FRAME", help="name of a frame; `framekit frames PROTOCOL` lists them")
     parser.add_argument(
-        "fields", nargs="*", metavar="FIELD=VALUE", help="value of a field; JSON for lists and records, or RECORD.FIELD"
+        "fields",
+        nargs="*",
+        metavar="FIELD=VALUE",
+        help="value of a field; RECORD.FIELD and LIST[0] as decode shows them, or JSON",
     )
     add(parser, "--set", "--json")
 
@@ -78,19 +83,62 @@ def run_encode(arguments: argparse.Namespace) -> int:
     return 0
 
 
+Steps = tuple[str | int, ...]
+"""The way to a value: names of fields, records and frames, and indexes of lists."""
+
+_STEP = re.compile(r"(?P<name>[^\[\]]+)(\[(?P<index>[0-9]{1,9})\])?")
+
+
 def fields_given(texts: Iterable[str]) -> dict[str, Any]:
-    """The values of `NAME=VALUE` and `NAME.PART=VALUE`, parts in mappings by their names. Raises WordsError."""
-    given: dict[str, Any] = {}
+    """The values of `NAME=VALUE`, `RECORD.NAME=VALUE` and `LIST[0].NAME=VALUE`, as the codec has them.
+
+    Raises WordsError.
+    """
+    given: dict[Steps, str] = {}
+    nodes: dict[Steps, dict[str | int, Any]] = {(): {}}
     for text in texts:
         path, value = assignment(text)
-        *outer, name = path.split(".")
-        record = given
-        for part in outer:
-            record = record.setdefault(part, {})
-            if not isinstance(record, dict):
-                raise WordsError(f"'{path}' is a part of '{part}', which has a value already – give one of the two")
-        record[name] = value
-    return given
+        steps = steps_of(path)
+        if steps in given:
+            raise WordsError(f"'{path}' is given twice – give it once")
+        if steps in nodes:
+            part = next(one for known, one in given.items() if known[: len(steps)] == steps)
+            raise WordsError(f"'{part}' is a part of '{path}', which has a value too – give one of the two")
+        given[steps] = path
+        node = nodes[()]
+        for length in range(1, len(steps)):
+            whole = steps[:length]
+            if whole in given:
+                raise WordsError(f"'{path}' is a part of '{given[whole]}', which has a value too – give one of the two")
+            node = nodes.setdefault(whole, node.setdefault(steps[length - 1], {}))
+        node[steps[-1]] = value
+    return _with_lists(nodes)
+
+
+def steps_of(path: str) -> Steps:
+    """`a.b[0].c` in its steps. Raises WordsError."""
+    steps: list[str | int] = []
+    for part in path.split("."):
+        found = _STEP.fullmatch(part)
+        if found is None:
+            what = f"'{part}' is not a name" if part else "a part is empty"
+            raise WordsError(f"'{path}': {what} – write FIELD, RECORD.FIELD or LIST[0].FIELD")
+        steps += [found["name"]] if found["index"] is None else [found["name"], int(found["index"])]
+    return tuple(steps)
+
+
+def _with_lists(nodes: dict[Steps, dict[str | int, Any]]) -> dict[str, Any]:
+    """The outermost of the nodes, which stand before what is in them; those of indexes as lists. Raises WordsError."""
+    for steps, node in reversed(nodes.items()):
+        indexes = sorted(step for step in node if isinstance(step, int))
+        if not indexes:
+            continue
+        if len(indexes) < len(node):
+            raise WordsError(f"'{steps[-1]}' has a value with an index and one without – give one of the two")
+        if missing := set(range(len(indexes))).difference(indexes):
+            raise WordsError(f"'{steps[-1]}[{min(missing)}]' is missing – give each index from 0 without a gap")
+        nodes[steps[:-1]][steps[-1]] = [node[index] for index in indexes]
+    return {str(name): value for name, value in nodes[()].items()}
 
 
 def add_decode_arguments(parser: argparse.ArgumentParser) -> None:
@@ -230,7 +278,7 @@ def decode_capture(protocol: Protocol, arguments: argparse.Namespace) -> int:
     wanted, plain = filter_of(arguments), PlainValues(protocol)
     counts: Counter[str] = Counter()
     path, line = existing(arguments.capture), line_of(protocol, arguments)
-    given = dict(assignment(text) for text in arguments.set)
+    given = assignments(arguments.set)
     try:
         with in_words():
             found = decoder(path, protocol, line=line, params=given, client=arguments.client)

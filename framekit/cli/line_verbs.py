@@ -15,6 +15,7 @@ from framekit.cli.common import (
     VerbError,
     WordsError,
     add,
+    assignments,
     begin_log,
     duration_of,
     existing,
@@ -23,7 +24,6 @@ from framekit.cli.common import (
     line_of,
     load,
     on_stop,
-    params_of,
     print_json,
     seen_data,
     seen_text,
@@ -136,7 +136,7 @@ def monitor_of(
     """The monitor that a command line asks for. Raises WordsError, OSError."""
     from framekit.api.monitor import LineMonitor
 
-    line, params = line_of(protocol, arguments), params_of(arguments)
+    line, params = line_of(protocol, arguments), assignments(arguments.param)
     with in_words():
         return LineMonitor.at(
             protocol, arguments.port, show, line=line, params=params, capture=arguments.capture, on_state=on_state
@@ -158,7 +158,7 @@ class MonitorSession(LiveSession):
         from framekit.api.monitor import FrameLog, LineOf, LiveView
 
         log = FrameLog()
-        log.know(1, self.protocol, None, params_of(self._arguments))
+        log.know(1, self.protocol, None, assignments(self._arguments.param))
 
         def state(text: str) -> None:
             self._state = text

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import gc
 import signal
 import sys
 import threading
@@ -26,6 +25,7 @@ from framekit.cli.common import (
     told_once,
     until,
     why_not,
+    without_collecting,
 )
 from framekit.cli.screen import show
 from framekit.cli.screen.session import LiveSession
@@ -150,24 +150,21 @@ async def _real(
     unread = Unread(asyncio.get_running_loop(), ended.set)
     run = output.at_work = made(AsyncRun, loaded, output.seen, watch)
     watch.begin(run)
-    gc.collect()
-    gc.freeze()  # a large run is half a million objects; a collection that looks at them all stops it for 0.2 s
-    run.start()
-    if controlled:
-        control(run, output, ended.set)
-    watching = None if watched is None else asyncio.ensure_future(_watch_file(watched, run, output))
-    try:
-        await until(ended, duration)
-    finally:
-        if watching is not None:
-            watching.cancel()
-        if unread.error is None:
-            watch.at_end()
-        await run.finish()
-        gc.unfreeze()
-        unread.check()
-        problems = _summary(run, output)
-    return problems
+    with without_collecting():
+        run.start()
+        if controlled:
+            control(run, output, ended.set)
+        watching = None if watched is None else asyncio.ensure_future(_watch_file(watched, run, output))
+        try:
+            await until(ended, duration)
+        finally:
+            if watching is not None:
+                watching.cancel()
+            if unread.error is None:
+                watch.at_end()
+            await run.finish()
+    unread.check()
+    return _summary(run, output)
 
 
 async def _watch_file(watched: Watched, run: RunCalls, output: RunOutput) -> None:

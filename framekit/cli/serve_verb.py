@@ -18,6 +18,7 @@ from framekit.cli.common import (
     add,
     begin_log,
     duration_of,
+    each_once,
     in_words,
     on_stop,
     period_of,
@@ -28,6 +29,7 @@ from framekit.cli.common import (
     told,
     until,
     why_not,
+    without_collecting,
 )
 from framekit.cli.screen import show
 from framekit.cli.screen.session import LiveSession
@@ -115,13 +117,13 @@ def server_of(arguments: argparse.Namespace) -> AsyncServer:
 
 
 def _assigned(texts: Iterable[str], form: str) -> dict[str, str]:
-    found = {}
-    for text in texts:
+    def parted(text: str) -> tuple[str, str]:
         name, equals, value = text.partition("=")
         if not (name.strip() and equals and value.strip()):
             raise WordsError(f"'{text}' is not {form}")
-        found[name.strip()] = value.strip()
-    return found
+        return name.strip(), value.strip()
+
+    return each_once(parted(text) for text in texts)
 
 
 async def _serve(arguments: argparse.Namespace, server: AsyncServer, duration: int | None, every: int) -> int:
@@ -140,7 +142,8 @@ async def _serve(arguments: argparse.Namespace, server: AsyncServer, duration: i
         await _open(server)
         output.ready()
         _show_status(output, every, ended)
-        await until(ended, duration)
+        with without_collecting():
+            await until(ended, duration)
         ended.set()
         output.summary()
     finally:

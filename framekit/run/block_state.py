@@ -93,10 +93,6 @@ def status_word(outcome: str, device_code: int | None) -> int:
     return error_code(outcome)
 
 
-EXPLAINED = ("damaged_frame", "cannot_store", "cannot_send", "bad_setting", "not_allowed")
-"""Outcomes that say little without their cause."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Failure:
     """An exchange that did not end well.
@@ -112,10 +108,11 @@ class Failure:
     at: int = 0
 
     def __str__(self) -> str:
-        """In words: the outcome, the device's code with its meaning, the cause where the outcome says too little."""
-        if self.device_code is not None:
-            return f"{self.outcome} {code_text(self.device_code)}" + (f": {self.meaning}" if self.meaning else "")
-        return f"{self.outcome}: {self.cause}" if self.cause and self.outcome in EXPLAINED else self.outcome
+        """In words: the outcome, the device's code, and the reason, where it says more than these do."""
+        code = "" if self.device_code is None else f" {code_text(self.device_code)}"
+        reason, known = self.meaning or self.cause, error_table().get(self.outcome)
+        says_more = reason and not (known is not None and known.meaning.startswith(reason))
+        return f"{self.outcome}{code}" + (f": {reason}" if says_more else "")
 
     @property
     def error(self) -> int:

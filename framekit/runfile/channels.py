@@ -466,7 +466,7 @@ class LineLoader:
         init, answer, within = node.get("init"), node.get("answer"), node.get("within")
         dedicated = self.reader.text(node.get("type")) == "dedicated"
         if dedicated and answer is not None:
-            self.reader.note(answer.at, "nobody calls on a dedicated line", "leave answer out")
+            self.reader.note(answer.at, "a dedicated line has no calls to answer", "leave answer out")
         rings = 1 if answer is None else self.reader.number(answer)
         if not 1 <= rings <= 255 and answer is not None:
             raise self.reader.broken(answer.at, f"a modem cannot answer at ring {rings}", "give 1 to 255")

@@ -162,7 +162,11 @@ class ClientService:
         if len(self.frames) > MOST_FRAMES:
             self.frames.popleft()
             self.lost_frames += 1
-            log.warning("%s: %d frames that nobody asked for are lost", self.driver.port.name, self.lost_frames)
+            log.warning(
+                "%s: %d received frames are lost, as no block or program took them",
+                self.driver.port.name,
+                self.lost_frames,
+            )
         if self._on_frame is not None:
             self._on_frame()
 

@@ -236,9 +236,7 @@ def port_for(channel: Channel, devices: list[Device], clock: Clock) -> tuple[Por
     line = SimulatedLine(clock, channel.line, full_duplex=not channel.wiring.half_duplex)
     faults = None if channel.faults is None else channel.faults.of_line()
     services = [
-        DeviceService(
-            store.device, line.port(store.device.name, in_time=store.faults is None), clock, channel.line, store=store
-        )
+        DeviceService(store.device, line.port(store.device.name, in_time=True), clock, channel.line, store=store)
         for store in stores_of(devices, clock, faults)
     ]
     port = line.port(f"channel {channel.number}")

@@ -68,11 +68,11 @@ class FaultInjector:
     def begin(self) -> None:
         """The port is opened; the first time is time 0 of the plan."""
         if self._began is None:
-            self._began = self.clock.now()
+            self._began = self.clock.moment()
 
     @property
     def time(self) -> int:
-        return 0 if self._began is None else self.clock.now() - self._began
+        return 0 if self._began is None else self.clock.moment() - self._began
 
     def at(self, time: int) -> int:
         """When a time of the plan is on the clock."""
@@ -233,6 +233,7 @@ class FaultyPort(PassingPort):
         super().__init__(inner)
         self.injector = injector
         self.clock = injector.clock
+        self._now = self.clock.moment if inner.in_time else self.clock.now
         self._character = 0 if inner.settings is None else inner.settings.character_time
         self._queue: deque[_Item] = deque()
         self._busy = self._owed = False
@@ -251,8 +252,8 @@ class FaultyPort(PassingPort):
             self.close()
         self.injector.begin()
         self.events = events
-        if self.clock.now() < self._away_until:
-            self._later(self.clock.now(), self._refuse)
+        if self._now() < self._away_until:
+            self._later(self._now(), self._refuse)
         else:
             self._set_windows()
             self.inner.open(self)
@@ -277,7 +278,7 @@ class FaultyPort(PassingPort):
         events = self.events
         self.forget()
         if events is not None:
-            events.closed(self.clock.now(), GONE)
+            events.closed(self._now(), GONE)
 
     def _cut(self, until: int) -> None:
         """The connection goes away, until then."""
@@ -287,7 +288,7 @@ class FaultyPort(PassingPort):
 
     def _set_windows(self) -> None:
         """Disconnections that have a window and no frames to wait for begin by themselves; so do stray bytes."""
-        injector, now = self.injector, self.clock.now()
+        injector, now = self.injector, self._now()
         for rule in injector.of("disconnect"):
             model = rule.model
             begin, end = injector.at(model.begin), injector.at(model.end)
@@ -309,7 +310,7 @@ class FaultyPort(PassingPort):
         self._held = b""
         treated = self.injector.treat(data, self._character)
         if treated.cut is not None:
-            self._later(self.clock.now(), partial(self._cut, self.clock.now() + treated.cut))
+            self._later(self._now(), partial(self._cut, self._now() + treated.cut))
             return
         before = whole[: len(whole) - len(data)]
         if treated.held:
@@ -335,14 +336,14 @@ class FaultyPort(PassingPort):
         if not self._queue:
             if self._owed:
                 self._owed = False
-                self.events.sent(self.clock.now())
+                self.events.sent(self._now())
             return
         item = self._queue.popleft()
         self._busy = True
         self._owed = self._owed or item.owners
         wait = item.pause + item.silence
         if wait or not (item.data or item.duration):
-            self._later(self.clock.now() + wait, partial(self._put, item))
+            self._later(self._now() + wait, partial(self._put, item))
         else:
             self._put(item)
 
@@ -357,7 +358,7 @@ class FaultyPort(PassingPort):
 
     def _plan_stray(self, rule: RuleAtWork) -> None:
         """Stray bytes come at random times, on the average `time` apart."""
-        begin = max(self.clock.now(), self.injector.at(rule.model.begin))
+        begin = max(self._now(), self.injector.at(rule.model.begin))
         when = begin + max(1, round(rule.random.expovariate(1) * (rule.model.time or 1)))
         if when < self.injector.at(rule.model.end):
             self._later(when, partial(self._stray, rule))

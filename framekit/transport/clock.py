@@ -316,7 +316,9 @@ class Turns:
     @property
     def room(self) -> int:
         """So many bytes a piece should have."""
-        return FEWEST if self._waiting else max(FEWEST, MOST - PIECE - self.used)
+        if self._waiting:
+            return FEWEST
+        return max(FEWEST, MOST - PIECE - (0 if self._is_over(self.now()) else self.used))
 
     def take(self, size: int, callback: Callback) -> bool:
         """Makes the call that deals with `size` bytes: now (True), or when those before it have had their turn."""
@@ -330,10 +332,14 @@ class Turns:
             self._end_soon()
         return True
 
+    def _is_over(self, now: int) -> bool:
+        """Whether the turn is over, so that a piece would begin another one."""
+        return not self.used or (now >= self._until and not self._ends)
+
     def _has_begun(self, work: int) -> bool:
         """Counts a piece that may begin in this turn."""
         now = self.now()
-        if not self.used or (now >= self._until and not self._ends):
+        if self._is_over(now):
             self.used, self._until = work, now + LONGEST
             return True
         if self.used + work > MOST or now >= self._until:

@@ -136,6 +136,7 @@ class PassingPort(Port):
         self.name = inner.name
         self.settings = inner.settings
         self.opens_again = inner.opens_again
+        self.in_time = inner.in_time
         self.events: PortEvents | None = None
 
     def forget(self) -> None:

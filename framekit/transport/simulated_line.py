@@ -411,12 +411,8 @@ class SimulatedLine:
         if not self._under_way:
             self.clock.lag(self)
         self._under_way.append((sender, transmission))
-        for count in self._stops(transmission):
+        for count in transmission.runs():
             self.clock.call_at(transmission.complete_at(count), partial(self._reached, sender, transmission, count))
-
-    def _stops(self, transmission: Transmission) -> list[int]:
-        """After how many characters it is told at the latest."""
-        return transmission.runs()
 
     def _collide(self, sender: SimulatedPort, new: Transmission) -> None:
         breaking, begin, end = self._break

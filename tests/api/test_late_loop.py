@@ -16,9 +16,14 @@ from framekit.transport import clock as clocks
 MS = 1_000_000
 
 
+@pytest.mark.parametrize("faults", ["", "faults: slow\nrules: [{fault: delay, time: 100 ms}]\n"])
 def test_a_simulated_device_answers_in_time_however_late_the_loop_is(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, faults: str
 ) -> None:
+    device = device_file(tmp_path)
+    if faults:
+        (tmp_path / "slow.faults.yaml").write_text(faults, encoding="utf-8")
+        device.write_text(device.read_text(encoding="utf-8") + "faults: slow.faults.yaml\n", encoding="utf-8")
     lost = [0]
 
     def now() -> int:
@@ -32,7 +37,7 @@ def test_a_simulated_device_answers_in_time_however_late_the_loop_is(
 
     async def check() -> list[float]:
         params = {"reply_timeout": "2 s", "retries": 0}
-        async with framekit.aconnect("modbus-rtu", f"sim:{device_file(tmp_path)}", station=7, params=params) as client:
+        async with framekit.aconnect("modbus-rtu", f"sim:{device}", station=7, params=params) as client:
             reading = asyncio.ensure_future(client.read("40001", 3))
             asyncio.get_running_loop().call_later(0.001, hold_up)  # while the request is on the line
             return list(await reading)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from framekit.run.block_state import FIRST_OWN, ErrorCode, error_code, error_table, status_word
+from framekit.run.block_state import FIRST_OWN, ErrorCode, Failure, error_code, error_table, status_word
 
 PAGE = Path(__file__).parents[2] / "docs" / "error-codes.md"
 
@@ -50,3 +50,20 @@ def test_what_status_shows(outcome: str, device_code: int | None, word: int) -> 
 def test_outcomes_that_only_a_protocol_knows() -> None:
     assert error_code("its_own_name") is ErrorCode.FAILED
     assert error_code("closed") is ErrorCode.CLOSED
+
+
+@pytest.mark.parametrize(
+    ("failure", "shown"),
+    [
+        (Failure(outcome="no_reply", cause="nothing came in time"), "no_reply"),
+        (Failure(outcome="no_reply", cause="check"), "no_reply: check"),
+        (Failure(outcome="closed", cause="the other side has closed the connection"),
+         "closed: the other side has closed the connection"),
+        (Failure(outcome="own_name", cause="it is busy"), "own_name: it is busy"),
+        (Failure(outcome="refused", device_code=2, meaning="illegal address"), "refused 0x0002: illegal address"),
+        (Failure(outcome="refused", device_code=2, cause="in frame X"), "refused 0x0002: in frame X"),
+        (Failure(outcome="dead"), "dead"),
+    ],
+)  # fmt: skip
+def test_a_failure_is_shown_with_its_reason_where_that_says_more(failure: Failure, shown: str) -> None:
+    assert str(failure) == shown

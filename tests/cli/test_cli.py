@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import json
 import subprocess
 import sys
+from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from framekit import __version__
+from framekit.api.settings import names_of
 from framekit.cli.common import near
+from framekit.cli.frame_verbs import fields_given
 from framekit.cli.main import VERBS, main
+from framekit.codec.codec import compile_protocol
+from framekit.codec.plain import PlainValues
+from framekit.definition.load import load_protocol
+from tests import shipped
 
 READ = "05 32 30 72 53 53 30 31 30 36 25 4D 57 31 30 30 04 41 34"
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -50,15 +60,90 @@ def test_encode_takes_values_of_records_one_by_one(
     )
     parts = ("d1.inner.a=5", "d1.inner.t=2 s", "x=9", "d1.b=0x0A")
     assert call(capsys, "encode", "p.yaml", "A", *parts) == (0, "05 07 D0 0A 09\n", "")
-    assert call(capsys, "encode", "p.yaml", "A", 'd1={"inner": {"a": 5, "t": "2 s"}}', "d1.b=10", "x=9")[0] == 0
+    assert call(capsys, "encode", "p.yaml", "A", 'd1={"inner": {"a": 5, "t": "2 s"}, "b": 10}', "x=9")[0] == 0
     _, out, _ = call(capsys, "decode", "p.yaml", "05 07 D0 0A 09")
     assert "\nd1.inner.a " in out, "the names are those that decode shows"
     for texts, message in (
-        (("d1=5", "d1.b=1"), "'d1.b' is a part of 'd1', which has a value already"),
+        (("d1=5", "d1.b=1"), "'d1.b' is a part of 'd1', which has a value too – give one of the two"),
+        (("d1.b=1", "d1={}"), "'d1.b' is a part of 'd1', which has a value too – give one of the two"),
+        (("d1.inner.a=1", "d1.inner.t=1 s", 'd1={"b": 3}'), "'d1.inner.a' is a part of 'd1'"),
+        (('d1={"b": 3}', "d1.inner.a=1"), "'d1.inner.a' is a part of 'd1'"),
+        (("x=1", "x=2"), "'x' is given twice – give it once"),
+        (("d1.b=1", "d1.b=1"), "'d1.b' is given twice"),
+        (('d1={"b": 3, "b": 4}',), "the value of 'd1' has 'b' twice – give it once"),
+        (("d1..b=1",), "'d1..b': a part is empty – write FIELD, RECORD.FIELD or LIST[0].FIELD"),
+        ((".x=1",), "a part is empty"), (("x.=1",), "a part is empty"),
         (("d1.c=5", "x=1"), "there is no 'd1.c'"),
-    ):
+    ):  # fmt: skip
         status, _, err = call(capsys, "encode", "p.yaml", "A", *texts)
         assert status == 2 and message in err
+
+
+def test_encode_takes_items_of_lists_by_their_index(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ("encode", "mldp", "read_individual", "station=32", "command=r")
+    both = 'variables=[{"name": "%MW100"}, {"name": "%PW2"}]'
+    items = ("variables[1].name=%PW2", "variables[0].name=%MW100")
+    assert call(capsys, *words, *items) == call(capsys, *words, both)
+    assert call(capsys, *words, 'variables[0]={"name": "%MW100"}')[1] == READ + "\n"
+    for texts, message in (
+        (("variables[1].name=%PW2",), "'variables[0]' is missing – give each index from 0 without a gap"),
+        ((*items, "variables[9].name=%PW2"), "'variables[2]' is missing"),
+        ((items[0], "variables.name=%PW2"), "'variables' has a value with an index and one without"),
+        ((items[0], both), "'variables[1].name' is a part of 'variables', which has a value too"),
+        ((items[1], "variables[00].name=%PW2"), "'variables[00].name' is given twice"),
+        (("variables[].name=1",), "'variables[]' is not a name"), (("variables[-1].name=1",), "'variables[-1]' is not"),
+        (("[0]=1",), "'[0]' is not a name"), (("variables[0]name=1",), "'variables[0]name' is not a name"),
+    ):  # fmt: skip
+        status, out, err = call(capsys, *words, *texts)
+        assert (status, out) == (2, "") and message in err
+
+
+@pytest.mark.parametrize("name", ["ccm", "ge-rtu", "mldp", "modbus-rtu", "modbus-tcp", "snp"])
+def test_what_decode_shows_as_names_encode_takes(name: str) -> None:
+    protocol = load_protocol(name)
+    codec, scope, plain = compile_protocol(protocol), names_of(protocol, {}), PlainValues(protocol)
+    vectors = [one for one in shipped.vectors_of(name).frames if one.frame in protocol.frames]
+    for vector in vectors:
+        data = vector.wire.exact
+        if data is None or vector.expect is not None or vector.params or vector.state:
+            continue
+        fields, spans, fault = codec.trace(str(vector.frame), data, scope)
+        assert fault is None
+        values = list(paths_of(plain.to_plain(str(vector.frame), fields)))
+        shown = [path for path, *_ in spans]
+        assert not {path for path, _ in values}.difference(shown)
+        texts = [f"{path}={json.dumps(value) if isinstance(value, list) else value}" for path, value in values]
+        given = plain.from_plain(str(vector.frame), fields_given(texts))
+        assert codec.encode(str(vector.frame), given, scope) == data
+
+
+def paths_of(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    """Every value that holds no other one, with its name as `decode` shows it."""
+    for name, value in values.items():
+        items = {f"{name}[{index}]": item for index, item in enumerate(value)} if isinstance(value, list) else {}
+        if isinstance(value, dict) and value:
+            yield from paths_of(value, f"{before}{name}.")
+        elif items and all(isinstance(item, dict) for item in items.values()):
+            yield from paths_of(items, before)
+        else:
+            yield before + name, value
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("serve", "modbus-tcp", "--port", "tcp://127.0.0.1:0", "--for", "1 ms"),
+        ("run", str(EXAMPLES / "srtp.run.yaml"), "--for", "1 ms"),
+    ],
+)
+def test_what_is_there_at_the_start_is_left_out_of_garbage_collections(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]
+) -> None:
+    seen: list[str] = []
+    for name in ("freeze", "unfreeze"):
+        monkeypatch.setattr(gc, name, partial(seen.append, name))
+    assert call(capsys, *words)[0] == 0
+    assert seen == ["freeze", "unfreeze"]
 
 
 @pytest.mark.parametrize(

@@ -319,7 +319,7 @@ def test_commands_that_are_too_many_for_a_scan_may_be_lost(tmp_path: Path) -> No
     at_work.run(10)
     assert sum(at_work.words("D", 0, 40)) == 17 and at_work.jobs.table.counters.lost == 23
     assert {event.code.number for event in at_work.jobs.table.log if event.code} == {8}
-    assert str(at_work.service.states[39].last_failure) == "queue_full"
+    assert str(at_work.service.states[39].last_failure) == "queue_full: the command was not taken"
     assert at_work.bits() == (13, 14, 16)
     at_work.run(10)
     assert at_work.bits() == (13, 16)
@@ -328,4 +328,4 @@ def test_commands_that_are_too_many_for_a_scan_may_be_lost(tmp_path: Path) -> No
 def test_stop_ends_commands_that_wait(tmp_path: Path) -> None:
     at_work = run(tmp_path, MANY)
     at_work.service.stop()
-    assert str(at_work.service.states[39].last_failure) == "cancelled"
+    assert str(at_work.service.states[39].last_failure) == "cancelled: the command was not taken"

@@ -214,6 +214,18 @@ def test_turns_are_shared_in_order_and_none_has_too_much(sizes: list[int], each:
         assert there > MOST or len(turn) * each >= LONGEST, "no turn ends early"
 
 
+def test_the_first_piece_of_a_turn_has_all_its_room() -> None:
+    async def check() -> None:
+        time = [0]
+        turns = Turns(asyncio.get_running_loop(), lambda: time[0])
+        assert turns.take(MOST // 3, lambda: None) and turns.room == MOST - PIECE - (MOST // 3 + PIECE)
+        time[0] += LONGEST
+        assert turns.room == MOST - PIECE, "the turn before is over"
+        assert turns.take(turns.room, lambda: None)
+
+    asyncio.run(check())
+
+
 def test_calls_that_are_due_leave_others_their_turn() -> None:
     async def check() -> None:
         clock = AsyncioClock(asyncio.get_running_loop())

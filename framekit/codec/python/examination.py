@@ -556,7 +556,7 @@ class Examination:
                 fields = one.fields if fault is None else one.error(frame.name).fields
                 self.scopes[-1][name] = {frame.name: fields}
                 self.show(name, start, frame.name)
-                self.adopt(name, start, one)
+                self.adopt(f"{name}.{frame.name}", start, one)
                 return
         self.scopes[-1][name] = {"unknown": {"data": raw}}
         self.show(name, start, raw)
