@@ -163,13 +163,13 @@ def children(node: Node) -> Iterator[Node]:
     """The direct parts of a node, in order."""
     names = _fields.get(node.__class__)
     if names is None:
-        names = _fields[node.__class__] = tuple(field.name for field in fields(node))
+        names = _fields[node.__class__] = tuple(field.name for field in fields(node) if "Node" in str(field.type))
     for name in names:
         yield from _nodes_in(getattr(node, name))
 
 
 _fields: dict[type[Node], tuple[str, ...]] = {}
-"""The names of the fields of each class of nodes."""
+"""The names of the fields of each class of nodes that hold nodes."""
 
 
 def _nodes_in(value: object) -> Iterator[Node]:

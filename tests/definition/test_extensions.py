@@ -74,13 +74,13 @@ def counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     monkeypatch.setenv("FRAMEKIT_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(brought, "MODULES", [])
     found: list[str] = []
-    validator = schema._validator
+    fits = schema._fits
 
     def noting(kind: schema.Kind) -> object:
         found.append(kind)
-        return validator(kind)
+        return fits(kind)
 
-    monkeypatch.setattr(schema, "_validator", noting)
+    monkeypatch.setattr(schema, "_fits", noting)
     return found
 
 

@@ -11,6 +11,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cache
+from types import NoneType
 from typing import Any, Literal, TypeVar
 
 from framekit.definition.expression import Expression
@@ -117,6 +118,8 @@ def parts_of(value: Any, kind: type[T]) -> Iterator[T]:
     left = [value]
     while left:
         value = left.pop()
+        if value.__class__ in _PLAIN:
+            continue
         if isinstance(value, kind):
             yield value
         names = _names_of(value.__class__)
@@ -128,6 +131,7 @@ def parts_of(value: Any, kind: type[T]) -> Iterator[T]:
             left += reversed(value)
 
 
+_PLAIN = frozenset({str, int, bool, bytes, float, NoneType, Position, frozenset})
 _NO_PARTS = frozenset({"str", "int", "bool", "bytes", "float", "None", "Position", "tuple", "frozenset"})
 
 
