@@ -130,7 +130,7 @@ def work(path: Path, frames: int, body: str) -> int:
     profile = cProfile.Profile()
     with profile:
         checked = check_file(str(path))
-    assert checked.what == f"protocol many, {frames} frames"
+    assert checked.what.startswith(f"protocol many, {frames} frame")
     return sum(row[1] for row in pstats.Stats(profile).stats.values())  # type: ignore[attr-defined]
 
 
@@ -145,7 +145,7 @@ def work(path: Path, frames: int, body: str) -> int:
 def test_a_check_of_twice_as_many_frames_is_twice_the_work(tmp_path: Path, body: str) -> None:
     path = tmp_path / "many.protocol.yaml"
     work(path, 1, body)  # what is read once
-    few, some, many = (work(path, frames, body) for frames in (50, 100, 200))
+    few, some, many = (work(path, frames, body) for frames in (30, 60, 120))
     assert many - some < 2.2 * (some - few)
 
 
