@@ -18,6 +18,12 @@ from framekit.definition.load import load_protocol_text
 from framekit.definition.problems import DefinitionError
 
 FOUND: dict[str, tuple[str, dict[str, Any], str]] = {
+    "a check over a check in digits: it is worked out once, on what stood before it": (
+        "[{field: f, type: u8}, {include: digits, as: r}, {check: sum16, size: 4, name: s}, {field: a, type: u8},"
+        " {check: crc8, over: r..a}]",
+        {"f": 2, "r": {}, "a": 1},
+        "02 30 32 00 00 00 64 01 23",
+    ),
     "a check over a list whose items hold digits: the list counts as it stands": (
         "[{count: n, type: u8, of: r}, {repeat: r, times: n, of: [{field: k, type: u8},"
         " {wrap: hex, of: [{field: b, type: u8}]}]}, {check: sum8, over: r..here}]",
@@ -668,7 +674,7 @@ def protocol_of(body: str) -> str:
         " default: [{field: a, type: u8, default: 3}], inner: [{field: a, type: u8}], outer: [{include: inner, as: i}],"
         " sized: [{field: m, type: u8}, {data: d, size: m}],"
         " maybe_bits: [{field: k, type: u8}, {bits: {x: 0-3}, of: u8, when: k}],"
-        " checked: [{check: xor8}], by_later: [{field: a, type: u8, is: t + 1}],"
+        " checked: [{check: xor8}], digits: [{check: xor8, as: HEX}], by_later: [{field: a, type: u8, is: t + 1}],"
         " counted: [{length: n, type: u8, of: [d]}, {data: d, size: rest}],"
         " nothing: [{skip: 1}], hollow: [{text: x}, {include: nothing, as: e}, {field: a, type: u8}],"
         " ended: [{text: ab}, {field: k, type: u8}, {skip: 1, when: k > 4}],"

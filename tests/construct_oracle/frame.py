@@ -119,6 +119,9 @@ class FrameConstruct(Construct):
         if end is None:
             reading.following = self.tail.subcons
             self.body._parse(stream, context, path)
+            end = self._end_of_body(stream, reading, context)  # what the body holds may tell how long the tail is
+            if end is not None and stream.tell() < end:
+                reading.leaf(reading.take(stream, end - stream.tell(), reading.place(stream, "frame", None)))
         else:
             self._read_bounded(end, stream, reading, context, path)
         reading.following = ()

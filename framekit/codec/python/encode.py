@@ -847,7 +847,7 @@ class EncodeWriter:
         if (plain := self.plains.get(placed[0][0].name or "")) is not None:
             self.parts.append(KeptBytes(names, plain))
             return text
-        if self.coverage.of(names) and not text.isidentifier() and not text.startswith('b"'):
+        if self.coverage.of(names) and not text.isidentifier() and not _is_literal(text):
             named = [name for name in names if not name.startswith("_")]
             local = self.names.fresh(f"{named[0]}_bytes" if len(named) == 1 else "covered")
             self.add(f"{local} = {text}")
@@ -1065,7 +1065,7 @@ def _formatted(parts: list[str]) -> str:
         if number is not None:
             form += number[1]
             operands.append(number[2].removeprefix("(").removesuffix(")") if number[2][0] == "(" else number[2])
-        elif part.startswith('b"') and part.count('"') == 2 and part.endswith('"'):
+        elif _is_literal(part):
             form += part[2:-1].replace("%", "%%")
         else:
             form += "%b"
@@ -1077,11 +1077,15 @@ def merged(texts: list[str]) -> list[str]:
     """Neighbouring literals put together, empty ones left out."""
     found: list[str] = []
     for text in texts:
-        simple = text.startswith('b"') and text.count('"') == 2 and text.endswith('"')
         if text == 'b""':
             continue
-        if simple and found and found[-1].startswith('b"') and found[-1].count('"') == 2 and found[-1].endswith('"'):
+        if _is_literal(text) and found and _is_literal(found[-1]):
             found[-1] = found[-1][:-1] + text[2:]
         else:
             found.append(text)
     return found
+
+
+def _is_literal(text: str) -> bool:
+    """Whether a text is a literal of bytes and nothing else, not one that goes on with `%`."""
+    return text.startswith('b"') and text.endswith('"') and text.count('"') == 2
