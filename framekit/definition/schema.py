@@ -15,7 +15,6 @@ from functools import cache
 from typing import Any, Literal
 
 from framekit.definition.brought import bring_word, import_installed
-from framekit.definition.fitting import NEARLY, OWN_KEYS, Fits, Fitting, is_near, pattern_of
 from framekit.definition.nodes import CUT, QUOTE_EXPRESSION, Mapping, Node, Scalar, Sequence, looks_cut, without_cuts
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean, printable
 from framekit.definition.sources import shipped_folder
@@ -125,6 +124,9 @@ MOST_KINDS = 8
 LONGEST_LIST = 12
 """Known words that are listed when none is near."""
 
+OWN_KEYS = "x-own-keys"
+"""Keyword of mappings with free keys: a key that is nearly one of the known ones is a slip."""
+
 
 @dataclass(frozen=True, slots=True)
 class _Complaint:
@@ -218,7 +220,7 @@ class Messages:
         """All keys that are missing in one mapping, without those that are there misspelt."""
         node, schema = self.places.node(path), error.schema
         strange = [key for key in error.instance if key not in schema.get("properties", ())]
-        cutoff = NEARLY if OWN_KEYS in schema else 0.6
+        cutoff = _NEARLY if OWN_KEYS in schema else 0.6
         missing = [
             key
             for key in error.validator_value
@@ -416,6 +418,7 @@ _NAMES: dict[Kind, str] = {
     "jobs": "a job profile",
 }
 _SUFFIX = ".schema.json"
+_NEARLY = 0.8
 
 
 def kind_of(node: Node) -> Kind:
@@ -449,8 +452,7 @@ def validate(node: Node, kind: Kind) -> list[Problem]:
     """Everything in a file that its schema does not allow, sorted by position; nothing when it is all right."""
     broken = {Problem(node.at, what, "mend it, or remove that package") for what in import_installed()}
     cuts = without_cuts(node)
-    plain = _plain(cuts.tree)
-    errors = () if _fits(kind)(plain) else _validator(kind).iter_errors(plain)
+    errors = _validator(kind).iter_errors(_plain(cuts.tree))
     messages = Messages(cuts.tree, cuts.places, _known_keys)
     return sorted({*broken, *cuts.problems, *messages.problems(errors)})
 
@@ -539,17 +541,10 @@ def _references(schema: Any) -> Iterator[str]:
 
 def _definitions(kind: str) -> dict[str, Any]:
     """The definitions of a schema, which are about to be changed: what has been made of them is forgotten."""
-    _fits.cache_clear()
     _validator.cache_clear()
     _known_keys.cache_clear()
     found: dict[str, Any] = _schemas()[kind + _SUFFIX]["$defs"]
     return found
-
-
-@cache
-def _fits(kind: Kind) -> Fits:
-    """Whether what a file of this kind holds fits its schema."""
-    return Fitting(_schemas()).of(kind + _SUFFIX)
 
 
 @cache
@@ -567,10 +562,10 @@ def _validator(kind: Kind) -> Any:
 
 
 def _pattern(validator: Any, wanted: str, instance: Any, schema: Any) -> Iterator[Any]:
-    """Keyword `pattern`."""
+    """Keyword `pattern`: as in the schemas' own language, its `$` is the very end; to Python a line end may follow."""
     from jsonschema import ValidationError
 
-    if isinstance(instance, str) and pattern_of(wanted).search(instance) is None:
+    if isinstance(instance, str) and re.search(re.sub(r"\$\Z", r"\\Z", wanted), instance) is None:
         yield ValidationError(f"{instance!r} does not match {wanted!r}")
 
 
@@ -580,7 +575,7 @@ def _own_keys(validator: Any, wanted: Any, instance: Any, schema: Any) -> Iterat
 
     known = schema.get("properties", {})
     for key in instance if wanted and isinstance(instance, dict) else ():
-        if key not in known and is_near(key, known):
+        if key not in known and difflib.get_close_matches(key, known, n=1, cutoff=_NEARLY):
             yield ValidationError(key)
 
 

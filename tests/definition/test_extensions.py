@@ -74,13 +74,13 @@ def counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     monkeypatch.setenv("FRAMEKIT_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(brought, "MODULES", [])
     found: list[str] = []
-    fits = schema._fits
+    validator = schema._validator
 
     def noting(kind: schema.Kind) -> object:
         found.append(kind)
-        return fits(kind)
+        return validator(kind)
 
-    monkeypatch.setattr(schema, "_fits", noting)
+    monkeypatch.setattr(schema, "_validator", noting)
     return found
 
 

@@ -12,9 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
 
-from framekit.definition import schema
-from framekit.definition.fitting import Fitting
-from framekit.definition.nodes import Mapping, Node, Scalar, Sequence, read_nodes, read_text, without_cuts
+from framekit.definition.nodes import Mapping, Node, Scalar, Sequence, read_nodes, read_text
 from framekit.definition.problems import DefinitionError
 from framekit.definition.schema import FIRST_KEYS, Kind, kind_of, validate, wrong_kind
 from framekit.definition.sources import shipped_folder
@@ -28,12 +26,12 @@ def problems_of(text: str) -> list[str]:
     return [str(problem) for problem in validate(node, kind_of(node))]
 
 
-def subschemas(whole: Any) -> Iterator[dict[str, Any]]:
-    if isinstance(whole, dict):
-        yield whole
-        whole = list(whole.values())
-    if isinstance(whole, list):
-        for part in whole:
+def subschemas(schema: Any) -> Iterator[dict[str, Any]]:
+    if isinstance(schema, dict):
+        yield schema
+        schema = list(schema.values())
+    if isinstance(schema, list):
+        for part in schema:
             yield from subschemas(part)
 
 
@@ -679,19 +677,6 @@ def test_whatever_is_changed_gives_our_own_words_at_places_in_the_file(kind: str
     for problem in found:
         assert not any(raw in problem.what for raw in RAW_WORDS)
         assert problem.at.column <= len(lines[problem.at.line - 1]) + 1
-    plain = schema._plain(without_cuts(node).tree)
-    assert schema._fits(kind)(plain) == schema._validator(kind).is_valid(plain)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("kind", sorted(EVERYTHING))
-def test_what_is_right_fits_without_the_library(kind: str) -> None:
-    node = read_text(EVERYTHING[kind], "f")
-    assert validate(node, kind) == [] and schema._fits(kind)(schema._plain(node))  # type: ignore[arg-type]
-
-
-def test_with_a_keyword_that_is_not_known_nothing_fits() -> None:
-    schemas = {"known": {"type": "string", "x-name": "word"}, "unknown": {"type": "string", "format": "email"}}
-    assert Fitting(schemas).of("known")("a") and not Fitting(schemas).of("unknown")("a")
 
 
 def test_a_mapping_made_by_hand_is_validated_too() -> None:
