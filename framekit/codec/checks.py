@@ -89,8 +89,8 @@ CALL = re.compile(r"[\w.]+\([^()]*\)")
 class CheckSource:
     """Python source of a check code over `data`.
 
-    `expression` stands without parentheses. It calls `functions` of `support` (with their `NEEDS` and `IMPORTS`), uses
-    the module constants `constants` (name → expression, which may call functions of `makers`) and needs `imports`.
+    `expression` stands without parentheses. It calls `functions` of `support`, uses the module
+    constants `constants` (name → expression, which may call functions of `makers`) and needs `imports`.
     """
 
     expression: str

@@ -1,7 +1,7 @@
 """What programs bring by themselves: types of fields and check methods. Kinds of segments: `codec.kinds.register`.
 
-Functions given here stand in a module of the program. Generated code carries them with it as they stand there, so they
-are on their own; what they need of each other and of the standard library, the module says in `NEEDS` and `IMPORTS`.
+Functions given here stand in a module of the program. Generated code carries them with it as they stand there, with the
+functions and classes of the module that they use, and its imports; they use no constant of the module.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ It goes by the model of the frame, so that `10` means a number, a text or bytes 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from framekit.codec.errors import EncodeError
@@ -26,8 +26,6 @@ from framekit.definition.model.segments import (
 )
 from framekit.definition.problems import did_you_mean
 from framekit.definition.times import format_time, parse_time
-
-Convert = Callable[[Any], Any]
 
 
 class PlainValues:

@@ -1,8 +1,8 @@
 """The plain functions behind both compilers: check codes, conversions, swaps, number forms, functions of expressions.
 
-One compiler calls them, the other pastes their source into modules that stand alone. So every function here is on its
-own: it knows no framekit, only standard imports (`IMPORTS`) and the functions that `NEEDS` names, and no constant of
-this module. They are written for speed where a frame needs them; comments say what was measured (CPython 3.11).
+Their source is inlined into generated modules that stand alone. So every function here is on its own: it knows no
+framekit, only standard imports and other functions of this module, and no constant of it. They are written for speed
+where a frame needs them; comments say what was measured (CPython 3.11).
 """
 
 from __future__ import annotations
@@ -19,21 +19,6 @@ class Unfit(ValueError):  # noqa: N818 - a value, not a fault of the program
 
 
 # --- sums -----------------------------------------------------------------------------------------------------------
-
-
-def byte_sum(data: bytes | bytearray, mask: int = 0xFF) -> int:
-    """The sum of all bytes, cut by `mask`."""
-    return sum(data) & mask
-
-
-def sum7(data: bytes | bytearray) -> int:
-    """The sum of all bytes, its low 7 bits."""
-    return sum(data) & 0x7F
-
-
-def lrc8(data: bytes | bytearray) -> int:
-    """The two's complement of the byte sum: all bytes and the code together add up to 0 in 8 bits."""
-    return -sum(data) & 0xFF
 
 
 def word_sum_big(data: bytes | bytearray, mask: int = 0xFFFF) -> int:
@@ -59,11 +44,6 @@ def xor8(data: bytes | bytearray) -> int:
     for byte in data:  # faster than functools.reduce
         code ^= byte
     return code
-
-
-def xor7(data: bytes | bytearray) -> int:
-    """The exclusive or of all bytes, its low 7 bits."""
-    return xor8(data) & 0x7F
 
 
 def xor_words(data: bytes | bytearray, size: int, little: bool = False) -> int:
@@ -410,37 +390,12 @@ def room(size: int) -> int:
 # --- text -----------------------------------------------------------------------------------------------------------
 
 
-def build_text(text: str, size: int, pad: bytes | None = None) -> bytes:
-    """Text in `size` bytes of Latin-1, filled up behind with `pad`. Raises ValueError if it does not fit."""
-    data = text.encode("latin-1")
-    if len(data) > size:
-        raise Unfit(f"{text!r} is longer than {size} characters")
-    if len(data) == size:
-        return data
-    if pad is None:
-        raise Unfit(f"{text!r} is shorter than {size} characters")
-    return data.ljust(size, pad)
-
-
-def parse_text(data: bytes | bytearray, pad: bytes | None = None) -> str:
-    """Text of Latin-1 without the `pad` bytes at its end."""
-    return (data.rstrip(pad) if pad else data).decode("latin-1")
-
-
 def build_terminated(text: str, end: bytes) -> bytes:
     """Text and the bytes `end` behind it. Raises ValueError if `end` would be found before the end."""
     data = text.encode("latin-1") + end
     if data.find(end) != len(data) - len(end):
         raise Unfit(f"{text!r} holds its own end {end!r}")
     return data
-
-
-def parse_terminated(data: bytes | bytearray, end: bytes, start: int = 0) -> tuple[str, int]:
-    """The text from `start` to the next `end`, and the place behind that. Raises ValueError if there is none."""
-    place = data.find(end, start)
-    if place < 0:
-        raise Unfit(f"the text's end {end!r} is missing")
-    return data[start:place].decode("latin-1"), place + len(end)
 
 
 # --- conversion, swap, escape ---------------------------------------------------------------------------------------
@@ -468,12 +423,6 @@ def double_escape(data: bytes | bytearray, escape: int) -> bytes:
     """Every byte `escape` twice."""
     single = b"%c" % escape
     return bytes(data.replace(single, single + single))
-
-
-def undouble_escape(data: bytes | bytearray, escape: int) -> bytes:
-    """The reverse of `double_escape`. Raises ValueError for an escape byte that is not doubled."""
-    single = b"%c" % escape
-    return bytes(undouble(data, single, single + single))
 
 
 def undouble(data: bytes | bytearray, single: bytes, double: bytes) -> bytes | bytearray:
@@ -567,73 +516,3 @@ def only(text: Any, letters: Any) -> bool:
 def span(bit: int, count: int) -> int:
     """How many bytes `count` bits from bit number `bit` on touch, each bit at its natural place in its byte."""
     return (bit % 8 + count + 7) // 8 if count else 0
-
-
-# --- what a function takes with it when its source is pasted --------------------------------------------------------
-
-NEEDS: dict[str, tuple[str, ...]] = {
-    "room": ("Unfit",),
-    "undouble_escape": ("undouble",),
-    "xor7": ("xor8",),
-    "xor_words": ("xor8",),
-    "make_crc_table": ("reflect",),
-    "make_crc_words": ("make_crc_table",),
-    "make_mirror": ("reflect",),
-    "crc": ("crc_forward", "crc_narrow", "crc_reflected", "reflect"),
-    "build_hex_little_lower": ("build_hex_little",),
-    "build_dec_little": ("build_dec",),
-    "parse_dec_little": ("parse_dec",),
-    "build_oct_little": ("build_oct",),
-    "parse_oct_little": ("parse_oct",),
-    "build_bcd_little": ("build_bcd",),
-    "parse_bcd_little": ("parse_bcd",),
-    "build_nibbles": ("split_nibbles",),
-    "parse_nibbles": ("join_nibbles",),
-    "reorder": ("Unfit", "swap"),
-    "build_int": ("reorder",),
-    "parse_int": ("reorder",),
-    "build_float": ("reorder",),
-    "parse_float": ("reorder",),
-    "build_hex": ("Unfit",),
-    "build_hex_lower": ("Unfit",),
-    "build_hex_little": ("Unfit",),
-    "parse_hex": ("Unfit",),
-    "parse_hex_little": ("Unfit",),
-    "build_dec": ("Unfit",),
-    "parse_dec": ("Unfit",),
-    "build_oct": ("Unfit",),
-    "parse_oct": ("Unfit",),
-    "build_bcd": ("Unfit",),
-    "parse_bcd": ("Unfit",),
-    "join_nibbles": ("Unfit",),
-    "build_text": ("Unfit",),
-    "build_terminated": ("Unfit",),
-    "parse_terminated": ("Unfit",),
-    "undouble": ("Unfit",),
-    "digits": ("Unfit",),
-    "number": ("Unfit",),
-}
-"""The functions of this module that a function calls itself; the ones they call in turn have entries of their own."""
-
-IMPORTS: dict[str, tuple[str, ...]] = {
-    "make_crc_words": ("from array import array", "from sys import byteorder"),
-    "crc16_reflected": ("from array import array", "from sys import byteorder"),
-    "crc16_forward": ("from array import array", "from sys import byteorder"),
-    "crc_1021_reflected": ("import binascii",),
-    "build_hex_little": ("import binascii",),
-    "parse_hex_little": ("import binascii",),
-    "split_nibbles": ("import binascii",),
-    "join_nibbles": ("import binascii",),
-    "build_float": ("import struct",),
-    "parse_float": ("import struct",),
-    "hex_to_ascii": ("import binascii",),
-    "ascii_to_hex": ("import binascii",),
-    "swap": ("from array import array",),
-    "same": ("from typing import Any",),
-    "find": ("from typing import Any",),
-    "find_last": ("from typing import Any",),
-    "free": ("from typing import Any",),
-    "either": ("from typing import Any",),
-    "only": ("from typing import Any",),
-}
-"""The import lines that a function's source stands on."""

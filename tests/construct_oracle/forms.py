@@ -95,16 +95,18 @@ class Text(Adapter):
         self.end = end
 
     def _decode(self, obj: bytes, context: Any, path: str) -> str:
-        return support.parse_text(obj if self.end is None else obj.split(self.end, 1)[0], self.pad)
+        data = obj if self.end is None else obj.split(self.end, 1)[0]
+        return (data.rstrip(self.pad) if self.pad else data).decode("latin-1")
 
     def _encode(self, obj: str, context: Any, path: str) -> bytes:
         filled = self.pad if self.end is None else self.pad or b"\0"
         try:
-            return support.build_text(obj, self.size, filled)
+            data = obj.encode("latin-1")
         except UnicodeError:
             raise FormError(f"{obj!r} has characters that are no bytes", path) from None
-        except ValueError as error:
-            raise FormError(str(error), path) from None
+        if len(data) > self.size or (filled is None and len(data) < self.size):
+            raise FormError(f"{obj!r} does not fit into {self.size} characters", path)
+        return data if filled is None else data.ljust(self.size, filled)
 
 
 class TerminatedText(Adapter):

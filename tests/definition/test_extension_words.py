@@ -257,9 +257,6 @@ SAME_NAMES = """
 from framekit.codec.extend import add_check, add_type
 import zlib
 
-NEEDS = {"parse": ("changed",), "build": ("changed",), "xor8": ("sum",)}
-IMPORTS = {"xor8": ("import zlib",)}
-
 
 def changed(number, low=0):
     return number ^ 0x11

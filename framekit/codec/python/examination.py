@@ -48,15 +48,6 @@ class Notes:
         self.warnings: list[str] = []
 
 
-NEEDS = {"Examination": ("Notes", "Nothing", "Stop", "shown")}
-IMPORTS = {
-    "Examination": (
-        "from collections.abc import Callable, Iterable, Iterator, Sequence",
-        "from contextlib import contextmanager",
-    ),
-}
-
-
 class Examination:
     """A frame being read carefully, one call a segment; `refuse` is the code of a fault there that is to be answered.
 

@@ -96,10 +96,10 @@ OWN_HELPERS = len(_PASTED)
 
 
 def add_helpers(module: Any) -> None:
-    """Functions of this module may be pasted too, as they stand there: `NEEDS` and `IMPORTS` as in `runtime`."""
+    """Functions of this module may be inlined too, as they stand there."""
     added = [one for one in _PASTED[OWN_HELPERS:] if one is module or one.__name__ != module.__name__]
     _PASTED[OWN_HELPERS:] = added if module in added else [*added, module]
-    for made in (pasted_names, _names_of_added, _defined):
+    for made in (pasted_names, _names_of_added, _defined, _imports_of):
         made.cache_clear()
 
 
@@ -115,10 +115,9 @@ def _names_of_added() -> Mapping[tuple[str, str], str]:
     """What generated modules call the functions of added ones, by module and name: so two of one name stay apart."""
     taken = {*dir(builtins), *OWN_WORDS, *(name for module in _PASTED[:OWN_HELPERS] for name in vars(module))}
     added, found = _PASTED[OWN_HELPERS:], dict[tuple[str, str], str]()
-    lines = [line for module in added for lines in getattr(module, "IMPORTS", {}).values() for line in lines]
-    taken.update(re.findall(r"\w+", " ".join(lines)))
+    taken.update(name for module in added for name in _imports_of(module))
     for module in added:
-        for name in sorted(name for name in _defined(module) if isinstance(vars(module)[name], FunctionType | type)):
+        for name in sorted(_defined(module)):
             own, number = name, 1
             while own in taken:
                 number += 1
@@ -138,21 +137,48 @@ def _home_of(name: str) -> Any:
 
 @cache
 def _defined(module: Any) -> frozenset[str]:
-    return frozenset(
-        name for name, value in vars(module).items() if getattr(value, "__module__", module.__name__) == module.__name__
-    )
+    """The functions and classes that stand in a module."""
+    made = ((name, value) for name, value in vars(module).items() if isinstance(value, FunctionType | type))
+    return frozenset(name for name, value in made if value.__module__ == module.__name__)
 
 
-def _renamed(text: str, names: Mapping[str, str]) -> str:
-    """The source of a function or class that calls itself and others by other names, as far as these mean them."""
-    (found,) = ast.parse(textwrap.dedent(text)).body
+@cache
+def _imports_of(module: Any) -> Mapping[str, str]:
+    """The import lines of a module by the names they bring, but for those of framekit."""
+    found: dict[str, str] = {}
+    for node in ast.parse(inspect.getsource(module)).body:
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            origin = f"from {node.module} " if isinstance(node, ast.ImportFrom) else ""
+            for one in node.names if not origin.startswith(("from framekit", "from __future__")) else ():
+                renamed = f" as {one.asname}" if one.asname else ""
+                found[one.asname or one.name.partition(".")[0]] = f"{origin}import {one.name}{renamed}"
+    return found
+
+
+@cache
+def outer_names(helper: Any) -> tuple[str, ...]:
+    """The names that the source of a function or class means outside of itself."""
+    (found,) = ast.parse(textwrap.dedent(whole_source(helper))).body
+    parts = [*found.body, *found.bases] if isinstance(found, ast.ClassDef) else [found]
+    used = ({node.id for node in ast.walk(part) if isinstance(node, ast.Name)} - _bound(part) for part in parts)
+    return tuple(sorted(set[str]().union(*used)))
+
+
+def _bound(found: ast.AST) -> set[str]:
+    """The names that a function binds inside itself."""
     inside = [node for node in ast.walk(found) if node is not found]
     bound = {node.arg for node in inside if isinstance(node, ast.arg)}
     bound |= {node.id for node in inside if isinstance(node, ast.Name) and not isinstance(node.ctx, ast.Load)}
     bound |= {node.name for node in inside if isinstance(node, ast.FunctionDef | ast.ClassDef)}
     bound |= {node.name for node in inside if isinstance(node, ast.ExceptHandler) and node.name is not None}
-    bound |= {node.asname or node.name for node in inside if isinstance(node, ast.alias)}
-    for node in inside:
+    return bound | {node.asname or node.name for node in inside if isinstance(node, ast.alias)}
+
+
+def _renamed(text: str, names: Mapping[str, str]) -> str:
+    """The source of a function or class that calls itself and others by other names, as far as these mean them."""
+    (found,) = ast.parse(textwrap.dedent(text)).body
+    bound = _bound(found)
+    for node in ast.walk(found):
         if isinstance(node, ast.Name) and node.id not in bound:
             node.id = names.get(node.id, node.id)
     assert isinstance(found, ast.FunctionDef | ast.ClassDef)
@@ -200,9 +226,15 @@ class Module:
             else:
                 module, known = sys.modules[helper.__module__], helper.__name__
                 self._added[name] = helper
-            for other in getattr(module, "NEEDS", {}).get(known, ()):
-                self.function(other if isinstance(helper, str) else getattr(module, other))
-            self.imports.update(getattr(module, "IMPORTS", {}).get(known, ()))
+            imports = _imports_of(module)
+            for other in outer_names(getattr(module, known)):
+                if other in imports:
+                    self.imports.add(imports[other])
+                elif isinstance(helper, str):
+                    if any(other in _defined(one) for one in _PASTED[:OWN_HELPERS]):
+                        self.function(other)
+                elif other in _defined(module):
+                    self.function(getattr(module, other))
             self.functions[name] = None
         return name
 

@@ -1,6 +1,6 @@
 """Helpers that generated modules carry with them: pasted as they stand here, each on its own like those of `support`.
 
-They may use each other (`NEEDS`), standard imports (`IMPORTS`) and the names every generated module has: `Any`,
+They may use each other, standard imports and the names every generated module has: `Any`,
 `Context`, `FrameError`, `EncodeError`, `QUIET`, `LOST`.
 """
 
@@ -523,29 +523,3 @@ def check_size(name: str, found: int, wanted: int | None) -> None:
         raise EncodeError(name, f"the size of '{name}' cannot be told: a value it is worked out from is not there")
     if found != wanted:
         raise EncodeError(name, f"'{name}' has a length of {found}, it must be {wanted}")
-
-
-NEEDS: dict[str, tuple[str, ...]] = {
-    "end_of_region": ("find_region_end",),
-    "decode_first": ("Choice", "Frame"),
-    "measure_first": ("Choice", "Frame", "fits"),
-    "extent_first": ("measure_first",),
-    "fits": ("Frame",),
-    "encode_one": ("Choice", "Frame"),
-    "Choice": ("Frame", "measure_of", "no_frame", "readers_of"),
-    "readers_at_once": ("Choice",),
-    "check_given": ("Rule",),
-    "encode_error": ("Unfit", "find_misfit", "path_of"),
-    "find_misfit": ("Rule", "misfit_of", "missing_error"),
-    "misfit_of": ("Rule", "misfit_inside"),
-    "misfit_inside": ("find_misfit", "misfit_of"),
-}
-"""The names of this module that a helper uses itself."""
-
-IMPORTS: dict[str, tuple[str, ...]] = {
-    "Structs": ("from struct import Struct",),
-    "Packs": ("from collections.abc import Callable", "from struct import Struct"),
-    "Frame": ("from collections.abc import Callable", "from typing import NamedTuple"),
-    "Rule": ("from typing import NamedTuple",),
-}
-"""The import lines that a helper's source stands on."""
