@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from construct_oracle import ConstructCodec, compile_construct
+from construct_oracle.evaluate import evaluate
 from construct_oracle.names import Names
 from hypothesis import assume
 from hypothesis import strategies as st
@@ -17,7 +18,7 @@ from strategy_records import TRIES, Maker
 from strategy_values import Draw
 
 from framekit.codec.errors import EncodeError
-from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName, evaluate, start_values
+from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName, start_values
 from framekit.definition.expression import names_in
 from framekit.definition.model.frames import expressions_of
 from framekit.definition.model.protocol import Protocol

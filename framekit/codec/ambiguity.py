@@ -86,7 +86,7 @@ def _is_there(check: Check, sample: Sample, context: Mapping[str, Any]) -> bool:
     if check.when is None:
         return True
     try:
-        return bool(evaluate(check.when.root, {**context, **sample.read}.__getitem__))
+        return bool(evaluate(check.when.root, {**context, **sample.read}))
     except (KeyError, TypeError, IndexError, ValueError, ArithmeticError, AttributeError):
         return False
 
@@ -243,7 +243,7 @@ def _worked_out(item: Parameter | StateVariable, context: Mapping[str, Any]) -> 
     if expression is None:
         return {}
     try:
-        return {item.name: evaluate(expression.root, context.__getitem__)}
+        return {item.name: evaluate(expression.root, context)}
     except (MissingName, *EVALUATION_ERRORS):
         return {}
 

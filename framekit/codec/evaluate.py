@@ -1,52 +1,30 @@
-"""Expressions worked out directly on their tree, where compiling them is not worth it: for samples and for the tests.
+"""Expressions of a definition worked out where no code is generated: for samples, start values and engines.
 
-The functions ask a lookup for names. What can go wrong with values is named by `EVALUATION_ERRORS`; a name that has no
-value is a `MissingName`. `start_values` are the names that have a value before anything is received.
+They are emitted as Python once and asked of `n`, a mapping or what looks names up as one does. What can go wrong with
+values is named by `EVALUATION_ERRORS`; a name that has no value may be a `MissingName`.
 """
 
 from __future__ import annotations
 
-import operator
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable
+from functools import cache
+from typing import Any, Protocol
 
 from framekit.codec import support
 from framekit.codec.python.runtime import RangeTable
-from framekit.definition import expression as syntax
-from framekit.definition.expression import Expression, LineTime, Node, walk
-from framekit.definition.model.protocol import Protocol
+from framekit.codec.python.runtime import attribute as attribute_of
+from framekit.definition.expression import Attribute, Expression, LineTime, Name, Node, emit
+from framekit.definition.model import protocol as model
 from framekit.definition.model.sections import StateVariable
-from framekit.definition.times import NEVER
-
-Lookup = Callable[[str], Any]
 
 EVALUATION_ERRORS = (KeyError, TypeError, IndexError, ValueError, ArithmeticError, AttributeError)
-WIDEST_SHIFT = 256
 ENGINE_FUNCTIONS = ("empty", "full", "memory", "with_date")
 
-_BINARY: dict[str, Callable[[Any, Any], Any]] = {
-    "|": operator.or_,
-    "^": operator.xor,
-    "&": operator.and_,
-    "+": operator.add,
-    "-": operator.sub,
-    "*": support.times,
-    "//": operator.floordiv,
-    "%": operator.mod,
-    "<<": lambda left, right: left << min(right, WIDEST_SHIFT),
-    ">>": lambda left, right: left >> min(right, WIDEST_SHIFT),
-}
-_COMPARE: dict[str, Callable[[Any, Any], Any]] = {
-    "==": operator.eq,
-    "!=": operator.ne,
-    "<": operator.lt,
-    "<=": operator.le,
-    ">": operator.gt,
-    ">=": operator.ge,
-    "in": lambda item, holder: item in holder,
-    "not in": lambda item, holder: item not in holder,
-}
-_UNARY: dict[str, Callable[[Any], Any]] = {"-": operator.neg, "~": operator.invert, "not": operator.not_}
+
+class Lookup(Protocol):
+    """Values by name."""
+
+    def __getitem__(self, name: str, /) -> Any: ...
 
 
 class MissingName(Exception):  # noqa: N818 - says what is missing, and is turned into an error by who knows for what
@@ -57,130 +35,52 @@ class MissingName(Exception):  # noqa: N818 - says what is missing, and is turne
         super().__init__(f"the context has no '{name}'")
 
 
-def evaluate(node: Node, lookup: Lookup) -> Any:
-    """The value of `node` with names from `lookup`. Raises one of EVALUATION_ERRORS, or MissingName."""
-    match node:
-        case syntax.Number(value=value) | syntax.Text(value=value) | syntax.Bytes(value=value):
-            return value
-        case syntax.Name(name=name):
-            return lookup(name)
-        case syntax.Attribute(value=value, name=name):
-            return attribute(evaluate(value, lookup), name)
-        case syntax.Index(value=value, index=index):
-            return evaluate(value, lookup)[evaluate(index, lookup)]
-        case syntax.Slice(value=value, start=start, stop=stop):
-            first = None if start is None else evaluate(start, lookup)
-            last = None if stop is None else evaluate(stop, lookup)
-            return evaluate(value, lookup)[first:last]
-        case syntax.Call(function=function, arguments=arguments):
-            return _call(function, [evaluate(argument, lookup) for argument in arguments], lookup)
-        case syntax.List(items=items):
-            return [evaluate(item, lookup) for item in items]
-        case syntax.LineTime(count=count, unit=unit):
-            return getattr(lookup("line"), unit)(*count)
-        case _:
-            return _operate(node, lookup)
+class _Names:
+    """How names are written: everything is looked up in `n`."""
+
+    def name(self, node: Name) -> str:
+        return f"n[{node.name!r}]"
+
+    def attribute(self, node: Attribute) -> str:
+        return f"attribute({emit(node.value, self)}, {node.name!r})"
+
+    def line_time(self, node: LineTime) -> str:
+        return f"n['line'].{node.unit}({node.count[0]}, {node.count[1]})"
+
+    def call(self, function: str, arguments: list[str]) -> str:
+        owner = "n['functions']" if function in ENGINE_FUNCTIONS else "support"
+        return f"{owner}.{function}({', '.join(arguments)})"
 
 
-def _operate(node: Node, lookup: Lookup) -> Any:
-    match node:
-        case syntax.Unary(operator=sign, operand=operand):
-            return _UNARY[sign](evaluate(operand, lookup))
-        case syntax.Binary(operator=sign, left=left, right=right):
-            return _BINARY[sign](evaluate(left, lookup), evaluate(right, lookup))
-        case syntax.Compare(first=first, rest=rest):
-            return _compare(evaluate(first, lookup), rest, lookup)
-        case syntax.Logic(operator=word, operands=operands):
-            return _logic(word, operands, lookup)
-        case syntax.Conditional(condition=condition, then=then, otherwise=otherwise):
-            return evaluate(then if evaluate(condition, lookup) else otherwise, lookup)
-    raise TypeError(f"no expression node: {node!r}")
+_BUILT_IN = {"len": len, "min": min, "max": max, "abs": abs, "sum": sum, "str": str}
 
 
-def _compare(left: Any, rest: tuple[tuple[str, Node], ...], lookup: Lookup) -> Any:
-    """Chained comparisons; operands behind a false one are not worked out."""
-    result: Any = True
-    for sign, operand in rest:
-        right = evaluate(operand, lookup)
-        result = _COMPARE[sign](left, right)
-        if not result:
-            break
-        left = right
-    return result
+@cache
+def _compiled(source: str, attribute: Callable[[Any, str], Any]) -> Callable[[Any], Any]:
+    code = compile(f"lambda n: {source}", "<expression>", "eval")
+    function: Callable[[Any], Any] = eval(code, {"attribute": attribute, "support": support, "__builtins__": _BUILT_IN})
+    return function
 
 
-def _logic(word: str, operands: tuple[Node, ...], lookup: Lookup) -> Any:
-    """`and` gives the first false operand, `or` the first true one, else the last."""
-    value: Any = None
-    for operand in operands:
-        value = evaluate(operand, lookup)
-        if bool(value) == (word == "or"):
-            break
-    return value
+def compiled(node: Node, attribute: Callable[[Any, str], Any]) -> Callable[[Any], Any]:
+    """A function of what looks names up; `attribute` says what a dot means. It raises EVALUATION_ERRORS."""
+    return _compiled(emit(node, _Names()), attribute)
 
 
-def attribute(value: Any, name: str) -> Any:
-    """`value.name`: an entry of a mapping, what an object of the engine offers, or the list of a list's attributes.
-
-    What is nothing has nothing.
-    """
-    if value is None:
-        return None
-    if isinstance(value, Mapping):
-        of_record = getattr(value, "value_or_nothing", None)
-        return value[name] if of_record is None else of_record(name)
-    if isinstance(value, (list, tuple)):
-        return [attribute(item, name) for item in value]
-    fields = getattr(value, "fields", None)
-    if isinstance(fields, Mapping) and name in fields:
-        return fields[name]
-    if hasattr(value, "language_attribute"):
-        return value.language_attribute(name)
-    if isinstance(fields, Mapping) and name in ("frame", "refusal"):
-        return getattr(value, name) or 0
-    raise KeyError(name)
+def evaluate(node: Node, names: Lookup) -> Any:
+    """The value of `node`. Raises one of EVALUATION_ERRORS, and what `names` raises for a name without a value."""
+    return compiled(node, _attribute)(names)
 
 
-# ---- functions ----------------------------------------------------------------------------------------------
-
-
-def _call(function: str, arguments: list[Any], lookup: Lookup) -> Any:
-    if function in ENGINE_FUNCTIONS:
-        return getattr(lookup("functions"), function)(*arguments)
-    return FUNCTIONS[function](*arguments)
-
-
-FUNCTIONS: dict[str, Callable[..., Any]] = {
-    "len": len,
-    "min": min,
-    "max": max,
-    "abs": abs,
-    "sum": sum,
-    "text": str,
-    "lower": lambda text: text.lower(),
-    "upper": lambda text: text.upper(),
-    "get": lambda table, key, default: table.get(key, default),
-    "ms": lambda count: count * 1_000_000,
-    "limit": lambda time: time or NEVER,
-    "number": support.number,
-    "digits": support.digits,
-    "bit": support.bit,
-    "rotl8": support.rotl8,
-    "same": support.same,
-    "find": support.find,
-    "find_last": support.find_last,
-    "free": support.free,
-    "either": support.either,
-    "none": lambda: None,
-    "only": support.only,
-    "span": support.span,
-}
+def _attribute(value: Any, name: str) -> Any:
+    """What is nothing has nothing."""
+    return None if value is None else attribute_of(value, name)
 
 
 # ---- names that are no fields -------------------------------------------------------------------------------
 
 
-def start_values(protocol: Protocol) -> dict[str, Any]:
+def start_values(protocol: model.Protocol) -> dict[str, Any]:
     """Tables, and the start values of parameters and state that are constant."""
     known: dict[str, Any] = {name: RangeTable(table.entries, table.ranges) for name, table in protocol.tables.items()}
     for parameter in protocol.params.values():
@@ -199,17 +99,12 @@ def start_values(protocol: Protocol) -> dict[str, Any]:
 
 
 def _constant(name: str, expression: Expression | None) -> dict[str, Any]:
-    """`{name: value}` if the expression needs nothing but itself."""
-    if expression is None or any(isinstance(node, LineTime) for node in walk(expression.root)):
-        return {}
+    """`{name: value}` if the expression needs nothing but itself; flags are numbers."""
     try:
-        return {name: evaluate(expression.root, _no_name)}
-    except (MissingName, *EVALUATION_ERRORS):
+        value = None if expression is None else evaluate(expression.root, {})
+    except EVALUATION_ERRORS:
         return {}
-
-
-def _no_name(name: str) -> Any:
-    raise MissingName(name)
+    return {} if expression is None else {name: int(value) if isinstance(value, bool) else value}
 
 
 def _empty(variable: StateVariable) -> dict[str, Any]:

@@ -248,7 +248,7 @@ class _Record:
 
     # ---- names --------------------------------------------------------------------------------------------
 
-    def lookup(self, name: str) -> Any:
+    def __getitem__(self, name: str) -> Any:
         """A value of this record, worked out if need be, of those around it, or of the context."""
         if name in self.records:
             return self.records[name]
@@ -262,7 +262,7 @@ class _Record:
             finally:
                 self.working.discard(name)
         if segment is None and self.outer is not None:
-            return self.outer.lookup(name)
+            return self.outer[name]
         if segment is None and name in self.sampler.context:
             return self.sampler.context[name]
         raise MissingName(name)
@@ -273,7 +273,7 @@ class _Record:
             raise KeyError(name)
         when = self.by_name[name].when
         try:
-            return None if when is not None and not evaluate(when.root, self.lookup) else self.lookup(name)
+            return None if when is not None and not evaluate(when.root, self) else self[name]
         except MissingName:
             return None
 
@@ -297,12 +297,12 @@ class _Record:
             expression = None
         if expression is None:
             raise MissingName(name)
-        return evaluate(expression.root, self.lookup)
+        return evaluate(expression.root, self)
 
     def known(self, node: Node) -> Any:
         """The value of a part of an expression; None when something in it has no value yet."""
         try:
-            return evaluate(node, self.lookup)
+            return evaluate(node, self)
         except (MissingName, *EVALUATION_ERRORS):
             return None
 
@@ -339,20 +339,20 @@ class _Record:
         """Whether a condition holds; what it reads of the segments that follow gets its value now."""
         for _ in self.all:
             try:
-                return bool(evaluate(when.root, self.lookup))
+                return bool(evaluate(when.root, self))
             except MissingName as missing:
                 later = self.by_name.get(missing.name)
                 if later is None or missing.name in self.given or not isinstance(later, _GIVEN):
                     raise
                 self._put(missing.name, self._value(later))
-        return bool(evaluate(when.root, self.lookup))
+        return bool(evaluate(when.root, self))
 
     def _put(self, name: str | None, value: Any) -> None:
         if name is not None and value is not _LEFT_OUT:
             self.given[name] = value
 
     def _case(self, choose: model.Choose) -> tuple[Segment, ...]:
-        wanted = evaluate(choose.on.root, self.lookup)
+        wanted = evaluate(choose.on.root, self)
         fitting = [segments for keys, segments in choose.cases if wanted in keys]
         return fitting[0] if fitting else choose.otherwise or ()
 

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
-from framekit.codec import support
-from framekit.definition.expression import Attribute, Binary, Expression, LineTime, Name, Node, emit, names_in, walk
+from framekit.codec.evaluate import ENGINE_FUNCTIONS as ENGINE_FUNCTIONS
+from framekit.codec.evaluate import EVALUATION_ERRORS as EVALUATION_ERRORS
+from framekit.codec.evaluate import compiled
+from framekit.definition.expression import Binary, Expression, LineTime, Name, Node, names_in, walk
 from framekit.link.values import attribute
 
 Evaluate = Callable[["Names"], Any]
 Formula = Callable[["Names"], Any]
-
-ENGINE_FUNCTIONS = ("empty", "full", "memory", "with_date")
 
 
 class Names(dict[str, Any]):
@@ -50,52 +49,11 @@ class Names(dict[str, Any]):
             return default
 
 
-class _EngineNames:
-    """How names are written for the engine: everything is looked up in the `Names` called `n`."""
-
-    def name(self, node: Name) -> str:
-        return f"n[{node.name!r}]"
-
-    def attribute(self, node: Attribute) -> str:
-        return f"attribute({emit(node.value, self)}, {node.name!r})"
-
-    def line_time(self, node: LineTime) -> str:
-        return f"n['line'].{node.unit}({node.count[0]}, {node.count[1]})"
-
-    def call(self, function: str, arguments: list[str]) -> str:
-        if function in ENGINE_FUNCTIONS:
-            return f"n['functions'].{function}({', '.join(arguments)})"
-        return f"support.{function}({', '.join(arguments)})"
-
-
-_GLOBALS: dict[str, Any] = {
-    "attribute": attribute,
-    "support": support,
-    "__builtins__": {
-        "len": len,
-        "min": min,
-        "max": max,
-        "abs": abs,
-        "sum": sum,
-        "str": str,
-    },
-}
-
-
-@cache
-def _compiled(source: str) -> Evaluate:
-    code = compile(f"lambda n: {source}", "<expression>", "eval")
-    function: Evaluate = eval(code, dict(_GLOBALS))
-    return function
-
-
 def compile_expression(expression: Expression) -> Evaluate:
     """A function of a `Names`. Evaluating raises KeyError (unknown name), TypeError, IndexError, ValueError or
     ArithmeticError; `EVALUATION_ERRORS` names them for callers that must go on."""
-    return _compiled(emit(expression.root, _EngineNames()))
+    return compiled(expression.root, attribute)
 
-
-EVALUATION_ERRORS = (KeyError, TypeError, IndexError, ValueError, ArithmeticError, AttributeError)
 
 CODEC_ERRORS = Exception
 """What a receiver takes for a frame that does not fit: whatever its functions raise, nothing ends the line."""

@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from construct_oracle.evaluate import FUNCTIONS, evaluate
 from construct_oracle.names import Names
 from hypothesis import given
 from hypothesis import strategies as st
 
 from framekit.codec import support
-from framekit.codec.evaluate import EVALUATION_ERRORS, FUNCTIONS, MissingName, evaluate
+from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName
 from framekit.definition.expression import FUNCTIONS as KNOWN_FUNCTIONS
 from framekit.definition.expression import Attribute, LineTime, Name, emit, parse_expression
 from framekit.definition.problems import NOWHERE

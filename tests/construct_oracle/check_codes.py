@@ -8,13 +8,13 @@ from io import BytesIO
 from construct import Container
 
 from construct_oracle.base import SegmentConstruct
+from construct_oracle.evaluate import evaluate
 from construct_oracle.faults import Place
 from construct_oracle.filling import Filling
 from construct_oracle.names import Names
 from construct_oracle.state import Leaf, Reading, State, Writing, is_marked, mark_of
 from framekit.codec import support
 from framekit.codec.checks import compute
-from framekit.codec.evaluate import evaluate
 from framekit.definition.model.checks import CheckMethod
 from framekit.definition.model.segments import Check
 

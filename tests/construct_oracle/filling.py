@@ -13,10 +13,11 @@ from typing import Any, Protocol
 
 from construct import Container
 
+from construct_oracle.evaluate import attribute, evaluate
 from construct_oracle.faults import ConstructEncodeError
 from construct_oracle.names import Names
 from construct_oracle.state import Writing
-from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName, attribute, evaluate
+from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName
 from framekit.codec.support import room
 from framekit.definition.expression import Expression, names_in
 

@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING, Any
 
 from construct import Container, stream_tell
 
+from construct_oracle.evaluate import evaluate
 from construct_oracle.faults import Faults, Place, Stop
 from construct_oracle.names import Names
 from construct_oracle.sizes import Evaluate, KnownSizes
-from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName, evaluate
+from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName
 from framekit.definition.expression import Expression
 from framekit.definition.model.frames import parts_of
 from framekit.definition.model.segments import Check, Segment

@@ -13,11 +13,11 @@ from typing import Any
 import framekit
 import framekit.codec.kinds
 from framekit.codec import errors
+from framekit.codec.evaluate import start_values
 from framekit.codec.python.choices import choice_text, tree_of
 from framekit.codec.python.diagnosis import write_examiner
 from framekit.codec.python.encode import write_encoder
 from framekit.codec.python.examination import Examination
-from framekit.codec.python.expressions import ExpressionWriter, Scope, is_flag
 from framekit.codec.python.flat import Level, inner_frames, levels_of, rows_of, write_builder, write_plain_builder
 from framekit.codec.python.joined import write_pairs
 from framekit.codec.python.measure import write_extent, write_measurer
@@ -25,71 +25,16 @@ from framekit.codec.python.module import BUILT_IN, Module, pasted_names, used_me
 from framekit.codec.python.reader import not_possible, write_decoder
 from framekit.codec.python.shape import names_read
 from framekit.codec.python.source import Source, identifier, literal, quoted
-from framekit.codec.support import times
-from framekit.definition.expression import (
-    Attribute,
-    Call,
-    Conditional,
-    Expression,
-    Index,
-    LineTime,
-    Name,
-    Number,
-    walk,
-)
+from framekit.definition.expression import Conditional, Expression, Number
 from framekit.definition.model.frames import Frame, Layout, everything
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.sections import StateVariable
 from framekit.definition.model.segments import Check, Choose, Length, Segment
-
-_EMPTY: dict[str, Any] = {"text": "", "bytes": b"", "list": [], "record": {}}
 
 
 def default_values(protocol: Protocol, names: Iterable[str]) -> dict[str, Any]:
     """Start values of the named parameters and variables, as far as they are constants."""
-    found: dict[str, Any] = {}
-    for name in sorted(names):
-        parameter, variable = protocol.params.get(name), protocol.state.get(name)
-        if parameter is not None and parameter.is_ is None and is_constant(parameter.default):
-            found[name] = _value(parameter.default)
-        elif variable is not None:
-            if variable.announced:
-                found[name] = None
-            elif variable.initial is None:
-                found[name] = _start_of(variable)
-            elif is_constant(variable.initial):
-                found[name] = _value(variable.initial)
-    return found
-
-
-def _start_of(variable: StateVariable) -> Any:
-    if variable.keys is not None:
-        return {}
-    return _EMPTY.get(variable.type, 0)
-
-
-def is_constant(expression: Expression | None) -> bool:
-    """Whether an expression is worked out from nothing but itself."""
-    if expression is None:
-        return False
-    return not any(isinstance(node, (Name, Attribute, Index, LineTime, Call)) for node in walk(expression.root))
-
-
-def _value(expression: Expression | None) -> Any:
-    assert expression is not None
-    text = ExpressionWriter(_Nothing(), Scope(), str).text(expression)
-    value = eval(text, {"__builtins__": {}, "times": times})
-    return int(value) if is_flag(expression.root) else value
-
-
-class _Nothing:
-    """No tables, and no functions but what operators stand for."""
-
-    def table(self, name: str) -> str | None:
-        return None
-
-    def function(self, name: str) -> str:
-        return name
+    known = start_values(protocol)
+    return {name: known[name] for name in sorted(names) if name in known and name not in protocol.tables}
 
 
 MISFITS = "MISFITS = (ValueError, LookupError, TypeError, ArithmeticError, AttributeError, struct_error)"

@@ -1,0 +1,161 @@
+"""Expressions worked out directly on their tree, as the reference that the emitted ones are held against."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from framekit.codec import support
+from framekit.codec.evaluate import ENGINE_FUNCTIONS
+from framekit.definition import expression as syntax
+from framekit.definition.expression import Node
+from framekit.definition.times import NEVER
+
+Lookup = Callable[[str], Any]
+
+WIDEST_SHIFT = 256
+
+_BINARY: dict[str, Callable[[Any, Any], Any]] = {
+    "|": operator.or_,
+    "^": operator.xor,
+    "&": operator.and_,
+    "+": operator.add,
+    "-": operator.sub,
+    "*": support.times,
+    "//": operator.floordiv,
+    "%": operator.mod,
+    "<<": lambda left, right: left << min(right, WIDEST_SHIFT),
+    ">>": lambda left, right: left >> min(right, WIDEST_SHIFT),
+}
+_COMPARE: dict[str, Callable[[Any, Any], Any]] = {
+    "==": operator.eq,
+    "!=": operator.ne,
+    "<": operator.lt,
+    "<=": operator.le,
+    ">": operator.gt,
+    ">=": operator.ge,
+    "in": lambda item, holder: item in holder,
+    "not in": lambda item, holder: item not in holder,
+}
+_UNARY: dict[str, Callable[[Any], Any]] = {"-": operator.neg, "~": operator.invert, "not": operator.not_}
+
+
+def evaluate(node: Node, lookup: Lookup) -> Any:
+    """The value of `node` with names from `lookup`. Raises one of EVALUATION_ERRORS, or MissingName."""
+    match node:
+        case syntax.Number(value=value) | syntax.Text(value=value) | syntax.Bytes(value=value):
+            return value
+        case syntax.Name(name=name):
+            return lookup(name)
+        case syntax.Attribute(value=value, name=name):
+            return attribute(evaluate(value, lookup), name)
+        case syntax.Index(value=value, index=index):
+            return evaluate(value, lookup)[evaluate(index, lookup)]
+        case syntax.Slice(value=value, start=start, stop=stop):
+            first = None if start is None else evaluate(start, lookup)
+            last = None if stop is None else evaluate(stop, lookup)
+            return evaluate(value, lookup)[first:last]
+        case syntax.Call(function=function, arguments=arguments):
+            return _call(function, [evaluate(argument, lookup) for argument in arguments], lookup)
+        case syntax.List(items=items):
+            return [evaluate(item, lookup) for item in items]
+        case syntax.LineTime(count=count, unit=unit):
+            return getattr(lookup("line"), unit)(*count)
+        case _:
+            return _operate(node, lookup)
+
+
+def _operate(node: Node, lookup: Lookup) -> Any:
+    match node:
+        case syntax.Unary(operator=sign, operand=operand):
+            return _UNARY[sign](evaluate(operand, lookup))
+        case syntax.Binary(operator=sign, left=left, right=right):
+            return _BINARY[sign](evaluate(left, lookup), evaluate(right, lookup))
+        case syntax.Compare(first=first, rest=rest):
+            return _compare(evaluate(first, lookup), rest, lookup)
+        case syntax.Logic(operator=word, operands=operands):
+            return _logic(word, operands, lookup)
+        case syntax.Conditional(condition=condition, then=then, otherwise=otherwise):
+            return evaluate(then if evaluate(condition, lookup) else otherwise, lookup)
+    raise TypeError(f"no expression node: {node!r}")
+
+
+def _compare(left: Any, rest: tuple[tuple[str, Node], ...], lookup: Lookup) -> Any:
+    """Chained comparisons; operands behind a false one are not worked out."""
+    result: Any = True
+    for sign, operand in rest:
+        right = evaluate(operand, lookup)
+        result = _COMPARE[sign](left, right)
+        if not result:
+            break
+        left = right
+    return result
+
+
+def _logic(word: str, operands: tuple[Node, ...], lookup: Lookup) -> Any:
+    """`and` gives the first false operand, `or` the first true one, else the last."""
+    value: Any = None
+    for operand in operands:
+        value = evaluate(operand, lookup)
+        if bool(value) == (word == "or"):
+            break
+    return value
+
+
+def attribute(value: Any, name: str) -> Any:
+    """`value.name`: an entry of a mapping, what an object of the engine offers, or the list of a list's attributes.
+
+    What is nothing has nothing.
+    """
+    if value is None:
+        return None
+    if isinstance(value, Mapping):
+        of_record = getattr(value, "value_or_nothing", None)
+        return value[name] if of_record is None else of_record(name)
+    if isinstance(value, (list, tuple)):
+        return [attribute(item, name) for item in value]
+    fields = getattr(value, "fields", None)
+    if isinstance(fields, Mapping) and name in fields:
+        return fields[name]
+    if hasattr(value, "language_attribute"):
+        return value.language_attribute(name)
+    if isinstance(fields, Mapping) and name in ("frame", "refusal"):
+        return getattr(value, name) or 0
+    raise KeyError(name)
+
+
+# ---- functions ----------------------------------------------------------------------------------------------
+
+
+def _call(function: str, arguments: list[Any], lookup: Lookup) -> Any:
+    if function in ENGINE_FUNCTIONS:
+        return getattr(lookup("functions"), function)(*arguments)
+    return FUNCTIONS[function](*arguments)
+
+
+FUNCTIONS: dict[str, Callable[..., Any]] = {
+    "len": len,
+    "min": min,
+    "max": max,
+    "abs": abs,
+    "sum": sum,
+    "text": str,
+    "lower": lambda text: text.lower(),
+    "upper": lambda text: text.upper(),
+    "get": lambda table, key, default: table.get(key, default),
+    "ms": lambda count: count * 1_000_000,
+    "limit": lambda time: time or NEVER,
+    "number": support.number,
+    "digits": support.digits,
+    "bit": support.bit,
+    "rotl8": support.rotl8,
+    "same": support.same,
+    "find": support.find,
+    "find_last": support.find_last,
+    "free": support.free,
+    "either": support.either,
+    "none": lambda: None,
+    "only": support.only,
+    "span": support.span,
+}
