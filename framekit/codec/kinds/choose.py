@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import Cases, EncodeWriter, Given
 from framekit.codec.python.encode_plan import Task
-from framekit.codec.python.expressions import Scope, numbers_of
+from framekit.codec.python.expressions import Scope
+from framekit.codec.python.function import FunctionWriter
 from framekit.codec.python.measure import Finished, MeasureWriter, Pairs
 from framekit.codec.python.reader import BufferReader, Item
 from framekit.codec.python.registry import summary
@@ -14,6 +17,7 @@ from framekit.codec.python.source import literal
 from framekit.definition.expression import AND, BIT_OR
 from framekit.definition.model.segments import (
     Choose,
+    Field,
     Segments,
 )
 
@@ -28,16 +32,12 @@ class ChooseKind(SegmentKind[Choose]):
             local = function.names.fresh("case")
             function.add(f"{local} = {on}")
             on = local
-        numbers = numbers_of(segment.on, item.scope, function.by_name)
         branches: list[tuple[str, list[Item]]] = []
-        for keys, segments in segment.cases:
-            values = tuple(numbers.get(key, key) if isinstance(key, str) else key for key in keys)
-            test = f"{on} == {literal(values[0])}" if len(values) == 1 else f"{on} in {literal(values)}"
-            items = [Item(segment, item.scope, item.fields) for segment in segments]
-            branches.append((f"{'elif' if branches else 'if'} {test}:", items))
+        for header, segments in _headers(function, segment, on):
+            branches.append((header, [Item(one, item.scope, item.fields) for one in segments]))
         item.fields.open(function.out)
         if segment.otherwise is not None:
-            branches.append(("else:", [Item(segment, item.scope, item.fields) for segment in segment.otherwise]))
+            branches.append(("else:", [Item(one, item.scope, item.fields) for one in segment.otherwise]))
         r.prepare_names([inner for _, items in branches for inner in items])
         r.branches_of_choice(branches, after, fault=segment.otherwise is None)
 
@@ -45,27 +45,18 @@ class ChooseKind(SegmentKind[Choose]):
         return w.branch_tasks(segment, scope, given)
 
     def cases(self, w: EncodeWriter, segment: Choose, scope: Scope, given: Given) -> Cases:
-        numbers = numbers_of(segment.on, scope, w.by_name)
         on = w.text(segment.on, scope, BIT_OR)
         condition = "" if segment.when is None else f"{w.text(segment.when, scope, AND)} and "
-        found: Cases = []
-        for keys, segments in segment.cases:
-            values = tuple(numbers.get(key, key) if isinstance(key, str) else key for key in keys)
-            test = f"{on} == {literal(values[0])}" if len(values) == 1 else f"{on} in {literal(values)}"
-            found.append((f"{'elif' if found else 'if'} {condition}{test}:", segments))
         last = "else:" if segment.when is None else f"elif {w.text(segment.when, scope)}:"
-        return [*found, (last, segment.otherwise)]
+        return [*_headers(w, segment, condition + on), (last, segment.otherwise)]
 
     def diagnose(self, d: DiagnosisWriter, segment: Choose, scope: Scope, behind: Behind) -> None:
-        numbers = numbers_of(segment.on, scope, d.by_name)
         text = d.writer(scope).text(segment.on)
         if absent := d.absent(segment):
             d.out.add(absent)
         d.out.add(f'case = n.ask(lambda n: {text}, "value", {d.named(segment)})')
-        for place, (keys, segments) in enumerate(segment.cases):
-            values = tuple(numbers.get(key, key) if isinstance(key, str) else key for key in keys)
-            test = f"case == {literal(values[0])}" if len(values) == 1 else f"case in {literal(values)}"
-            with d.out.block(f"{'elif' if place else 'if'} {test}:"):
+        for header, segments in _headers(d, segment, "case"):
+            with d.out.block(header):
                 _diagnose_case(d, segment, segments, scope, behind)
         with d.out.block("else:"):
             if segment.otherwise is not None:
@@ -76,16 +67,13 @@ class ChooseKind(SegmentKind[Choose]):
                 )
 
     def measure(self, m: MeasureWriter, segment: Choose, scope: Scope, after: Pairs) -> None:
-        numbers = numbers_of(segment.on, scope, m.by_name)
         case = m.names.fresh("case")
         m.add(f"{case} = {m.text(segment.on, scope)}")
         m.absent((segment,), scope)
         m.settle()
         finished = []
-        for place, (keys, of) in enumerate(segment.cases):
-            values = tuple(numbers.get(key, key) if isinstance(key, str) else key for key in keys)
-            test = f"{case} == {literal(values[0])}" if len(values) == 1 else f"{case} in {literal(values)}"
-            with m.out.block(f"{'elif' if place else 'if'} {test}:"):
+        for header, of in _headers(m, segment, case):
+            with m.out.block(header):
                 finished.append(m.branch(m.pairs(of, scope), after))
         with m.out.block("else:"):
             if segment.otherwise is None:
@@ -98,6 +86,17 @@ class ChooseKind(SegmentKind[Choose]):
     def describe(self, segment: Choose) -> str:
         shown = "; ".join(f"{', '.join(str(key) for key in keys)}: {summary(of)}" for keys, of in segment.cases)
         return f"by {segment.on} ({shown})"
+
+
+def _headers(writer: FunctionWriter, choose: Choose, on: str) -> Iterator[tuple[str, Segments]]:
+    """The lines that begin the cases, by the text `on` of what they go by; names of values are their numbers."""
+    field = writer.by_name.get(str(choose.on).strip())
+    names = field.values if isinstance(field, Field) and field.values is not None else {}
+    numbers: dict[object, object] = {name: number for number, name in names.items()}
+    for place, (keys, segments) in enumerate(choose.cases):
+        values = tuple(numbers.get(key, key) if isinstance(key, str) else key for key in keys)
+        test = f"{on} == {literal(values[0])}" if len(values) == 1 else f"{on} in {literal(values)}"
+        yield f"{'elif' if place else 'if'} {test}:", segments
 
 
 def _diagnose_case(d: DiagnosisWriter, segment: Choose, case: Segments, scope: Scope, behind: Behind) -> None:

@@ -10,12 +10,12 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from framekit.codec.python import forms
-from framekit.codec.python.expressions import ExpressionWriter, Scope, default_text, entries_read
-from framekit.codec.python.function import on_the_wire, span_names
+from framekit.codec.python.expressions import Scope, default_text, entries_read
+from framekit.codec.python.function import FunctionWriter, on_the_wire, span_names
 from framekit.codec.python.module import Module
 from framekit.codec.python.registry import kind_of, write_docstring
 from framekit.codec.python.shape import names_asked_for
-from framekit.codec.python.source import Identifiers, Source, bytes_literal, literal, quoted
+from framekit.codec.python.source import Source, bytes_literal, literal, quoted
 from framekit.definition.expression import BIT_OR, PRODUCT, Expression, names_in
 from framekit.definition.model.frames import Frame, everything, flat, leaves, without_when
 from framekit.definition.model.segments import (
@@ -47,8 +47,7 @@ def write_examiner(
     out = Source()
     with out.block(f"def examine_{identifier}(data: bytes, ctx: Context) -> Examination:"):
         write_docstring(out, f"Read `{name}` carefully: all its places, and the first fault.", "")
-        for context, local in writer.hoisted.items():
-            out.add(f"{local} = {module.given(context)}")
+        writer.write_hoisted(out)
         out.add(f"n = {module.function('Examination')}(data, ctx)")
         if frame is not None and frame.most is not None:
             with out.block(f"if len(data) > {frame.most}:"):
@@ -73,22 +72,15 @@ class Comparison:
     names: frozenset[str]
 
 
-class DiagnosisWriter:
+class DiagnosisWriter(FunctionWriter):
     """Writes the calls of one careful function."""
 
     def __init__(self, module: Module, segments: tuple[Segment, ...]) -> None:
-        self.module = module
-        self.shapes = module.shapes
-        self.segments = segments
-        self.by_name = {segment.name: segment for segment in everything(segments) if segment.name}
-        self.out = Source()
-        self.names = Identifiers(module.words())
-        self.hoisted: dict[str, str] = {}
+        super().__init__(module, segments)
         self.deferred: list[Comparison] = []
         self.passed: set[str] = set()
         self.in_item = False  # of a list: what follows is the next item, not the end of the buffer
         self.late_checks: list[str] = []
-        self.field_names = {name for segment in everything(segments) for name in segment.value_names}
         self.read_names: set[str] = set()
         self.read_entries: set[int] = set()
         self.asked_by_name = names_asked_for(segments)
@@ -116,16 +108,6 @@ class DiagnosisWriter:
         return found
 
     # ---- texts --------------------------------------------------------------------------------------------
-
-    def context(self, name: str) -> str:
-        """Context values are fetched once, outside everything that takes errors for faults of the frame."""
-        if name not in self.hoisted:
-            self.module.context.add(self.module.known(name, self.segments))
-            self.hoisted[name] = self.names.fresh(name)
-        return self.hoisted[name]
-
-    def writer(self, scope: Scope) -> ExpressionWriter:
-        return ExpressionWriter(self.module, scope, self.context)
 
     def ask(self, what: int | Expression | str, scope: Scope, factor: str = "") -> str:
         """A number, or a function of `n` that gives it; `rest` is None."""

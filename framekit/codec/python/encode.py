@@ -14,14 +14,14 @@ from dataclasses import dataclass, field, replace
 
 from framekit.codec.python import forms
 from framekit.codec.python.encode_plan import Coverage, RuleWriter, Task, run_in_order
-from framekit.codec.python.expressions import ExpressionWriter, NameEntry, Scope, constant_of, default_text
+from framekit.codec.python.expressions import NameEntry, Scope, constant_of, default_text
 from framekit.codec.python.forms import code_bytes
-from framekit.codec.python.function import covers_later, on_the_wire
+from framekit.codec.python.function import FunctionWriter, covers_later, on_the_wire
 from framekit.codec.python.module import Module
 from framekit.codec.python.reader import not_possible
 from framekit.codec.python.registry import kind_of, struct_order, summary, write_docstring
 from framekit.codec.python.shape import ending_constants, follows_its_length, in_place_of_records, named, names_read
-from framekit.codec.python.source import Code, Identifiers, Source, bytes_literal, literal, quoted, text_source
+from framekit.codec.python.source import Code, Source, bytes_literal, literal, quoted, text_source
 from framekit.definition.expression import (
     AND,
     BIT_OR,
@@ -158,7 +158,7 @@ def as_bytes(text: str, segments: tuple[Segment, ...]) -> str:
     return f'b"" + {text}' if is_given and not is_packed else text
 
 
-class EncodeWriter:
+class EncodeWriter(FunctionWriter):
     """Writes one encoder.
 
     Values: `fields_read` are names that expressions read of something that has fields; `asked_for` names whose bytes a
@@ -171,14 +171,9 @@ class EncodeWriter:
     """
 
     def __init__(self, module: Module, title: str, segments: tuple[Segment, ...]) -> None:
-        self.module = module
-        self.shapes = module.shapes
+        super().__init__(module, segments)
         self.title = title
-        self.segments = segments
-        self.out = Source()
-        self.names = Identifiers(module.words())
         self.conditions: list[str] = []
-        self.by_name = {segment.name: segment for segment in everything(segments) if segment.name}
         self.read_names = names_read(segments)
         nodes = (node for expression in expressions_of(segments) for node in walk(expression.root))
         self.fields_read = {node.name for node in nodes if isinstance(node, Attribute)}
@@ -197,9 +192,6 @@ class EncodeWriter:
         self.plains: dict[str, str] = {}
         self.begun: set[str] = set()
         self.late: dict[str, list[tuple[str, tuple[Segment, ...], Scope]]] = {}
-
-    def add(self, text: str) -> None:
-        self.out.add(text)
 
     def refuse_if(self, condition: str) -> None:
         """The values are refused if `condition` holds; the rules tell why."""
@@ -227,10 +219,9 @@ class EncodeWriter:
             with self.out.block(f"if {' or '.join(conditions)}:"):
                 self.add("raise Misfit")
 
-    def writer(self, scope: Scope) -> ExpressionWriter:
-        return ExpressionWriter(
-            self.module, scope, lambda name: self.module.given(self.module.known(name, self.segments))
-        )
+    def context(self, name: str) -> str:
+        """Text of a context value, which is fetched where it is used."""
+        return self.module.given(self.module.known(name, self.segments))
 
     def text(self, expression: Expression, scope: Scope, level: int = 0) -> str:
         return self.writer(scope).text(expression, level)

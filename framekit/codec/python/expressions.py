@@ -296,11 +296,3 @@ def default_text(text: str, field: Field) -> str:
             if text == literal(name):
                 return str(number)
     return text
-
-
-def numbers_of(on: Expression, scope: Scope, by_name: dict[str, Segment]) -> dict[str, int]:
-    """The numbers behind names in the cases of a choice on a field with `values`."""
-    segment = by_name.get(str(on).strip())
-    if isinstance(segment, Field) and segment.values is not None:
-        return {name: number for number, name in segment.values.items()}
-    return {}

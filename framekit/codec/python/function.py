@@ -35,23 +35,49 @@ class Bounds:
     last: Place
 
 
-class Function:
-    """State of a function being written. `segments`: everything it reads or builds; `title` names its constants."""
+class FunctionWriter:
+    """What the writers of all generated functions share. `segments`: everything the function reads or builds;
+    `hoisted`: the locals with what it reads of the context."""
 
-    def __init__(self, module: Module, title: str, segments: tuple[Segment, ...]) -> None:
+    def __init__(self, module: Module, segments: tuple[Segment, ...]) -> None:
         self.module = module
         self.shapes = module.shapes
-        self.title = title
         self.segments = segments
         self.out = Source()
         self.names = Identifiers(module.words())
         self.hoisted: dict[str, str] = {}
+        self.by_name = {segment.name: segment for segment in everything(segments) if segment.name}
+        self.field_names = {name for segment in everything(segments) for name in segment.value_names}
+
+    def add(self, text: str) -> None:
+        self.out.add(text)
+
+    def context(self, name: str) -> str:
+        """The local that holds a context value; it is fetched once, before anything is read."""
+        if name not in self.hoisted:
+            self.module.context.add(self.module.known(name, self.segments))
+            self.hoisted[name] = self.names.fresh(name)
+        return self.hoisted[name]
+
+    def write_hoisted(self, out: Source) -> None:
+        """Writes what fetches the values of the context."""
+        for name, local in self.hoisted.items():
+            out.add(f"{local} = {self.module.given(name)}")
+
+    def writer(self, scope: Scope) -> ExpressionWriter:
+        return ExpressionWriter(self.module, scope, self.context)
+
+
+class Function(FunctionWriter):
+    """State of a function being written that reads bytes; `title` names its constants."""
+
+    def __init__(self, module: Module, title: str, segments: tuple[Segment, ...]) -> None:
+        super().__init__(module, segments)
+        self.title = title
         self.regions: list[str] = []  # locals with the content of wraps that may be absent, where checks ask for it
         self.conditions: list[str] = []
         self.read_names = names_asked_for(segments)
-        self.field_names = {name for segment in everything(segments) for name in segment.value_names}
         self.tracked = tracked_names(segments)
-        self.by_name = {segment.name: segment for segment in everything(segments) if segment.name}
         self.names_of_values: dict[str, str] = {}
         self.in_branch = 0
         self.presets: dict[str, tuple[str, str]] = {}
@@ -71,16 +97,6 @@ class Function:
 
     # ---- names --------------------------------------------------------------------------------------------
 
-    def context(self, name: str) -> str:
-        """The local that holds a context value; it is fetched once, before anything is read."""
-        if name not in self.hoisted:
-            self.module.context.add(self.module.known(name, self.segments))
-            self.hoisted[name] = self.names.fresh(name)
-        return self.hoisted[name]
-
-    def writer(self, scope: Scope) -> ExpressionWriter:
-        return ExpressionWriter(self.module, scope, self.context)
-
     def local(self, name: str, scope: Scope) -> str:
         """The local of a field; one that exists in two cases of a choice has one local."""
         if name in scope.entries and scope.entries[name].text:
@@ -93,9 +109,6 @@ class Function:
         return any(entry is None or not entry.is_read for entry in entries)
 
     # ---- lines --------------------------------------------------------------------------------------------
-
-    def add(self, text: str) -> None:
-        self.out.add(text)
 
     def misfit_if(self, condition: str) -> None:
         """The frame does not fit if `condition` holds; it is written with others, before anything depends on it."""

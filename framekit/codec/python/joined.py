@@ -241,8 +241,7 @@ def write_joined(module: Module, identifier: str, title: str, frame: Frame, pair
     out = Source()
     with out.block(f"def {identifier}(data: bytes, ctx: Context) -> dict[str, Any]:"):
         out.docstring(f"Read `{frame.name}` with `{pair.inside_name}` inside.")
-        for context, local in function.hoisted.items():
-            out.add(f"{local} = {module.given(context)}")
+        function.write_hoisted(out)
         for local in function.regions:
             out.add(f'{local} = b""')
         out.extend(function.out)

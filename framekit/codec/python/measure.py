@@ -11,7 +11,6 @@ from collections.abc import Iterable, Iterator
 from framekit.codec.python import forms
 from framekit.codec.python.choices import fixed_bytes
 from framekit.codec.python.expressions import (
-    ExpressionWriter,
     NameEntry,
     Scope,
     default_text,
@@ -19,11 +18,11 @@ from framekit.codec.python.expressions import (
     may_be_negative,
     may_fail,
 )
-from framekit.codec.python.function import Place, between, index
+from framekit.codec.python.function import FunctionWriter, Place, between, index
 from framekit.codec.python.module import Module
 from framekit.codec.python.registry import kind_of, write_docstring
 from framekit.codec.python.shape import leading
-from framekit.codec.python.source import Identifiers, Source, bytes_literal, literal, quoted
+from framekit.codec.python.source import Source, bytes_literal, literal, quoted
 from framekit.definition.expression import SUM, Attribute, Expression, names_in, walk
 from framekit.definition.model.frames import Frame, bytes_of, everything, flat, without_when
 from framekit.definition.model.segments import (
@@ -76,7 +75,7 @@ def write_extent(module: Module, identifier: str, frame: Frame, segments: tuple[
     return writer.function(f"What `measure_{identifier}` says if a good frame is at data[start].")
 
 
-class MeasureWriter:
+class MeasureWriter(FunctionWriter):
     """Writes one measuring function. `place` counts from `start` as long as that is fixed, then it is in `at`.
 
     `asks_inside`: a frame inside decides on the size.
@@ -86,28 +85,18 @@ class MeasureWriter:
     asks_inside = False
 
     def __init__(self, module: Module, identifier: str, segments: tuple[Segment, ...], most: int) -> None:
-        self.module = module
+        super().__init__(module, segments)
         self.identifier = identifier
-        self.shapes = module.shapes
-        self.segments = segments
         self.most = most
-        self.out = Source()
-        self.names = Identifiers(module.words())
-        self.hoisted: dict[str, str] = {}
         self.may_fail = False
         self.place = Place("start", 0)
         self.sure = 0
         self.needed = needed_names(segments)
-        self.by_name = {segment.name: segment for segment in everything(segments) if segment.name}
-        self.field_names = {name for segment in everything(segments) for name in segment.value_names}
         self.maybe_absent: set[str] = set()
         self.paths: dict[int, str] = {}
         self.in_list = False
         self.in_digits = False
         self.looks_for_end = False
-
-    def add(self, text: str) -> None:
-        self.out.add(text)
 
     def pairs(self, segments: tuple[Segment, ...], scope: Scope) -> Pairs:
         """The segments with those of records."""
@@ -145,18 +134,11 @@ class MeasureWriter:
 
     # ---- texts --------------------------------------------------------------------------------------------
 
-    def context(self, name: str) -> str:
-        """The local that holds a context value; it is fetched once, before anything is read."""
-        if name not in self.hoisted:
-            self.module.context.add(self.module.known(name, self.segments))
-            self.hoisted[name] = self.names.fresh(name)
-        return self.hoisted[name]
-
     def text(self, expression: Expression, scope: Scope, level: int = 0) -> str:
         """Text of an expression; if it can fail, the function will say that the end is lost then."""
         if may_fail(expression.root) or _names_of(expression) & self.maybe_absent:
             self.may_fail = True
-        return ExpressionWriter(self.module, scope, self.context).text(expression, level)
+        return self.writer(scope).text(expression, level)
 
     def size_text(self, expression: Expression, scope: Scope, level: int = SUM) -> str:
         """Text of a size that is not negative. Below 0 without any field of the frame, the frame fits nothing."""

@@ -892,8 +892,7 @@ def write_decoder(
     kind = "frame" if frame is not None else "layout"
     with out.block(f"def decode_{identifier}(data: bytes, ctx: Context = DEFAULTS) -> dict[str, Any]:"):
         write_docstring(out, f"Read the {kind} `{name}`. Raises FrameError.", summary(segments))
-        for context, local in function.hoisted.items():
-            out.add(f"{local} = {module.given(context)}")
+        function.write_hoisted(out)
         for local in function.regions:
             out.add(f'{local} = b""')
         if at_once is not None:
