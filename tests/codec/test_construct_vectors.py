@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from functools import cache
-from pathlib import Path
+from collections.abc import Mapping
 from typing import Any
 
 import pytest
@@ -19,30 +17,22 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.sources import shipped_folder
 from framekit.definition.vectors import FrameVector
 
-FOLDER = Path(shipped_folder("frames"))
+VECTORS = sorted(shipped_folder("frames").glob("*.vectors.yaml"))
 
 
-@cache
-def compiled(name: str) -> tuple[Protocol, ConstructCodec]:
+@pytest.mark.parametrize("name", [path.name.removesuffix(".vectors.yaml") for path in VECTORS])
+def test_frames_of_vectors(name: str) -> None:
     protocol = load_protocol(name)
-    return protocol, compile_construct(protocol)
+    codec = compile_construct(protocol)
+    vectors = vectors_of(name)
+    assert vectors.frames or vectors.conversations
+    for vector in vectors.frames:
+        if vector.frame is not None:
+            holds(vector, protocol, codec)
 
 
-def cases() -> Iterator[Any]:
-    for path in sorted(FOLDER.glob("*.vectors.yaml")):
-        name = path.name.removesuffix(".vectors.yaml")
-        for vector in vectors_of(path.name.removesuffix(".vectors.yaml")).frames:
-            if vector.frame is not None:
-                yield pytest.param(name, vector, id=f"{name}:{vector.at.line}")
-
-
-def test_there_are_cases() -> None:
-    assert list(cases())
-
-
-@pytest.mark.parametrize(("name", "vector"), list(cases()))
-def test_frames_of_vectors(name: str, vector: FrameVector) -> None:
-    protocol, codec = compiled(name)
+def holds(vector: FrameVector, protocol: Protocol, codec: ConstructCodec) -> None:
+    """What is built of the values of one case fits its bytes, and these are read as the values, or refused."""
     assert vector.frame is not None
     context = base_context(protocol) | plain_values(protocol, vector)
     if vector.expect is not None:
@@ -51,13 +41,15 @@ def test_frames_of_vectors(name: str, vector: FrameVector) -> None:
         with pytest.raises(FrameError) as caught:
             codec.decode(vector.frame, data, context)
         kind, wanted = vector.expect
-        assert (caught.value.refuse if kind == "refused" else caught.value.cause) == wanted or kind == "noise"
+        assert (caught.value.refuse if kind == "refused" else caught.value.cause) == wanted or kind == "noise", (
+            vector.at
+        )
         return
     values = PlainValues(protocol).from_plain(vector.frame, vector.values or {})
     built = codec.encode(vector.frame, values, context)
-    assert vector.wire.matches(built), f"{built.hex(' ')} is not {vector.wire}"
+    assert vector.wire.matches(built), f"{vector.at}: {built.hex(' ')} is not {vector.wire}"
     for data in filter(None, (vector.wire.exact, built)):
-        assert has(codec.decode(vector.frame, data, context), values)
+        assert has(codec.decode(vector.frame, data, context), values), vector.at
 
 
 def plain_values(protocol: Protocol, vector: FrameVector) -> dict[str, Any]:

@@ -4,13 +4,14 @@ its client at work on a simulated processor, all on the virtual clock. Skipped o
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from random import Random
 from typing import Any
 
 import pytest
 
-from framekit.codec.codec import compile_protocol
+from framekit.codec.codec import Codec, compile_protocol
 from framekit.codec.errors import FrameError
 from framekit.definition.load import load_protocol
 from framekit.definition.times import parse_format
@@ -40,8 +41,12 @@ memory:
   sizes: {"N10:0": 64}
   set: {"N7:0": [0x1010, 0x1003, 0x0310], "F8:0": 0x40100000, "T4:2.ACC": 16}
 """
-CODEC = compile_protocol(load_protocol("df1"))
 NAMES = Names({"check_kind": "crc", "max_packet": 250, "processor": "slc", "node": 0, "tns": 0})
+
+
+@cache
+def codec() -> Codec:
+    return compile_protocol(load_protocol("df1"))
 
 
 def payload(random: Random, most: int) -> bytes:
@@ -85,7 +90,7 @@ def test_what_it_sends_is_read_here() -> None:
                 table=7, file_type=FileType.INTEGER, start=element, start_sub=sub, bit_mask=mask, data_to_write=[value],
                 dst=dst, src=src, tns=tns,
             )  # fmt: skip
-        (fields,) = CODEC.decode("message", bytes(frame.get_bytes()), NAMES)["packet"].values()
+        (fields,) = codec().decode("message", bytes(frame.get_bytes()), NAMES)["packet"].values()
         expected |= {"dst": dst, "src": src, "tns": tns, "cmd": 0x0F, "sts": 0}
         assert {name: fields[name] for name in expected} == expected
 
@@ -96,7 +101,7 @@ def test_what_is_sent_here_is_read_by_it() -> None:
         data = payload(random, 244)
         tns = random.choice([0x1010, random.randrange(65536)])
         packet = {"reply": {"dst": 0x10, "src": 1, "cmd": 0x0F, "tns": tns, "data": data}}
-        sent = CODEC.encode("message", {"packet": packet}, NAMES)
+        sent = codec().encode("message", {"packet": packet}, NAMES)
         frame = Reply4f(buffer=list(sent))
         assert frame.is_valid()
         assert (frame.tns, bytes(frame._get_command_data())) == (tns, data)
@@ -108,12 +113,12 @@ def test_what_is_sent_here_is_read_by_it() -> None:
 def test_both_refuse_the_same_damage() -> None:
     random = Random(3)
     packet = {"reply": {"dst": 0, "src": 1, "cmd": 0x0F, "tns": 7, "data": bytes(range(0x20, 0x60))}}
-    good = CODEC.encode("message", {"packet": packet}, NAMES)
+    good = codec().encode("message", {"packet": packet}, NAMES)
     for _ in range(ROUNDS // 4):
         damaged = bytearray(good)
         damaged[random.randrange(12, 60)] ^= random.choice([1, 2, 4, 8])
         with pytest.raises(FrameError):
-            CODEC.decode("message", bytes(damaged), NAMES)
+            codec().decode("message", bytes(damaged), NAMES)
         assert not Reply4f(buffer=list(damaged)).is_valid()
 
 
@@ -122,7 +127,7 @@ def test_it_finds_the_frames_of_a_stream() -> None:
     buffer, found, sent = ReceiveBuffer(), [], []
     for tns in range(30):
         packet = {"reply": {"dst": 0, "src": 0x10, "cmd": 0x0F, "tns": tns, "data": payload(random, 100)}}
-        sent.append(CODEC.encode("message", {"packet": packet}, NAMES))
+        sent.append(codec().encode("message", {"packet": packet}, NAMES))
         for byte in sent[-1]:
             buffer.extend([byte])
             found.extend(bytes(frame) for frame in buffer.pop_left_frames())

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import pytest
 from shipped import vectors_of
-
-CASES = vectors_of("df1").conversations
 
 FULL = {
     "FD-1": ("FD-1:", "a command is acknowledged, executed and answered"),
@@ -55,19 +55,24 @@ TABLES = {
 """The rows of the tables of 1.11, in their order, and the further duties of a master."""
 
 
+def names_of(role: str) -> Iterator[str]:
+    """What the conversations of one end are called."""
+    return (case.name for case in vectors_of("df1").conversations if case.role == role)
+
+
 @pytest.mark.parametrize("row", FULL)
 def test_full_duplex(row: str) -> None:
     for name in FULL[row]:
-        assert any(case.name.startswith(name) and case.role == "full" for case in CASES), name
+        assert any(one.startswith(name) for one in names_of("full")), name
 
 
 @pytest.mark.parametrize("row", HALF)
 def test_half_duplex_at_master_and_slave(row: str) -> None:
     for role, name in zip(("master", "slave"), HALF[row], strict=True):
-        assert any(case.name.startswith(name) and case.role == role for case in CASES), (role, name)
+        assert any(one.startswith(name) for one in names_of(role)), (role, name)
 
 
 @pytest.mark.parametrize("role", TABLES)
 def test_tables_of_half_duplex(role: str) -> None:
     for name in TABLES[role]:
-        assert any(case.name.startswith(name) and case.role == role for case in CASES), (role, name)
+        assert any(one.startswith(name) for one in names_of(role)), (role, name)

@@ -9,12 +9,13 @@ import math
 import os
 from collections import Counter
 from dataclasses import dataclass, field
+from functools import cache
 from random import Random
 from typing import Any
 
 import pytest
 
-from framekit.codec.codec import compile_protocol
+from framekit.codec.codec import Codec, compile_protocol
 from framekit.codec.errors import FrameError
 from framekit.definition.load import load_protocol
 from framekit.definition.times import parse_format
@@ -33,9 +34,12 @@ from framekit.transport.clock import VirtualClock
 from framekit.transport.simulated_line import SimulatedLine, Transmission
 
 EXCHANGES = int(os.environ.get("FRAMEKIT_EXCHANGES", "2000"))
-PROTOCOL = load_protocol("df1")
-CODEC = compile_protocol(PROTOCOL)
 BCC = Names({"check_kind": "bcc", "max_packet": 250, "processor": "slc"})
+
+
+@cache
+def df1() -> Codec:
+    return compile_protocol(load_protocol("df1"))
 
 
 @dataclass
@@ -65,7 +69,7 @@ class Damage:
     @staticmethod
     def _passes(data: bytes) -> bool:
         try:
-            CODEC.decode("message", data, BCC)
+            df1().decode("message", data, BCC)
         except FrameError:
             return False
         return True
@@ -87,14 +91,15 @@ class Station:
     wrong: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        areas, grammar = memory_of(PROTOCOL)
+        codec, protocol = df1(), df1().protocol
+        areas, grammar = memory_of(protocol)
         self.memory = DeviceMemory(areas)
-        self.server = MemoryServer(PROTOCOL, CODEC, self.memory)
+        self.server = MemoryServer(protocol, codec, self.memory)
         self.engine = Engine(
-            PROTOCOL, CODEC, "full", params={"node": self.number, **self.params}, line=self.line.settings,
+            protocol, codec, "full", params={"node": self.number, **self.params}, line=self.line.settings,
             own=self.number, server=self, memory=AddressedMemory(self.memory, grammar), now=0,
         )  # fmt: skip
-        self.client = Client(PROTOCOL, CODEC, self.engine)
+        self.client = Client(protocol, codec, self.engine)
         self.driver = Driver(self.engine, self.line.port(str(self.number)), self.clock)
         self.random = Random(self.number)
 

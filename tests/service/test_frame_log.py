@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from framekit.api.monitor import FrameFilter, FrameLog, ascii_of, result_of
 from framekit.definition.load import load_protocol
 from framekit.link.events import Seen
 
-MLDP, USER = load_protocol("mldp", Path.cwd()), load_protocol("third-party-plc", Path.cwd())
 ASK = bytes.fromhex("05 32 30 72 53 53 30 31 30 36 25 4D 57 31 30 30 04 41 34")
 GOOD = Seen("out", "frame", 5, ASK, "read_individual")
 BAD = Seen("in", "bad", 6, ASK[:-1] + b"5", "read_individual", reason="check", place=17, segment="check")
@@ -18,8 +15,8 @@ NOISE = Seen("in", "noise", 7, b"\xff\xfe")
 
 
 def log(kept: int = 100) -> FrameLog:
-    made = FrameLog({2: USER}, kept=kept)
-    made.know(1, MLDP, "client", {})
+    made = FrameLog({2: load_protocol("third-party-plc")}, kept=kept)
+    made.know(1, load_protocol("mldp"), "client", {})
     made.add(1, GOOD)
     made.add(1, BAD)
     made.add(1, NOISE)
@@ -31,8 +28,8 @@ def log(kept: int = 100) -> FrameLog:
 def test_the_processing_result() -> None:
     results = [entry.result for entry in log().since(0)]
     assert results == ["mldp client", "unknown", "unknown", "user-defined", ""]
-    assert result_of(MLDP, GOOD) == "mldp client"
-    assert result_of(MLDP, Seen("in", "frame", 1, b"", "refused")) == "mldp server"
+    assert result_of(load_protocol("mldp"), GOOD) == "mldp client"
+    assert result_of(load_protocol("mldp"), Seen("in", "frame", 1, b"", "refused")) == "mldp server"
 
 
 @pytest.mark.parametrize(
