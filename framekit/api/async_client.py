@@ -7,7 +7,6 @@ business.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import inspect
 import math
 from collections.abc import Callable, Generator, Mapping, Sequence
@@ -29,10 +28,9 @@ from framekit.api.values import (
     typed_each,
     values_given,
 )
-from framekit.codec.codec import compile_protocol
 from framekit.codec.shown import explain
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.problems import DefinitionError, did_you_mean
+from framekit.definition.problems import DefinitionError, no_such
 from framekit.link.addresses import Address, AddressError
 from framekit.link.events import Seen
 from framekit.link.services.client import MOST_KEPT, TransferResult
@@ -40,11 +38,10 @@ from framekit.link.values import FrameValue, plain
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError
 from framekit.memory.views import Order
 from framekit.run.commands import CommandBlocks, CommandEnd
-from framekit.runfile.channels import needs_own
 from framekit.runfile.devices import memory_of
 from framekit.service.client import Begin, ClientService, Polling
 from framekit.service.device import DeviceService, devices_of, port_for
-from framekit.service.run import LONGEST_SHUTDOWN
+from framekit.service.run import LONGEST_SHUTDOWN, close_sessions
 from framekit.transport.clock import AsyncioClock
 
 OPEN_WITHIN = 15.0
@@ -148,12 +145,10 @@ class AsyncClient:
         """
         self._stop_polls()  # the session is closed when the line has come to rest
         service = self._service
-        if service is not None and service.has_session:
+        if service is not None:
             left = asyncio.Event()
-            service.close_session(left.set)
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(LONGEST_SHUTDOWN / 1e9):
-                    await left.wait()
+            close_sessions((service,), service.clock, LONGEST_SHUTDOWN, left.set)
+            await left.wait()
         self.close_now()
         await asyncio.sleep(0)
 
@@ -399,14 +394,8 @@ class AsyncClient:
         service = self._working()
         found = protocol_of(application or self.settings.protocol.commands_file)
         own = DeviceMemory(memory_of(found)[0]) if memory is None else memory
-        return CommandBlocks(
-            found,
-            compile_protocol(found),
-            own,
-            channel=service.engine.scope,
-            engine=service.engine,
-            client=service.client,
-        )
+        engine, client = service.engine, service.client
+        return CommandBlocks(found, own, channel=engine.scope, engine=engine, client=client)
 
     async def command(self, blocks: CommandBlocks, words: bytes) -> CommandEnd:
         """Carries out the command block that begins with these bytes; how it ended, failures too.
@@ -414,10 +403,7 @@ class AsyncClient:
         One is carried out after the other: each finds the memory as those before have left it. Raises
         RequestError where requests need a number of the own side, LineClosedError.
         """
-        if self.settings.own is None and needs_own(self.settings.protocol):
-            raise RequestError(
-                f"requests of '{self.settings.protocol.name}' name the asking side – say its number as own (--own N)"
-            )
+        self.settings.check_own()
         future: asyncio.Future[CommandEnd] = asyncio.get_running_loop().create_future()
         station = self.settings.station
         turn = self._command_turn
@@ -500,8 +486,7 @@ class AsyncClient:
 
     def _known(self, frame: str) -> None:
         if frame not in self.protocol.frames:
-            hint = did_you_mean(frame, self.protocol.frames)
-            raise RequestError(f"'{self.protocol.name}' has no frame '{frame}'" + (f" – {hint}" if hint else ""))
+            raise RequestError(no_such(f"'{self.protocol.name}' has no frame", frame, self.protocol.frames))
 
     def _on_frame(self) -> None:
         """A frame that was not taken has come: the call that has waited longest gets it."""

@@ -16,7 +16,7 @@ from framekit.codec.columns import Batch, Cut
 from framekit.codec.errors import EncodeError, FrameError
 from framekit.codec.functions import candidates, fitting, nearest, reason
 from framekit.definition.model import protocol as model
-from framekit.definition.problems import did_you_mean, plural
+from framekit.definition.problems import did_you_mean, no_such, plural
 from framekit.link.evaluate import Names
 from framekit.link.scope import Scope
 
@@ -167,8 +167,7 @@ class Protocol:
     def _known(self, frame: str, known: Any) -> None:
         _named(frame)
         if frame not in known:
-            hint = did_you_mean(frame, known)
-            raise RequestError(f"'{self.name}' has no frame '{frame}'" + (f" – {hint}" if hint else ""))
+            raise RequestError(no_such(f"'{self.name}' has no frame", frame, known))
 
     def __repr__(self) -> str:
         return f"<protocol {self.name}, {plural(len(self.frames), 'frame')}>"

@@ -8,14 +8,13 @@ from pathlib import Path
 
 from framekit.api.errors import RequestError
 from framekit.api.settings import ClientSettings
-from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import EncodeError
 from framekit.codec.plain import PlainValues, with_hint
 from framekit.definition.load.reader import parse_number
 from framekit.definition.model.frames import parts_of
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import JobWork
-from framekit.definition.problems import Position, did_you_mean
+from framekit.definition.problems import Position, did_you_mean, no_such
 from framekit.link.addresses import Address, AddressError
 from framekit.link.conversation import default_line
 from framekit.link.events import Monitor
@@ -55,16 +54,15 @@ def profile_of(application: Protocol) -> JobProfile:
 def blocks_of(application: Protocol, protocol: Protocol | None, role: str | None) -> CommandBlocks:
     """Command blocks over an empty memory, on a port that speaks `protocol` and has done nothing yet."""
     areas, _ = memory_of(application)
-    scope = Scope(application, role=None)
+    scope = None
     if protocol is not None:
         scope = Scope(protocol, role=role or protocol.asking_role, line=default_line(protocol))
-    return CommandBlocks(application, compile_protocol(application), DeviceMemory(areas), channel=scope)
+    return CommandBlocks(application, DeviceMemory(areas), channel=scope)
 
 
 def blocks_on(line: JobLine) -> CommandBlocks:
     """Command blocks over the memory of a line of jobs."""
-    application = line.application
-    return CommandBlocks(application, compile_protocol(application), line.memory, channel=Scope(application, role=None))
+    return CommandBlocks(line.application, line.memory)
 
 
 def meaning_in(blocks: CommandBlocks, protocol: Protocol, data: bytes, *, judge: bool = True) -> Meaning:
@@ -163,8 +161,7 @@ def record_of(words: CommandWords, plain: Sequence[str], fields: dict[str, objec
 def _named(words: CommandWords, name: str, fields: dict[str, object], head: dict[str, object]) -> bytes:
     """A command by its name. Raises ValueError."""
     if name not in words.requests:
-        hint = did_you_mean(name, words.requests)
-        raise ValueError(f"'{words.application.name}' has no command '{name}'" + (f" – {hint}" if hint else ""))
+        raise ValueError(no_such(f"'{words.application.name}' has no command", name, words.requests))
     try:
         return words.make(name, fields, head)
     except EncodeError as error:

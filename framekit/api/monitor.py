@@ -24,7 +24,7 @@ from framekit.run.block_state import BlockStatus
 from framekit.service.capture import Capture, CaptureDecoder, CaptureReader
 from framekit.service.driver import Driver, LineLoad
 from framekit.transport.clock import AsyncioClock, Clock, Handle, VirtualClock
-from framekit.transport.port import AcceptedPort, Port
+from framekit.transport.port import AcceptedPort, Port, PortEvents
 from framekit.transport.port import LineEvent as LineEvent
 from framekit.transport.schemes import make_listener, open_port, scheme_of
 from framekit.transport.simulated_line import SimulatedLine
@@ -314,7 +314,7 @@ class LiveView:
         return (at - self.began) / 1e9
 
 
-class Replay:
+class Replay(PortEvents):
     """Sends what `events` say went in `direction`; `on_end(reason)` is told once, '' when everything has been sent.
 
     `speed_up`: how many times faster than it was; None: each piece as soon as the one before it has left.
@@ -396,15 +396,6 @@ class Replay:
     def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...] = ()) -> None:
         self.bytes_received += len(data)
 
-    def other_sender(self, now: int) -> None:
-        """Who sends changes nothing."""
-
-    def line_break(self, now: int) -> None:
-        """Breaks of the other side change nothing."""
-
-    def control(self, lines: Mapping[str, bool], now: int) -> None:
-        """Control lines change nothing."""
-
     def closed(self, now: int, reason: str) -> None:
         self._end(reason)
 
@@ -472,7 +463,7 @@ class Loopback:
         self._clock.call_soon(self._next)
 
 
-class _Trial:
+class _Trial(PortEvents):
     """One speed and format on one port."""
 
     def __init__(self, port: Port, clock: Clock, line: LineFormat, done: Callable[[LoopbackResult], None]) -> None:
@@ -505,17 +496,8 @@ class _Trial:
         if len(self._data) >= len(self._pattern):
             self._finish()
 
-    def sent(self, now: int) -> None:
-        """What counts is what comes back."""
-
-    def other_sender(self, now: int) -> None:
-        """What counts is what comes, not who sends it."""
-
     def line_break(self, now: int) -> None:
         self._faults.append("break")
-
-    def control(self, lines: Mapping[str, bool], now: int) -> None:
-        """Control lines are not tested."""
 
     def closed(self, now: int, reason: str) -> None:
         self._result.problems.append(reason)

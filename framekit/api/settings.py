@@ -5,7 +5,6 @@ Everything is looked at before a port is opened. What goes over the line is not 
 
 from __future__ import annotations
 
-import re
 import typing
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -17,7 +16,7 @@ from framekit.codec.shown import explain
 from framekit.definition.load import load_protocol
 from framekit.definition.load.reader import parse_bytes, parse_number
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.problems import NOWHERE, Position, did_you_mean
+from framekit.definition.problems import NOWHERE, Position, no_such
 from framekit.definition.times import LineFormat, parse_time
 from framekit.link.addresses import AddressGrammar as AddressGrammar
 from framekit.link.evaluate import Names as Names
@@ -70,12 +69,17 @@ class ClientSettings:
             station=self.station, params=self.params, at=NOWHERE, port_at=at,
         )  # fmt: skip
 
-    def station_for(self, given: Any, *, needed: bool = True) -> Any:
-        """The station of a call. Raises RequestError for one that does not fit, or where one has to be named."""
-        if needed and self.own is None and self.names_own:
+    def check_own(self) -> None:
+        """Raises RequestError where requests name the asking side, and its number is not known."""
+        if self.own is None and self.names_own:
             raise RequestError(
                 f"requests of '{self.protocol.name}' name the asking side – say its number as own (--own N)"
             )
+
+    def station_for(self, given: Any, *, needed: bool = True) -> Any:
+        """The station of a call. Raises RequestError for one that does not fit, or where one has to be named."""
+        if needed:
+            self.check_own()
         if given is not None:
             return checked_station(self.protocol, given)
         if self.station is None and needed and self.names_station:
@@ -105,7 +109,7 @@ def line_settings(
         raise RequestError(str(error)) from None
     return ClientSettings(
         protocol=found,
-        port=found.line.port_of(_port(port)),
+        port=found.line.port_of(port),
         role=None if frames_alone else _role(found, role),
         line=line,
         own=None if own is None else checked_station(found, own),
@@ -129,20 +133,12 @@ def checked_params(protocol: Protocol, params: Mapping[str, Any]) -> dict[str, A
     """Parameters that the protocol has, with values that fit. Raises RequestError."""
     for name, value in params.items():
         if name not in protocol.params:
-            hint = did_you_mean(name, protocol.params)
-            raise RequestError(f"'{protocol.name}' has no parameter '{name}'" + (f" – {hint}" if hint else ""))
+            raise RequestError(no_such(f"'{protocol.name}' has no parameter", name, protocol.params))
         try:
             given_value(protocol.params[name], value)
         except ParameterError as error:
             raise RequestError(str(error)) from None
     return dict(params)
-
-
-def _port(port: str) -> str:
-    """A port as it is named; whether there is such a one is found out when it is opened."""
-    if re.fullmatch(r"[A-Za-z0-9.-]+:\d+", port) and not port.startswith("sim:"):
-        raise RequestError(f"'{port}' is no port – write tcp://{port} for a connection")
-    return port
 
 
 def _role(protocol: Protocol, role: str | None) -> str | None:
@@ -153,8 +149,7 @@ def _role(protocol: Protocol, role: str | None) -> str | None:
         if role is None:
             raise RequestError(f"name the role: one of {', '.join(protocol.roles)}")
     if role not in protocol.roles:
-        hint = did_you_mean(role, protocol.roles)
-        raise RequestError(f"'{protocol.name}' has no role '{role}'" + (f" – {hint}" if hint else ""))
+        raise RequestError(no_such(f"'{protocol.name}' has no role", role, protocol.roles))
     return role
 
 
@@ -176,8 +171,8 @@ def names_of(protocol: Protocol, given: Mapping[str, Any]) -> Names:
 def _set_variable(scope: Scope, protocol: Protocol, name: str, value: Any) -> None:
     """Sets a state variable from its text."""
     if name not in protocol.state:
-        hint = did_you_mean(name, [*protocol.params, *protocol.state])
-        raise RequestError(f"'{protocol.name}' has no parameter or variable '{name}'" + (f" – {hint}" if hint else ""))
+        known = [*protocol.params, *protocol.state]
+        raise RequestError(no_such(f"'{protocol.name}' has no parameter or variable", name, known))
     parsers: dict[str, Callable[[str], Any]] = {"bytes": parse_bytes, "text": str, "time": parse_time}
     parse = parsers.get(protocol.state[name].type, parse_number)
     try:

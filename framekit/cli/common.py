@@ -190,16 +190,19 @@ def scope_of(protocol: Protocol, settings: Iterable[str]) -> Names:
         return names_of(protocol, assignments(settings))
 
 
-def duration_of(text: str | None) -> int | None:
-    """The time of `--for` (ns); None where there is none. Raises WordsError."""
+def time_of(option: str, text: str) -> int:
+    """The time (ns) that an option says. Raises WordsError."""
     from framekit.definition.times import parse_time
 
-    if text is None:
-        return None
     try:
         return parse_time(text)
     except ValueError as error:
-        raise WordsError(f"--for: {error}") from None
+        raise WordsError(f"{option}: {error}") from None
+
+
+def duration_of(text: str | None) -> int | None:
+    """The time of `--for` (ns); None where there is none. Raises WordsError."""
+    return None if text is None else time_of("--for", text)
 
 
 def existing(file: Path) -> Path:
@@ -244,15 +247,8 @@ def filter_of(arguments: argparse.Namespace) -> FrameFilter:
 
 def period_of(text: str | None) -> int:
     """The time of --status-every (ns); 0 without one. Raises WordsError."""
-    from framekit.definition.times import parse_time
-
-    if text is None:
-        return 0
-    try:
-        period = parse_time(text)
-    except ValueError as error:
-        raise WordsError(f"--status-every: {error}") from None
-    if not period:
+    period = 0 if text is None else time_of("--status-every", text)
+    if text is not None and not period:
         raise WordsError("--status-every: write a time above 0")
     return period
 
@@ -315,6 +311,11 @@ def table(rows: Sequence[Sequence[str]], head: Sequence[str]) -> str:
     return "\n".join(
         "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines
     )
+
+
+def tables(*found: tuple[Sequence[Sequence[str]], Sequence[str]]) -> str:
+    """Rows under their heads, with a blank line before each table; those without rows are left out."""
+    return "".join(f"\n{table(rows, head)}\n" for rows, head in found if rows)
 
 
 def plain(value: Any) -> Any:

@@ -10,12 +10,14 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from framekit.cli.common import (
+    WordsError,
     add,
     assignments,
     load,
     plain,
     print_json,
     table,
+    time_of,
 )
 from framekit.transport.schemes import help_on_ports
 
@@ -173,16 +175,11 @@ def run_read(arguments: argparse.Namespace) -> int:
 
 
 def cycle(every: str, times: int | None) -> Iterator[None]:
-    """Comes round at the times of reading, without drift; times that were missed are left out. Raises RequestError."""
-    from framekit.api.errors import RequestError
-    from framekit.definition.times import parse_time
+    """Comes round at the times of reading, without drift; times that were missed are left out. Raises WordsError."""
 
-    try:
-        period = max(1, parse_time(every))
-    except ValueError as error:
-        raise RequestError(f"--every: {error}") from None
+    period = max(1, time_of("--every", every))
     if times is not None and times < 1:
-        raise RequestError(f"--times: {times} is no number of readings – give 1 or more")
+        raise WordsError(f"--times: {times} is no number of readings – give 1 or more")
     begin = time.monotonic_ns()
     for number in itertools.count():
         if number == times:

@@ -35,7 +35,7 @@ from framekit.cli.common import (
     why_not,
 )
 from framekit.codec.shown import code_text
-from framekit.definition.problems import did_you_mean, plural
+from framekit.definition.problems import no_such, plural
 
 if TYPE_CHECKING:
     from framekit import Seen
@@ -67,8 +67,7 @@ def run_encode(arguments: argparse.Namespace) -> int:
 
     protocol = load(arguments.protocol)
     if arguments.frame not in protocol.frames:
-        hint = did_you_mean(arguments.frame, protocol.frames)
-        raise WordsError(f"'{protocol.name}' has no frame '{arguments.frame}'" + (f" – {hint}" if hint else ""))
+        raise WordsError(no_such(f"'{protocol.name}' has no frame", arguments.frame, protocol.frames))
     given = fields_given(arguments.fields)
     scope = scope_of(protocol, arguments.set)
     try:
@@ -205,8 +204,7 @@ def frames_tried(codec: StoredCodec, frame: str | None, side: str | None) -> lis
         return of_side(codec.catalogue, side)
     protocol = codec.protocol
     if frame not in protocol.frames and frame not in protocol.groups:
-        hint = did_you_mean(frame, [*protocol.frames, *protocol.groups])
-        raise WordsError(f"'{protocol.name}' has no frame '{frame}'" + (f" – {hint}" if hint else ""))
+        raise WordsError(no_such(f"'{protocol.name}' has no frame", frame, [*protocol.frames, *protocol.groups]))
     return candidates(protocol, frame, side)
 
 

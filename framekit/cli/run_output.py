@@ -7,7 +7,7 @@ import sys
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from framekit.cli.common import plain, seen_data, seen_text, table, told
+from framekit.cli.common import plain, seen_data, seen_text, table, tables, told
 from framekit.codec.shown import code_text
 from framekit.definition.problems import plural
 from framekit.definition.times import format_time, milliseconds
@@ -284,13 +284,12 @@ class TextOutput(RunOutput):
             if load.line is not None and (part := measured[load.channel.number]) is not None
         ]
         published = [(str(n), name, str(value)) for n, some in run.published().items() for name, value in some.items()]
-        for found, head in (
+        more = tables(
             (loads, ("channel", "settings", "line load expected", "measured")),
             (run.stored(), ("memory", "words")),
             (published, ("channel", "status", "value")),
-        ):
-            if found:
-                print("\n" + table(found, head))
+        )
+        print(more, end="")
 
 
 class JsonOutput(RunOutput):

@@ -25,7 +25,7 @@ from framekit.cli.common import (
     plain,
     seen_data,
     seen_text,
-    table,
+    tables,
     told,
     until,
     why_not,
@@ -271,11 +271,12 @@ class TextServeOutput(ServeOutput):
             reasons += [(own, text, str(count)) for text, count in one.reasons.items()]
             status += [(own, name, str(value)) for name, value in one.status.items()]
         reasons += [("line", text, str(count)) for text, count in sorted(self.server.line_errors.items())]
-        self.line("\n" + table(rows, ("station", "services", "errors")))
-        if reasons:
-            self.line("\n" + table(reasons, ("where", "reason", "count")))
-        if status:
-            self.line("\n" + table(status, ("station", "status", "value")))
+        found = tables(
+            (rows, ("station", "services", "errors")),
+            (reasons, ("where", "reason", "count")),
+            (status, ("station", "status", "value")),
+        )
+        self.line(found.rstrip("\n"))
 
     def status(self) -> None:
         self.line(f"\nstatus at {self.seconds(time.monotonic_ns()):.3f} s")

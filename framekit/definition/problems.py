@@ -80,6 +80,12 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     return ""
 
 
+def no_such(what: str, name: str, known: Iterable[str]) -> str:
+    """`what 'name'` and, behind a dash, what could be meant: for a name that there is not."""
+    hint = did_you_mean(name, known)
+    return f"{what} '{name}'" + (f" – {hint}" if hint else "")
+
+
 def parted(error: Exception) -> tuple[str, str]:
     """What is wrong, and behind a dash what to do, of an error whose text is such a sentence."""
     what, _, todo = str(error).partition(" – ")

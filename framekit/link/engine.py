@@ -251,6 +251,11 @@ class Engine:
             self.output.put(item)
         return self._finish() if machine.stirred or not machine.is_idle else self._given()
 
+    @property
+    def has_session(self) -> bool:
+        """Whether its role has sessions: one may have to be closed."""
+        return self.machine.session.session is not None
+
     def close_session(self, now: int, on_done: Callable[[], None] = lambda: None) -> list[Command]:
         """Closes an open session as soon as no exchange runs or waits; `on_done` is called once, when all is sent."""
         self.scope.now = max(self.scope.now, now)

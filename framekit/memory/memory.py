@@ -16,7 +16,7 @@ from operator import or_
 from typing import Literal
 
 from framekit.definition.model.services import UNIT_BITS
-from framekit.definition.problems import did_you_mean
+from framekit.definition.problems import no_such
 
 
 class DeviceMemoryError(Exception):
@@ -449,8 +449,7 @@ class DeviceMemory:
         """The area of that name or alias."""
         found = self._by_name.get(name)
         if found is None:
-            hint = did_you_mean(name, self._by_name)
-            raise UnknownAreaError(f"the memory has no area '{name}'" + (f" – {hint}" if hint else ""))
+            raise UnknownAreaError(no_such("the memory has no area", name, self._by_name))
         return found
 
     # --- access; see Area

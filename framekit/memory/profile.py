@@ -12,6 +12,7 @@ from collections.abc import Mapping as MappingOf
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -26,7 +27,7 @@ from framekit.definition.model.values import Table
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar
 from framekit.definition.problems import NOWHERE, DefinitionError, Position, did_you_mean
 from framekit.definition.sources import find_profile
-from framekit.definition.times import NEVER, parse_time
+from framekit.definition.times import NEVER
 from framekit.memory.memory import Area, DeviceMemory, unit_bits
 
 CALENDAR_PARTS: dict[str, Callable[[datetime], int]] = {
@@ -238,6 +239,14 @@ def _find(name: str, folder: Path | None, at: Position) -> Path:
     return find_profile(name, folder, at, kind="memory profile", suffix=SUFFIX)
 
 
+def read_scan(reader: Reader, node: Node) -> int:
+    """How long a scan takes (ns). Raises Broken."""
+    time = reader.time(node)
+    if not SHORTEST_PERIOD <= time < NEVER:
+        raise reader.broken(node.at, "a scan takes 1 ms or more", "write it like 10 ms")
+    return time
+
+
 class ProfileLoader:
     """Turns the nodes of one file into a profile; problems go to `reader`."""
 
@@ -258,7 +267,7 @@ class ProfileLoader:
             addresses=load_address_forms(self.reader, self.root.get("addresses"), self.areas, tables) or (PLAIN,),
             clocks=self._clocks(),
             fixed=self._fixed(),
-            scan=self._scan(),
+            scan=self.reader.tried(partial(read_scan, self.reader), self.root.get("scan")) or DEFAULT_SCAN,
             calendar=self._calendar(),
             named=self._named(),
             flags=self._flags(),
@@ -266,13 +275,10 @@ class ProfileLoader:
         )
 
     def _text(self, key: str) -> str:
-        node = self.root.get(key)
-        return "" if node is None else self.reader.text(node)
+        return self.reader.maybe(self.reader.text, self.root.get(key)) or ""
 
     def _section(self, key: str) -> tuple[Entry, ...]:
-        with self.reader.going_on():
-            return self.reader.entries(self.root.get(key))
-        return ()
+        return self.reader.tried(self.reader.entries, self.root.get(key)) or ()
 
     # --- areas
 
@@ -328,7 +334,7 @@ class ProfileLoader:
         clocks = []
         for entry in self._section("clocks"):
             with self.reader.going_on():
-                period = self._time(entry.value)
+                period = self.reader.time(entry.value)
                 if not SHORTEST_PERIOD <= period < NEVER:
                     raise self.reader.broken(
                         entry.value.at, "a clock needs a period of 1 ms or more", "write it like 20 ms"
@@ -360,17 +366,6 @@ class ProfileLoader:
                     raise self.reader.broken(entry.value.at, "a word has two bytes", "give one part, or two")
                 words.append(CalendarWord(entry.key.text, parts, entry.key.at))
         return tuple(words)
-
-    def _scan(self) -> int:
-        node = self.root.get("scan")
-        if node is None:
-            return DEFAULT_SCAN
-        with self.reader.going_on():
-            scan = self._time(node)
-            if not SHORTEST_PERIOD <= scan < NEVER:
-                raise self.reader.broken(node.at, "a scan takes 1 ms or more", "write it like 10 ms")
-            return scan
-        return DEFAULT_SCAN
 
     # --- named places and words of blocks
 
@@ -466,10 +461,6 @@ class ProfileLoader:
         if number > MOST_ELEMENTS:
             raise self.reader.broken(node.at, f"{number} is too great: {MOST_ELEMENTS} is the greatest")
         return number
-
-    def _time(self, node: Node) -> int:
-        with self.reader.refusing(node.at):
-            return parse_time(self.reader.text(node))
 
     def _unit_bits(self, unit: str, node: Node) -> int:
         with self.reader.refusing(node.at):

@@ -163,9 +163,6 @@ def view_of(type_: str, order: str | None = None) -> NumberView | TextView:
     return NumberView(type_, _UNITS[bits], kind, reversed_, swapped)
 
 
-_FLOATS = {32: ("<I", "<f"), 64: ("<Q", "<d")}
-
-
 def as_signed(values: Iterable[int], unit: str | int) -> list[int]:
     """Unsigned values of this unit read as two's complement."""
     bits = unit_bits(unit)
@@ -192,23 +189,9 @@ def from_decimal(values: Iterable[int], unit: str | int) -> list[int]:
     return result
 
 
-def as_float(values: Iterable[int], unit: str | int = "dword") -> list[float]:
-    """Unsigned dwords or lwords read as IEEE 754 numbers of 32 or 64 bits."""
-    whole, real = _float_formats(unit)
-    return [struct.unpack(real, struct.pack(whole, value))[0] for value in values]
-
-
-def from_float(values: Iterable[float], unit: str | int = "dword") -> list[int]:
-    """The reverse of `as_float`. Raises MemoryValueError for a number too large for 32 bits."""
-    whole, real = _float_formats(unit)
-    try:
-        return [struct.unpack(whole, struct.pack(real, value))[0] for value in values]
-    except OverflowError as problem:
-        raise MemoryValueError(f"a number is too large for a floating-point {unit}") from problem
-
-
-def _float_formats(unit: str | int) -> tuple[str, str]:
-    formats = _FLOATS.get(unit_bits(unit))
-    if formats is None:
+def float_view(unit: str) -> NumberView:
+    """Dwords or lwords as IEEE 754 numbers of 32 or 64 bits. Raises ValueError for another unit."""
+    bits = unit_bits(unit)
+    if bits not in _FORMATS["float"]:
         raise ValueError(f"a {unit} holds no floating-point number – only a dword or an lword does")
-    return formats
+    return NumberView(f"float{bits}", unit, "float", False, False)

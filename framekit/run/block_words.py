@@ -31,7 +31,7 @@ def status_sections(sections: Iterable[BlockWords]) -> tuple[BlockWords, ...]:
 
 
 class StatusWords:
-    """Shows blocks in the words of `sections`; areas that are read-only for others are written all the same.
+    """Shows blocks in the words of those `sections` that show state, also in areas that are read-only for others.
 
     `pulse` is how long a pulse lasts, in nanoseconds. Blocks for which a section has no words are not shown there.
     `deadline`: when a pulse ends next, at the earliest.
@@ -39,7 +39,7 @@ class StatusWords:
 
     def __init__(self, memory: DeviceMemory, sections: Iterable[BlockWords], pulse: int) -> None:
         self._memory = memory
-        self._sections = tuple(sections)
+        self._sections = status_sections(sections)
         self._pulse = pulse
         self.deadline = NEVER
         self._ends: list[tuple[int, Key]] = []
@@ -97,14 +97,12 @@ class StatusWords:
 
     # ---- words --------------------------------------------------------------------------------------------
 
-    def words(self, key: Key) -> Iterator[tuple[BlockWords, int]]:
-        """The sections that have words for a block, and the first of them."""
-        return words_of(self._sections, key)
-
     def _places_of(self, key: Key) -> tuple[_WordPlace, ...]:
         found = self._places.get(key)
         if found is None:
-            places = [_WordPlace(self._memory.area(one.area), first, one) for one, first in self.words(key)]
+            places = [
+                _WordPlace(self._memory.area(one.area), first, one) for one, first in words_of(self._sections, key)
+            ]
             found = self._places[key] = tuple(place for place in places if place.shows_something)
         return found
 
@@ -254,17 +252,12 @@ class _Given:
         self.holds = self.area.holder(2 * self.first, memory_of(self.words, "word"))
 
 
-def settings_sections(sections: Iterable[BlockWords]) -> tuple[BlockWords, ...]:
-    """Those of a profile's sections that hold settings of blocks."""
-    return tuple(section for section in sections if any(name in SETTINGS for name in section.items))
-
-
 class BlockSettings:
-    """Shows the settings of blocks in the words of `sections`, and reads them back before each exchange."""
+    """Shows the settings of blocks in the words of those `sections` that have some, and reads them back each time."""
 
     def __init__(self, memory: DeviceMemory, sections: Iterable[BlockWords]) -> None:
         self._memory = memory
-        self._sections = tuple(sections)
+        self._sections = tuple(section for section in sections if any(name in SETTINGS for name in section.items))
         self._protocols: dict[Key, Protocol] = {}
         self._given: dict[Key, list[_Given]] = {}
 
@@ -273,7 +266,7 @@ class BlockSettings:
         key = (block.set, block.number)
         self._protocols[key] = protocol
         shown = []
-        for section, first in self.words(key):
+        for section, first in words_of(self._sections, key):
             words = [0] * section.words
             for item, value in self._items(section, block, protocol):
                 put_item(words, item, value)
@@ -281,10 +274,6 @@ class BlockSettings:
             area.write("word", first, words, force=True)
             shown.append(_Given(section, area, first, words))
         self._given[key] = shown
-
-    def words(self, key: Key) -> Iterator[tuple[BlockWords, int]]:
-        """The sections that have words for a block, and the first of them."""
-        return words_of(self._sections, key)
 
     def forget(self, key: Key) -> None:
         """A block is no more: its words are free memory, and 0."""
@@ -427,10 +416,10 @@ class BlockMemory:
     """
 
     def __init__(self, memory: DeviceMemory, profile: MemoryProfile, shown: bool = True) -> None:
-        sections = tuple(profile.flags.values()) if shown else ()
+        self._sections = sections = tuple(profile.flags.values()) if shown else ()
         self.areas = {section.area for section in sections}
-        self.words = StatusWords(memory, status_sections(sections), profile.scan)
-        self.settings = BlockSettings(memory, settings_sections(sections))
+        self.words = StatusWords(memory, sections, profile.scan)
+        self.settings = BlockSettings(memory, sections)
 
     def add(self, state: BlockState, protocol: Protocol | None) -> None:
         """A block of the run: its state is put into its words, and its settings, if a protocol says what they are."""
@@ -449,11 +438,8 @@ class BlockMemory:
 
     def places(self, block: Block) -> list[tuple[str, int, int]]:
         """The words of a block: area, first word, how many."""
-        key = (block.set, block.number)
-        return [
-            (section.area, first, section.words)
-            for section, first in (*self.words.words(key), *self.settings.words(key))
-        ]
+        found = words_of(self._sections, (block.set, block.number))
+        return [(section.area, first, section.words) for section, first in found]
 
 
 def status_of(state: BlockState) -> BlockStatus:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from framekit.codec.codec import compile_protocol
 from framekit.codec.plain import PlainValues
 from framekit.codec.shown import explain
 from framekit.definition.model.frames import fixed_size, flat, parts_of
@@ -422,22 +423,22 @@ Ended = Callable[[CommandEnd], None]
 class CommandBlocks:
     """Carries out command blocks of `application` on one channel. Raises ValueError when that has none.
 
-    `mapping` puts areas of the application elsewhere in the own memory (see `DeviceAreas`). Without `client` and
-    `engine` blocks can only be read and planned.
+    `channel`: the names of the line; default: those of the application alone. `mapping` puts areas of the application
+    elsewhere in the own memory (see `DeviceAreas`). Without `client` and `engine` blocks can only be read and planned.
     """
 
     def __init__(
         self,
         application: Protocol,
-        codec: ProtocolCodec,
         memory: DeviceMemory,
         *,
-        channel: Scope,
+        channel: Scope | None = None,
         engine: Engine | None = None,
         client: Client | None = None,
         mapping: Mapping[str, tuple[str, int]] | None = None,
     ) -> None:
-        self.scope = CommandScope(application, channel)
+        codec = compile_protocol(application)
+        self.scope = CommandScope(application, channel or Scope(application, role=None))
         self.server = MemoryServer(application, codec, memory, mapping=mapping, on_block=self._take)
         self.words = CommandWords(application, codec, self.server.shared.table, self.scope)
         self.engine = engine

@@ -14,14 +14,12 @@ from enum import Enum
 from typing import Any, get_args
 from typing import Protocol as Interface
 
-from framekit.codec.codec import compile_protocol
 from framekit.codec.shown import code_text, explain
 from framekit.definition.model.frames import expressions_of
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
 from framekit.link.addresses import Address
 from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
-from framekit.link.scope import Scope
 from framekit.link.services.server import CompiledBlock, CompiledJob, CompiledPlace
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits
 from framekit.run.block_state import Failure
@@ -752,9 +750,7 @@ class RecordReader:
 
     def __init__(self, application: Protocol, memory: DeviceMemory) -> None:
         self.memory = memory
-        self.blocks = CommandBlocks(
-            application, compile_protocol(application), memory, channel=Scope(application, role=None)
-        )
+        self.blocks = CommandBlocks(application, memory)
         says = "".join(str(one) for one in expressions_of(self.blocks.rules.status))
         self._status_fields = {name for name in self.blocks.words.head() if name in says}
 

@@ -17,7 +17,7 @@ from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.link.packing import memory_of, values_of
 from framekit.memory.memory import AccessError, DeviceMemory, DeviceMemoryError, MemoryRangeError
 from framekit.memory.profile import MemoryProfile
-from framekit.memory.views import as_float, as_signed, from_float
+from framekit.memory.views import as_signed, float_view
 from framekit.run.model import Block, OwnPlace
 
 Piece = tuple[OwnPlace, int, bytes]
@@ -205,7 +205,7 @@ def to_memory(part: FramePart, place: OwnPlace, value: Any, room: int | None) ->
         return 8 * len(data), data
     unit = place.address.unit
     if _is_float(part):
-        return place.address.unit_bits, memory_of(from_float([value], unit), unit)
+        return place.address.unit_bits, float_view(unit).write([value])
     try:
         return place.address.unit_bits, memory_of([int(value) // _unit(part)], unit)
     except ValueError:
@@ -219,9 +219,9 @@ def from_memory(part: FramePart, place: OwnPlace, memory: bytes) -> Any:
             return memory
         return memory.rstrip(b"\0").decode("latin-1") if part.type.end is not None else memory.decode("latin-1")
     unit = place.address.unit
-    number = values_of(memory, unit, 1)
     if _is_float(part):
-        return as_float(number, unit)[0]
+        return float_view(unit).read(memory)[0]
+    number = values_of(memory, unit, 1)
     if isinstance(part, Field) and part.type.signed and place.address.unit_bits > 1:
         number = as_signed(number, unit)
     return number[0] * _unit(part)

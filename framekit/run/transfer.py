@@ -9,7 +9,6 @@ from functools import partial
 from itertools import pairwise
 from typing import Any, Generic, Literal, TypeVar
 
-from framekit.codec.codec import compile_protocol
 from framekit.codec.shown import explain
 from framekit.definition.expression import Attribute, Conditional, Expression, Index, List, Name, Node, Number
 from framekit.definition.model.frames import Frame, flat
@@ -28,7 +27,7 @@ from framekit.link.packing import Packer, cut_memory, join_memory, memory_of, va
 from framekit.link.services.client import Client, Done, Transfer, TransferResult
 from framekit.link.values import FrameValue
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits
-from framekit.memory.views import as_signed, from_float
+from framekit.memory.views import as_signed, float_view
 from framekit.run.block_state import Failure, failure_of
 from framekit.run.commands import CommandBlocks, CommandEnd, ParamsOf
 from framekit.run.model import ArgumentPlace, Block, Merge, ResultPlace
@@ -354,7 +353,6 @@ class CommandTransfers:
         if found is None or found.words.application != application:
             found = self._commands[application.name] = CommandBlocks(
                 application,
-                compile_protocol(application),
                 self._memory,
                 channel=self._engine.scope,
                 engine=self._engine,
@@ -571,7 +569,7 @@ def _numbers(place: ResultPlace, values: Sequence[float]) -> tuple[int, bytes]:
     if any(isinstance(value, float) for value in scaled):
         if address.unit_bits not in (32, 64):
             raise ValueError(f"'{place.result}' is a floating-point number, and {place.place.text} is a {address.unit}")
-        scaled = list(from_float(scaled, address.unit))
+        return len(scaled) * address.unit_bits, float_view(address.unit).write(scaled)
     try:
         return len(scaled) * address.unit_bits, memory_of(scaled, address.unit)
     except ValueError as error:

@@ -36,8 +36,6 @@ from framekit.transport.schemes import is_known, no_port, scheme_of
 
 T = TypeVar("T")
 
-_HOST_AND_PORT = re.compile(r"[A-Za-z0-9.-]+:\d+")
-
 
 class Attempts:
     """Tries to read parts of something; `spoilt` says that one of them was broken, which has been told."""
@@ -142,8 +140,6 @@ class ChannelLoader:
 
     def _port(self, node: Node) -> str:
         port = self.reader.text(node)
-        if _HOST_AND_PORT.fullmatch(port) and not port.startswith("sim:"):
-            raise self.reader.broken(node.at, f"'{port}' is no port", f"write tcp://{port} for a connection")
         if port.strip() and not is_known(port):
             raise self.reader.broken(node.at, *no_port(port))
         for name in port.removeprefix("sim:").split(",") if port.startswith("sim:") else ():

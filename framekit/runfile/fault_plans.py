@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from contextlib import suppress
 from pathlib import Path, PurePosixPath
 
-from framekit.definition.load.documents import Documents
-from framekit.definition.load.reader import Broken, Reader
+from framekit.definition.load.documents import load_file
+from framekit.definition.load.reader import Reader
 from framekit.definition.model.frames import parts_of
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Check
@@ -39,17 +38,10 @@ def load_fault_plan(name: str | Path, folder: Path | None = None, at: Position =
 
     `at` is where the name was written. Raises DefinitionError with everything that is wrong.
     """
-    reader = Reader()
-    documents = Documents(reader)
-    path = plan = None
-    with suppress(Broken):
-        path = _find(name, folder or Path.cwd(), at)
-        root = documents.root(path, "faults")
-        plan = _PlanLoader(reader).plan(root, reader.text(root.get("faults")))
-    problems = documents.first_words(reader.problems, path)
-    if plan is None or problems:
-        raise DefinitionError(problems)
-    return plan
+    path = _find(name, folder or Path.cwd(), at)
+    return load_file(
+        path, "faults", lambda reader, root: _PlanLoader(reader).plan(root, reader.text(root.get("faults")))
+    )
 
 
 def read_fault_plan(

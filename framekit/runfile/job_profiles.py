@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping as MappingOf
-from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
 from framekit.definition.expression import names_in
-from framekit.definition.load.documents import Documents
+from framekit.definition.load.documents import load_file
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar
-from framekit.definition.problems import NOWHERE, DefinitionError, Position
+from framekit.definition.problems import NOWHERE, Position
 from framekit.definition.sources import find_profile
 from framekit.definition.times import NEVER
+from framekit.memory.profile import DEFAULT_SCAN, read_scan
 from framekit.run.job_profile import (
     OTHERWISE,
     WORDS,
@@ -39,20 +39,10 @@ def load_job_profile(name_or_path: str | Path, folder: Path | None = None, at: P
     path = name_or_path
     if not isinstance(path, Path):
         path = find_profile(path, folder, at, kind="job profile", suffix=SUFFIX)
-    reader = Reader()
-    documents = Documents(reader)
-    profile = None
-    with suppress(Broken):
-        profile = JobProfileLoader(reader, documents.root(path, "jobs")).profile()
-    problems = documents.first_words(reader.problems, path)
-    if profile is None or problems:
-        raise DefinitionError(problems)
-    return profile
+    return load_file(path, "jobs", lambda reader, root: JobProfileLoader(reader, root).profile())
 
 
-DEFAULT_SCAN = 10_000_000
 DEFAULT_CONNECT = 10_000_000_000
-SHORTEST_SCAN = 1_000_000
 MOST = 0xFFFF
 DEFAULT_LOG = 16
 NO_LIMIT = 1 << 30
@@ -241,8 +231,7 @@ class JobProfileLoader:
         return node
 
     def _text(self, key: str) -> str:
-        node = self.root.get(key)
-        return node.text if isinstance(node, Scalar) else ""
+        return self.reader.maybe(self.reader.text, self.root.get(key)) or ""
 
     def _numbers(self, node: Node | None) -> tuple[int, ...]:
         return tuple(self.reader.number(item) for item in self.reader.items(node))
@@ -279,11 +268,3 @@ class JobProfileLoader:
         if time <= 0:
             raise self.reader.broken(node.at, "a unit of no time counts nothing", "give a time such as 10 ms")
         return time
-
-
-def read_scan(reader: Reader, node: Node) -> int:
-    """How often status bits are refreshed (ns). Raises Broken."""
-    time = reader.time(node)
-    if not SHORTEST_SCAN <= time < NEVER:
-        raise reader.broken(node.at, "a scan takes 1 ms or more", "write it like 10 ms")
-    return time

@@ -26,7 +26,7 @@ from framekit.definition.nodes import Mapping as MappingNode
 from framekit.definition.problems import DefinitionError, Problem, did_you_mean
 from framekit.link.addresses import AddressGrammar
 from framekit.memory.memory import unit_bits
-from framekit.memory.profile import BlockWords, MemoryProfile, load_profile, load_profile_node
+from framekit.memory.profile import BlockWords, MemoryProfile, load_profile, load_profile_node, read_scan
 from framekit.run.block_words import check_items, status_sections, words_of
 from framekit.run.job_profile import AfterLate, JobProfile
 from framekit.run.model import (
@@ -45,7 +45,7 @@ from framekit.run.own_memory import parts_of as parts_of_fields
 from framekit.runfile.blocks import BlockLoader
 from framekit.runfile.channels import ChannelLoader
 from framekit.runfile.devices import check_profile, start_values
-from framekit.runfile.job_profiles import load_job_profile, read_scan
+from framekit.runfile.job_profiles import load_job_profile
 from framekit.runfile.transfers import OwnPlaces
 
 

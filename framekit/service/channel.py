@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, S
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.definition.model import protocol as model
@@ -72,14 +72,15 @@ class ChannelCounters:
         return self.failed + self.served.reasons(protocol)
 
 
-class ChannelOwner(Protocol):
-    """Who wants to know what happens on channels."""
+class ChannelOwner:
+    """What is told of what happens on channels; this one has no blocks, and does nothing."""
 
     def opened(self, channel: int, is_open: bool) -> None:
         """Whether exchanges can be started now."""
 
     def takes(self, block: int) -> Block | None:
         """A RECEIVE block with its settings as they are now; None when it takes no frame now."""
+        return None
 
     def arrived(self, block: int, failure: Failure | None) -> None:
         """The frame of a RECEIVE block came; None if it was stored, else why not."""
@@ -140,8 +141,6 @@ class ChannelService:
             self._later,
             self.params_of,
         )
-        role = None if channel.role is None else protocol.roles[channel.role]
-        self._role_has_session = role is not None and role.session is not None
         self._clock = clock
         self.state = "closed"
         self.driver = Driver(self.engine, port, clock, self._on_state, moment)
@@ -190,7 +189,7 @@ class ChannelService:
     @property
     def has_session(self) -> bool:
         """Whether one may have to be closed; a channel that is not open has none."""
-        return self._role_has_session and self.driver.is_open
+        return self.engine.has_session and self.driver.is_open
 
     def close_session(self, done: Callable[[], None]) -> None:
         """Takes leave of the other side as soon as nothing runs; `done` is called then."""

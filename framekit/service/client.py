@@ -83,7 +83,6 @@ class ClientService:
         )
         self.client = Client(protocol, codec, engine)
         self.driver = Driver(engine, port, clock, self._state)
-        self._role_has_session = role is not None and protocol.roles[role].session is not None
         self._sending: list[Callable[[bool], None]] = []
 
     # ---- life ---------------------------------------------------------------------------------------------
@@ -107,7 +106,7 @@ class ClientService:
     @property
     def has_session(self) -> bool:
         """Whether one may have to be closed before `stop`."""
-        return self._role_has_session and self.is_open
+        return self.engine.has_session and self.is_open
 
     def close_session(self, done: Callable[[], None]) -> None:
         """Takes leave of the other side as soon as nothing runs; `done` is called then."""

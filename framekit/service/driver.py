@@ -13,7 +13,7 @@ from typing import Protocol
 from framekit.definition.times import NEVER, LineFormat
 from framekit.link.events import Break, CharacterFault, Command, Reopen, Send, SetRts
 from framekit.transport.clock import Clock, Handle
-from framekit.transport.port import Port
+from framekit.transport.port import Port, PortEvents
 
 
 class LineLoad:
@@ -89,7 +89,7 @@ class Moment(Protocol):
     def end(self) -> None: ...
 
 
-class Driver:
+class Driver(PortEvents):
     """Runs an engine on a port. `on_state(text)` is told when the port opens, closes or fails.
 
     `pending` is what the engine wants and is still to be done, `load` measures how busy the line is. `moment` is told

@@ -33,7 +33,6 @@ from framekit.run.commands import CommandFaultError, StatusPlaceError
 from framekit.run.job_profile import JobProfile
 from framekit.run.job_table import Attempt, JobTable, RecordReader
 from framekit.run.model import (
-    Block,
     Channel,
     JobCommand,
     JobRecord,
@@ -46,7 +45,7 @@ from framekit.run.model import (
 )
 from framekit.run.own_memory import AddressedMemory, read_piece, store_pieces
 from framekit.runfile.devices import memory_of
-from framekit.service.channel import ChannelService, RunChannels
+from framekit.service.channel import ChannelOwner, ChannelService, RunChannels
 from framekit.transport.clock import AsyncioClock, Clock, Handle
 
 Found = Callable[[list[str] | None], None]
@@ -487,7 +486,7 @@ Ended = Callable[[Failure | None], None]
 """Told once how a command was answered; None when all is well."""
 
 
-class JobLine:
+class JobLine(ChannelOwner):
     """Jobs over a memory with the areas of `application`. `channel`: what leads to hosts, as in `Opening`.
 
     `closed` is told why a way to a host is closed, or could not be opened.
@@ -572,13 +571,6 @@ class JobLine:
         if not is_open:
             self._closed(self.channels[channel].state)
         self.jobs.opened(channel, is_open)
-
-    def takes(self, block: int) -> Block | None:
-        """There are no blocks that receive."""
-        return None
-
-    def arrived(self, block: int, failure: Failure | None) -> None:
-        """There are no blocks that receive."""
 
     # ---- time ---------------------------------------------------------------------------------------------
 

@@ -24,7 +24,17 @@ from framekit.run.own_memory import AddressedMemory, addresses_of
 from framekit.run.scheduler import Scheduler
 from framekit.run.triggers import awaited_bits
 from framekit.runfile.devices import put_values
-from framekit.service.channel import ChannelService, Exchanges, Made, RunChannels, RunMonitor, rules_of, undisturbed
+from framekit.service.channel import (
+    ChannelOwner,
+    ChannelService,
+    Exchanges,
+    Made,
+    RunChannels,
+    RunMonitor,
+    rules_of,
+    undisturbed,
+)
+from framekit.service.client import ClientService
 from framekit.service.device import DeviceService
 from framekit.service.jobs import JobService, ResolveHost, resolver_for
 from framekit.service.state import StateFile, StateKeeper
@@ -93,16 +103,18 @@ LONGEST_SHUTDOWN = 5_000_000_000
 """A run ends after this (ns) even if a session could not be closed."""
 
 
-def close_sessions(channels: Iterable[ChannelService], clock: Clock, within: int, end: Callable[[], None]) -> None:
-    """Closes the sessions of channels; `end` is called once, when all are closed or `within` ns have passed.
+def close_sessions(
+    services: Iterable[ChannelService | ClientService], clock: Clock, within: int, end: Callable[[], None]
+) -> None:
+    """Closes the sessions of channels or clients; `end` is called once, when all are closed or after `within` ns.
 
-    Where no channel has a session it is called at once.
+    Where there is no session it is called at once.
     """
-    with_session = [channel for channel in channels if channel.has_session]
+    with_session = [service for service in services if service.has_session]
     if not with_session:
         end()
         return
-    waiting = {channel.channel.number for channel in with_session}
+    waiting = set(range(len(with_session)))
 
     def over() -> None:
         waiting.clear()
@@ -118,8 +130,8 @@ def close_sessions(channels: Iterable[ChannelService], clock: Clock, within: int
                 limit.cancel()
                 clock.call_soon(end)
 
-    for channel in with_session:
-        channel.close_session(partial(left, channel.channel.number))
+    for number, service in enumerate(with_session):
+        service.close_session(partial(left, number))
 
 
 log = logging.getLogger(__name__)
@@ -159,7 +171,7 @@ OnChannel = Callable[[int, ChannelService], None]
 """Gets a channel that an edit has brought or changed, before it is opened."""
 
 
-class RunService:
+class RunService(ChannelOwner):
     """Carries a run out. `resolve` finds hosts that jobs name; default: the system's way.
 
     Raises DefinitionError when a device file is wrong, ValueError for a port of no known kind.

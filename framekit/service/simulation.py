@@ -18,7 +18,7 @@ from framekit.run.feasibility import BlockKey, ChannelLoad, Cost, channel_loads
 from framekit.run.model import Block, Channel, RunModel
 from framekit.run.own_memory import AddressedMemory, addresses_of
 from framekit.runfile.devices import Device, memory_of, put_values
-from framekit.service.channel import ChannelService
+from framekit.service.channel import ChannelOwner, ChannelService
 from framekit.service.device import DeviceService
 from framekit.transport.clock import VirtualClock
 from framekit.transport.simulated_line import SimulatedLine, Transmission
@@ -75,7 +75,7 @@ class SimulatedChannel:
         memory = run.memory.create()
         put_values(memory, run.initial)
         access = AddressedMemory(memory, addresses_of(run.memory))
-        self.service = ChannelService(channel, self.line.port(OWN), self.clock, access, (), _Nobody())
+        self.service = ChannelService(channel, self.line.port(OWN), self.clock, access, (), ChannelOwner())
         self.blocks = [self._with_station(block) for block in blocks]
         self.devices = self._servers(dict.fromkeys(block.station for block in self.blocks if _asks(block)))
 
@@ -149,16 +149,3 @@ class SimulatedChannel:
 
 def _asks(block: Block) -> bool:
     return block.instruction in ("read", "write", "call")
-
-
-class _Nobody:
-    """A channel's owner that wants to know nothing."""
-
-    def opened(self, channel: int, is_open: bool) -> None:
-        return None
-
-    def takes(self, block: int) -> Block | None:
-        return None
-
-    def arrived(self, block: int, failure: Failure | None) -> None:
-        return None

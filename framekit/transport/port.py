@@ -16,10 +16,10 @@ from framekit.link.events import CharacterFault
 from framekit.transport.clock import Clock
 
 
-class PortEvents(Protocol):
+class PortEvents:
     """What a port tells its owner, with the time of each event (ns): when it happened, not when it is told.
 
-    Nothing is told from inside of a call of the port's own methods.
+    Nothing is told from inside of a call of the port's own methods. A subclass that leaves an event out ignores it.
     """
 
     def opened(self, now: int) -> None:
@@ -128,7 +128,7 @@ class PortListener(Protocol):
         """Accepts no more; ports that have been accepted stay open where each has a connection of its own."""
 
 
-class PassingPort(Port):
+class PassingPort(Port, PortEvents):
     """Passes on what its owner does, and what the port behind it tells."""
 
     def __init__(self, inner: Port) -> None:
@@ -200,7 +200,7 @@ class PassingPort(Port):
             self.events.control(lines, now)
 
 
-class SharedPort:
+class SharedPort(PortEvents):
     """Opened by the first user that opens, closed by the first that closes; the others are told."""
 
     def __init__(self, port: Port, clock: Clock) -> None:

@@ -224,8 +224,13 @@ def host_and_port(url: str) -> tuple[str, int]:
     return host.strip("[]") or "127.0.0.1", int(number)
 
 
+_HOST_AND_PORT = re.compile(r"[A-Za-z0-9.-]+:\d+")
+
+
 def _is_written_so(url: str, kind: Scheme) -> bool:
-    """Whether a URL has what its form has behind the scheme."""
+    """Whether a URL has what its form has behind the scheme; `192.168.0.5:502` lacks its own."""
+    if _HOST_AND_PORT.fullmatch(url):
+        return False
     return url == kind.form if kind.form.endswith(":") else "://" not in kind.form or "://" in url
 
 
@@ -237,7 +242,7 @@ def is_known(url: str) -> bool:
 
 def no_port(url: str) -> tuple[str, str]:
     """That this is no port, and what to write: the scheme that may be meant, and the forms there are."""
-    if re.fullmatch(r"[A-Za-z0-9.-]+:\d+", url):
+    if _HOST_AND_PORT.fullmatch(url):
         return f"'{url}' is no port", f"write tcp://{url} for a connection to that host"
     name, known = scheme_name(url), [name for name in SCHEMES if name]
     if name == SIMULATED:

@@ -6,7 +6,6 @@ from functools import cache
 
 import pytest
 
-from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol
 from framekit.link.scope import Scope
 from framekit.memory.memory import DeviceMemory
@@ -25,7 +24,7 @@ def blocks() -> CommandBlocks:
     application, protocol = load_protocol("ge-channels"), load_protocol("srtp")
     areas, _ = memory_of(application)
     scope = Scope(protocol, role="client")
-    return CommandBlocks(application, compile_protocol(application), DeviceMemory(areas), channel=scope)
+    return CommandBlocks(application, DeviceMemory(areas), channel=scope)
 
 
 def meaning(words: list[int]) -> Meaning:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol
 from framekit.definition.problems import NOWHERE
 from framekit.link.scope import Scope
@@ -24,7 +23,7 @@ READ = [17, 0, 8, 9, 0, 0, 2003, 5, 10, 3, 20, 0, 8, 100, 8, 50, 4, 1, 4, 3, 0, 
 def blocks() -> CommandBlocks:
     application = commands_for(SRTP, "ge-channels", Path.cwd(), NOWHERE)
     memory = DeviceMemory(memory_of(application)[0])
-    return CommandBlocks(application, compile_protocol(application), memory, channel=Scope(SRTP, role="client"))
+    return CommandBlocks(application, memory, channel=Scope(SRTP, role="client"))
 
 
 def test_names_have_their_first_character_in_the_low_byte() -> None:

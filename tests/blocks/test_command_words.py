@@ -6,7 +6,6 @@ from functools import cache
 
 import pytest
 
-from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol
 from framekit.link.conversation import default_line
 from framekit.link.scope import Scope
@@ -23,7 +22,7 @@ def blocks_of(protocol: str, role: str = "master") -> CommandBlocks:
     application = load_protocol(channel.commands_file)
     scope = Scope(channel, role=role, line=default_line(channel))
     areas, _ = memory_of(application)
-    return CommandBlocks(application, compile_protocol(application), DeviceMemory(areas), channel=scope)
+    return CommandBlocks(application, DeviceMemory(areas), channel=scope)
 
 
 def block(*words: int) -> bytes:

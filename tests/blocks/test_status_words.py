@@ -18,8 +18,6 @@ from framekit.run.block_words import (
     SettingError,
     StatusWords,
     check_items,
-    settings_sections,
-    status_sections,
 )
 from framekit.run.model import RunModel
 from framekit.runfile.run_file import load_run
@@ -33,7 +31,7 @@ class Shown:
     def __init__(self) -> None:
         profile = load_profile("masterlogic")
         self.memory = profile.create()
-        self.words = StatusWords(self.memory, status_sections(profile.flags.values()), SCAN)
+        self.words = StatusWords(self.memory, profile.flags.values(), SCAN)
         self.edges: list[int] = []
         self.counts: list[int] = []
         self.memory.watch("L", 625, 1, self._changed)
@@ -161,7 +159,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> RunModel:
 
 def settings_of(run: RunModel) -> tuple[DeviceMemory, BlockSettings]:
     memory = run.memory.create()
-    settings = BlockSettings(memory, settings_sections(run.memory.flags.values()))
+    settings = BlockSettings(memory, run.memory.flags.values())
     for block in run.blocks:
         settings.show(block, run.channels[block.channel].protocol)
     return memory, settings

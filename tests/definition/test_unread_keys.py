@@ -8,7 +8,7 @@ import pytest
 
 from framekit.definition.nodes import Mapping
 from framekit.definition.problems import DefinitionError
-from framekit.memory.profile import ProfileLoader, load_profile
+from framekit.memory.profile import load_profile
 from framekit.runfile.fault_plans import load_fault_plan
 
 
@@ -18,7 +18,8 @@ def test_a_key_of_a_memory_profile_that_no_loader_reads_is_told(
     file = tmp_path / "own.memory.yaml"
     file.write_text("memory: own\nareas: {M: {unit: word, size: 10}}\nscan: 20 ms\n", encoding="utf-8")
     assert load_profile(file).scan == 20_000_000
-    monkeypatch.setattr(ProfileLoader, "_scan", lambda loader: 10_000_000)
+    read = Mapping.get
+    monkeypatch.setattr(Mapping, "get", lambda node, key: None if key == "scan" else read(node, key))
     with pytest.raises(DefinitionError, match="3:1: 'scan' has no effect here"):
         load_profile(file)
 

@@ -14,7 +14,7 @@ from framekit.memory.memory import (
     unit_bits,
     unpack_bits,
 )
-from framekit.memory.views import as_float, as_signed, from_float
+from framekit.memory.views import as_signed, float_view
 
 UNITS = {"bit": 1, "byte": 8, "word": 16, "dword": 32, "lword": 64, "3 bytes": 24}
 SIZE = 12  # words
@@ -192,16 +192,16 @@ def test_signed_numbers(unit: str, data: st.DataObject) -> None:
 
 @given(st.lists(st.floats(width=32, allow_nan=False)))
 def test_floating_point_numbers_round_trip(values: list[float]) -> None:
-    assert as_float(from_float(values)) == values
-    assert as_float(from_float(values, "lword"), "lword") == values
+    for unit in ("dword", "lword"):
+        assert float_view(unit).read(float_view(unit).write(values)) == values
 
 
 def test_floating_point_limits() -> None:
-    assert from_float([1.0]) == [0x3F800000]
+    assert float_view("dword").write([1.0]) == bytes.fromhex("0000803F")
     with pytest.raises(MemoryValueError):
-        from_float([1e300])
+        float_view("dword").write([1e300])
     with pytest.raises(ValueError, match="floating-point"):
-        as_float([1], "word")
+        float_view("word")
 
 
 @given(st.lists(st.integers(0, 1)))

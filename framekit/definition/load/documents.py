@@ -6,15 +6,33 @@ beside the definition and among the shipped ones only. What the sections mean is
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from collections.abc import Mapping as MappingOf
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
+from typing import TypeVar
 
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar, is_cut, read_nodes, unread
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
 from framekit.definition.schema import Kind, validate, wrong_kind
 from framekit.definition.sources import find_definition, shipped_folder
+
+T = TypeVar("T")
+
+
+def load_file(path: Path, kind: Kind, read: Callable[[Reader, Mapping], T]) -> T:
+    """What `read` makes of the nodes of one file. Raises DefinitionError with everything that is wrong."""
+    reader = Reader()
+    documents = Documents(reader)
+    found = None
+    with suppress(Broken):
+        found = read(reader, documents.root(path, kind))
+    problems = documents.first_words(reader.problems, path)
+    if found is None or any(not problem.warning for problem in problems):
+        raise DefinitionError(problems)
+    return found
 
 
 @dataclass(slots=True)
