@@ -8,16 +8,13 @@ STAMP := $(VENV)/.installed
 # Hundreds of tests start Python anew, which must not compile framekit every time.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-long check lint bench clean
+.PHONY: demo test check lint bench clean
 
 demo: $(STAMP)
 	$(BIN)/framekit run examples/third-party-plc.run.yaml --for 5s
 
 test: $(STAMP)
-	$(BIN)/python -m pytest -q -n auto --dist worksteal
-
-test-long: $(STAMP)
-	$(BIN)/python -m pytest -q -m long
+	$(BIN)/python -m pytest -q -n auto --dist worksteal $(WHICH)
 
 check: lint test
 

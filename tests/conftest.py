@@ -42,3 +42,8 @@ def pytest_configure(config: pytest.Config) -> None:
         keeping = ExitStack()
         keeping.enter_context(kept_by(ShippedKeeper(Shelf(cache))))
         config.add_cleanup(keeping.close)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The long ones first: one at the very end would leave all processors but one without work."""
+    items.sort(key=lambda item: item.get_closest_marker("long") is None)

@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 from service.fault_world import LINKS, MS, SECOND, FaultWorld, Link
 
-from framekit.run.model import FaultRule
+from framekit.definition.load import load_protocol
+from framekit.run.model import FaultPlan, FaultRule
 from framekit.runfile.fault_plans import misfits
 
 SINGLE: dict[str, dict[str, Any]] = {
@@ -38,9 +39,8 @@ UNCHECKED = {("noise", "srtp-client")}
 
 
 def fits(kind: str, link: Link) -> bool:
-    world_rule = FaultRule(kind=kind)  # type: ignore[arg-type]
-    plan = FaultWorld(link, world_rule).plan
-    return not list(misfits(plan, FaultWorld(link).protocol, line=True)) and (kind, str(link)) not in NEVER_SENT
+    plan = FaultPlan(rules=(FaultRule(kind=kind),)).of_line()  # type: ignore[arg-type]
+    return not list(misfits(plan, load_protocol(link.protocol), line=True)) and (kind, str(link)) not in NEVER_SENT
 
 
 @pytest.mark.parametrize("link", LINKS, ids=str)

@@ -188,14 +188,14 @@ while True:
 def test_killed_at_any_time_the_last_committed_state_is_there(tmp_path: Path) -> None:
     path = tmp_path / "s"
     last = 0
-    for turn in range(12):
+    for turn in range(6):
         writer = subprocess.Popen([sys.executable, "-c", WRITER, str(path)], stdout=subprocess.PIPE, text=True)
         assert writer.stdout is not None
-        for _ in range(1 + 7 * turn):
+        for _ in range(1 + 14 * turn):
             writer.stdout.readline()
         writer.send_signal(signal.SIGKILL)
         told = [int(line) for line in writer.communicate()[0].split()]
-        told += [last + 1 + 7 * turn]
+        told += [last + 1 + 14 * turn]
         with closing(StateFile(path, "plant", (("M", "word", 4096),))) as file:
             found = file.kept.blocks[1, 0].done
             assert file.kept.areas["M"] == found.to_bytes(4, "little") * 2048, "memory and counters are of one moment"
