@@ -10,8 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from framekit.definition.expression import Expression, names_in
-from framekit.definition.model.frames import parts_of
-from framekit.definition.model.procedure import CallOf, Role, Row, Step
+from framekit.definition.model.procedure import Role, Row, Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.values import FrameOf
 from framekit.link.evaluate import EVALUATION_ERRORS, Names, bare_name, compile_expression
@@ -139,14 +138,8 @@ def _steps(protocol: Protocol, role: Role) -> Iterator[Step]:
     session = protocol.sessions.get(role.session or "")
     if session is not None:
         waiting += (*session.open, *session.close)
-    known: set[str] = set()
-    while waiting:
-        name = waiting.pop()
-        if name not in known:
-            known.add(name)
-            sequence = protocol.sequences[name]
-            waiting += (call.sequence for call in parts_of(sequence, CallOf))
-            yield from sequence.steps
+    for sequence in protocol.called_from(waiting):
+        yield from sequence.steps
 
 
 def _waited_for(rows: tuple[Row, ...], protocol: Protocol) -> set[str]:

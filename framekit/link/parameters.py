@@ -29,7 +29,7 @@ def given_value(parameter: Parameter, value: Any) -> Any:
     Times are nanoseconds or text with a unit, flags 0 or 1, bytes are bytes or hex pairs.
     """
     if parameter.is_ is not None:
-        raise ParameterError(parameter.name, f"it is always {parameter.is_}, nobody sets it")
+        raise ParameterError(parameter.name, f"it is always {parameter.is_} and cannot be set")
     try:
         taken = _TAKE[parameter.type](value)
     except ValueError as error:

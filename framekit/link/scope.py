@@ -289,7 +289,7 @@ class Scope(Names):
         else:
             parameter = self.protocol.params[name]
             if parameter.is_ is not None:
-                raise ParameterError(name, "it is a formula that nobody sets")
+                raise ParameterError(name, f"it is always {parameter.is_} and cannot be set")
             check_value(parameter, value)
             self.settings += 1
             self._put(name, fit_of(parameter.type)(value))

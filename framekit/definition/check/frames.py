@@ -41,7 +41,7 @@ from framekit.definition.problems import Position, Problem, did_you_mean, plural
 
 def check_frame(protocol: Protocol, frame: Frame) -> list[Problem]:
     """Everything wrong with one frame by itself."""
-    found = list(_level(frame.segments))
+    found = list(_level(protocol, frame.segments))
     found += _order_of_sizes(frame.segments, set())
     found += _lengths_of_numbers(frame)
     ends = _Ends(protocol)
@@ -77,7 +77,7 @@ def _keys(protocol: Protocol, frame: Frame) -> Iterator[Problem]:
 def _inner(protocol: Protocol, frame: Frame, ends: _Ends) -> Iterator[Problem]:
     """Frames inside this one: never itself, and small enough for their place."""
     for inner in parts_of(frame.segments, Inner):
-        if frame.name in _within(protocol, inner):
+        if frame.name in _within(protocol, (inner,)):
             what = f"'{frame.name}' may stand inside itself"
             yield Problem(inner.at, what, "leave it out of the group, or take data: for what is inside")
         frames = [protocol.frames[name] for name in inner.frames if name in protocol.frames]
@@ -92,7 +92,7 @@ def _inner(protocol: Protocol, frame: Frame, ends: _Ends) -> Iterator[Problem]:
     for repeat in parts_of(frame.segments, Repeat):
         for inner in parts_of(repeat.of, Inner):
             known = {_always(protocol.frames[name]) for name in inner.frames if name in protocol.frames}
-            inside_itself = frame.name in _within(protocol, inner)  # which has been told
+            inside_itself = frame.name in _within(protocol, (inner,))  # which has been told
             if inner.size is None and not inside_itself and known and (None in known or len(known) > 1):
                 what = f"nothing shows where '{inner.name}' ends in an item of '{repeat.name}'"
                 yield Problem(inner.at, what, "give it a size, such as that of a length before it")
@@ -103,15 +103,15 @@ def _always(frame: Frame) -> int | None:
     return frame.size if frame.size is not None else all_fixed(frame.segments)
 
 
-def _within(protocol: Protocol, inner: Inner) -> set[str]:
-    """All frames that may stand in a place, however deep."""
-    found: set[str] = set()
-    ahead = list(inner.frames)
+def _within(protocol: Protocol, segments: Segments) -> dict[str, None]:
+    """The names of all frames that may stand in segments, however deep."""
+    found: dict[str, None] = {}
+    ahead = [segments]
     while ahead:
-        name = ahead.pop()
-        if name not in found and name in protocol.frames:
-            found.add(name)
-            ahead += [deeper for part in parts_of(protocol.frames[name].segments, Inner) for deeper in part.frames]
+        names = {name for inner in parts_of(ahead.pop(), Inner) for name in inner.frames}
+        fresh = sorted((names & protocol.frames.keys()) - found.keys())
+        found |= dict.fromkeys(fresh)
+        ahead += [protocol.frames[name].segments for name in fresh]
     return found
 
 
@@ -126,7 +126,7 @@ def _spans(frame: Frame) -> Iterator[Problem]:
         end = check.name if last == "here" else last
         if end in order and order.index(first) > order.index(end):
             yield Problem(check.at, f"'{first}' stands behind '{last}'", f"write over: {last}..{first}")
-        elif last != "here" and check.name in _between(order, first, last):
+        elif last != "here" and check.name in order[order.index(first) : order.index(last) + 1]:
             todo = "let its range end before it, or begin behind it"
             yield Problem(check.at, "a check code cannot cover itself", todo)
 
@@ -160,11 +160,7 @@ def _covered_leaves(frame: Frame, check: Check) -> set[int]:
     return {id(leaf) for leaf in leaves((*between, *inside[last : last + 1]))}
 
 
-def _between(order: list[str | None], first: str, last: str) -> list[str | None]:
-    return order[order.index(first) : order.index(last) + 1]
-
-
-def _level(segments: tuple[Segment, ...]) -> Iterator[Problem]:
+def _level(protocol: Protocol, segments: Segments) -> Iterator[Problem]:
     """Problems of segments on one level, and of the levels inside."""
     twice: dict[str, Problem] = {}
     _values(segments, twice)
@@ -174,18 +170,21 @@ def _level(segments: tuple[Segment, ...]) -> Iterator[Problem]:
         if isinstance(segment, Data) and isinstance(segment.size, Expression):
             yield from _computed(segment, segments)
         if segment.is_record:
-            yield from _read_in_itself(segment)
-        yield from _level(segment.inner_record or ())
+            yield from _read_in_itself(protocol, segment)
+        yield from _level(protocol, segment.inner_record or ())
 
 
-def _read_in_itself(record: Segment) -> Iterator[Problem]:
+def _read_in_itself(protocol: Protocol, record: Segment) -> Iterator[Problem]:
     """What stands in a record has its names there, not that of the record, which is not complete yet."""
     if record.name in {name for one in everything(record.members) for name in one.value_names}:
         return
     for expression in expressions_of(record.members):
         if record.name in names_in(expression.root):
             what = f"'{record.name}' is read inside '{record.name}' itself"
-            yield Problem(expression.at, what, f"write the name of a field alone, without '{record.name}'")
+            todo = f"write the name of a field alone, without '{record.name}'"
+            if record.name in {*protocol.params, *protocol.state, *protocol.tables}:
+                todo += ", or give the record another name if the one outside is meant"
+            yield Problem(expression.at, what, todo)
 
 
 def _values(segments: tuple[Segment, ...], problems: dict[str, Problem]) -> dict[str, Position]:
@@ -419,8 +418,8 @@ def _delimited(protocol: Protocol, frame: Frame) -> Iterator[Problem]:
         yield Problem(at, what, "delimited bodies end there")
         return
     end = first.data[0]
-    inside = {id(one): one for inner in parts_of(frame.body, Inner) for one in _frames_in(protocol, inner, set())}
-    for segment in everything((*frame.body, *(one for other in inside.values() for one in other.segments))):
+    inside = _within(protocol, frame.body)
+    for segment in everything((*frame.body, *(one for name in inside for one in protocol.frames[name].segments))):
         if _may_hold(segment, end):
             verb = "holds" if isinstance(segment, Const) else "may hold"
             yield Problem(
@@ -428,16 +427,6 @@ def _delimited(protocol: Protocol, frame: Frame) -> Iterator[Problem]:
                 f"{segment.title} {verb} {end:02X}, the byte that ends the body of '{frame.name}'",
                 "leave delimited out, or send it as ASCII digits",
             )
-
-
-def _frames_in(protocol: Protocol, inner: Inner, known: set[str]) -> Iterator[Frame]:
-    """The frames that may stand inside a frame, with those inside them."""
-    for name in inner.frames:
-        if name in protocol.frames and name not in known:
-            known.add(name)
-            yield protocol.frames[name]
-            for other in parts_of(protocol.frames[name].segments, Inner):
-                yield from _frames_in(protocol, other, known)
 
 
 def _may_hold(segment: Segment, byte: int) -> bool:

@@ -144,9 +144,10 @@ class NameChecker:
             self._sent(step.send, here)
             self._expressions(step.receive, here | {"it"})
             self._expressions(step.handlers, here | {"it"} | IN_HANDLERS)
-            self._targets(step, here)
+            self._targets([step, *parts_of(step, Action)], here)
             for row in step.receive or ():
                 self._row(row)
+        self._targets(parts_of([sequence.always, dict(sequence.handlers)], Action), taken | {"it"})
         for row in sequence.always:
             self._row(row)
 
@@ -159,17 +160,18 @@ class NameChecker:
         else:
             self._expressions(value, known)
 
-    def _targets(self, step: Step, local: Collection[str]) -> None:
+    def _targets(self, actions: Iterable[Action | Step], local: Collection[str]) -> None:
         """What `set` writes must be a variable; parameters and the clock may be set too."""
-        known = set(local) | self.protocol.state.keys() | self.protocol.params.keys() | {"clock"}
-        named = known - EXCHANGE - {"it", "part"}
-        actions: list[Action | Step] = [step, *(step.receive or ()), *(step.branch or ())]
-        actions += [action for handler in step.handlers.values() for action in handler]
         for action in actions:
+            at = action.places.get("set", action.at)
             for target, _ in action.set:
-                if target.name not in known and target.name not in self.broken:
-                    at = action.places.get("set", action.at)
-                    self._note(at, f"there is no variable '{target.name}' to set", did_you_mean(target.name, named))
+                self._target(target, at, local)
+
+    def _target(self, target: Target, at: Position, local: Collection[str] = ()) -> None:
+        known = {*local, *self.protocol.state, *self.protocol.params, "clock"}
+        if target.name not in known and target.name not in self.broken:
+            hint = did_you_mean(target.name, known - EXCHANGE - {"it", "part"})
+            self._note(at, f"there is no variable '{target.name}' to set", hint)
 
     def _row(self, row: Row) -> None:
         """`it.field` must be a field of a frame that the row takes."""
@@ -221,21 +223,18 @@ class NameChecker:
         self._fields_of_frames(row)
         if row.serve is not None:
             block = row.serve.block
-            self._service_targets(row.serve.set)
-            self._service_targets([item for after in (block.then if block else ()) for item in after.set])
+            self._stored(row.serve.set)
+            self._stored([item for after in (block.then if block else ()) for item in after.set])
 
-    def _service_targets(self, targets: Iterable[tuple[Target, Value]]) -> None:
-        known = self.protocol.state.keys() | self.protocol.params.keys() | {"clock"}
+    def _stored(self, targets: Iterable[tuple[Target, Value]]) -> None:
         for target, value in targets:
-            if target.name not in known and target.name not in self.broken:
-                what = f"there is no variable '{target.name}' to set"
-                self._note(value.at, what, did_you_mean(target.name, known))
+            self._target(target, value.at)
 
     def _commands(self) -> None:
         rules = self.protocol.commands
         if rules is not None:
             self._expressions(rules, EXCHANGE | IN_BLOCKS)
-            self._service_targets([item for after in rules.then for item in after.set])
+            self._stored([item for after in rules.then for item in after.set])
 
     def _fields_of_frames(self, row: ServiceRow) -> None:
         """`request.field` and `reply.field` are fields of the row's request and of one of its replies."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
+from itertools import chain
 
 from framekit.definition.check.services import OFFERED, parts_in
 from framekit.definition.expression import Expression, Number, Text, Unary, walk
@@ -34,9 +35,8 @@ class _ActionChecker:
         self.protocol = protocol
         self.broken = broken
         self.found: list[Problem] = []
-        self.delivers = any(action.deliver is not None for action in parts_of(protocol.sequences, Action)) or any(
-            step.deliver is not None for step in parts_of(protocol.sequences, Step)
-        )
+        held: list[Step | Action] = [*parts_of(dict(protocol.sequences), Step), *actions_of(dict(protocol.sequences))]
+        self.delivers = any(one.deliver is not None for one in held)
 
     def _note(self, at: Position, what: str, todo: str = "") -> None:
         self.found.append(Problem(at, what, todo))
@@ -175,28 +175,14 @@ def _is_negative(expression: Expression) -> bool:
     return False
 
 
-def actions_of(step: Step) -> Iterator[Action]:
-    """Every action of a step: rows, branches, handlers, and what they do otherwise."""
-    for action in [*(step.receive or ()), *(step.branch or ())]:
-        yield from with_else(action)
-    for handler in step.handlers.values():
-        for action in handler:
-            yield from with_else(action)
+def actions_of(*holders: object) -> Iterator[Action]:
+    """Every action of a step or of parts of it: rows, branches, handlers, and what they do otherwise."""
+    return parts_of(holders, Action)
 
 
-def shared_actions(sequence: Sequence) -> list[Action]:
+def shared_actions(sequence: Sequence) -> Iterator[Action]:
     """The actions that hold for all steps of a sequence."""
-    shared: list[Action] = list(sequence.always)
-    for handler in sequence.handlers.values():
-        shared += handler
-    return [inner for action in shared for inner in with_else(action)]
-
-
-def with_else(action: Action) -> Iterator[Action]:
-    """An action and those that are done when its `at_most` is used up."""
-    yield action
-    if action.otherwise is not None:
-        yield from with_else(action.otherwise)
+    return actions_of(sequence.always, dict(sequence.handlers))
 
 
 LANE_KEYS = frozenset({"exchange", "listen", "at_once", "doc"})
@@ -243,18 +229,8 @@ def _never_run(protocol: Protocol) -> Iterator[Problem]:
 
 def exchanged(protocol: Protocol) -> set[str]:
     """Sequences that exchanges run, with everything they call."""
-    names = {name for role in protocol.roles.values() for lane in role.lanes for name in lane.exchange}
-    while True:
-        called = {
-            step.call.sequence
-            for name in names
-            if name in protocol.sequences
-            for step in protocol.sequences[name].steps
-            if step.call is not None
-        }
-        if called <= names:
-            return names
-        names |= called
+    names = (name for role in protocol.roles.values() for lane in role.lanes for name in lane.exchange)
+    return {sequence.name for sequence in protocol.called_from(names)}
 
 
 def _lane(protocol: Protocol, role: Role, lane: Lane) -> Iterator[Problem]:
@@ -298,15 +274,11 @@ def _given_by_services(protocol: Protocol, sequence: str) -> set[str]:
 def _listening(lane: Lane, sequence: Sequence) -> Iterator[Problem]:
     at = lane.places.get("listen", lane.at)
     if sequence.takes:
-        yield Problem(at, f"nobody gives '{sequence.name}' its '{sequence.takes[0]}' here", "let it take nothing")
-    if not any(_pauses(step) for step in sequence.steps):
+        what = f"'{sequence.name}' takes '{sequence.takes[0]}', and a lane that listens gives it nothing"
+        yield Problem(at, what, "let it take nothing")
+    if not any(waits(step, sending=False) for step in sequence.steps):
         what = f"'{sequence.name}' waits for nothing, so it would run round for ever"
         yield Problem(at, what, "let a step of it receive")
-
-
-def _pauses(step: Step) -> bool:
-    timed = (step.receive, step.wait, step.hold_break, step.call, step.ask)
-    return any(part is not None for part in timed) or any(action.send is not None for action in actions_of(step))
 
 
 def _session(protocol: Protocol, session: Session) -> Iterator[Problem]:
@@ -317,7 +289,9 @@ def _session(protocol: Protocol, session: Session) -> Iterator[Problem]:
         sequence = protocol.sequences.get(name or "")
         if sequence is not None and set(sequence.takes) - OF_EXCHANGES:
             argument = min(set(sequence.takes) - OF_EXCHANGES)
-            yield Problem(session.at, f"nobody gives '{name}' its '{argument}' here", "let it take nothing")
+            yield Problem(
+                session.at, f"'{name}' takes '{argument}', which a session does not give", "let it take nothing"
+            )
 
 
 WORDS = ("next", "end", *WAITING)
@@ -479,11 +453,10 @@ class _SequenceChecker:
     @staticmethod
     def _falls_through(step: Step) -> bool:
         """Whether `then` of the step itself can be taken."""
-        actions: list[Action] = [*(step.receive or ()), *(step.branch or ())]
         if step.receive is None and step.branch is None:
             return True
-        handlers = [action for handler in step.handlers.values() for action in handler]
-        return any(action.then is None and action.fail is None for action in [*actions, *handlers])
+        actions = (*(step.receive or ()), *(step.branch or ()), *chain(*step.handlers.values()))
+        return any(action.then is None and action.fail is None for action in actions)
 
     def _reachable(self) -> None:
         by_name = {step.name: step for step in self.sequence.steps}
@@ -522,9 +495,9 @@ class _SequenceChecker:
                 return
 
 
-def waits(step: Step) -> bool:
-    """Whether a step takes time or looks at the line; calls and asks are taken to."""
-    timed = (step.wait, step.hold_break, step.receive, step.call, step.ask, step.send)
+def waits(step: Step, *, sending: bool = True) -> bool:
+    """Whether a step takes time or looks at the line, `sending` too if wanted; calls and asks are taken to."""
+    timed = (step.wait, step.hold_break, step.receive, step.call, step.ask, step.send if sending else None)
     return any(part is not None for part in timed) or any(action.send is not None for action in actions_of(step))
 
 

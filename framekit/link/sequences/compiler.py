@@ -16,7 +16,7 @@ from framekit.codec import support
 from framekit.codec.python.source import literal, quoted
 from framekit.definition.expression import Expression
 from framekit.definition.model.frames import parts_of
-from framekit.definition.model.procedure import HANDLERS, Action, CallOf, Row, Sequence, Target
+from framekit.definition.model.procedure import HANDLERS, Action, Row, Sequence, Target
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.sources import current_keeper
 from framekit.link.construct_values import EACH, read_layout
@@ -133,13 +133,7 @@ def _of_exchanges(protocol: Protocol) -> set[str]:
     for session in protocol.sessions.values():
         waiting += [*session.open, *session.close, *([session.keep_alive_run] if session.keep_alive_run else ())]
     waiting += [name for name in protocol.sequences if not protocol.roles]
-    found: set[str] = set()
-    while waiting:
-        name = waiting.pop()
-        if name not in found:
-            found.add(name)
-            waiting += [call.sequence for call in parts_of(protocol.sequences[name], CallOf)]
-    return found
+    return {sequence.name for sequence in protocol.called_from(waiting)}
 
 
 class _SequenceWriter:
