@@ -13,12 +13,11 @@ from typing import Any, Protocol
 from framekit.codec import support
 from framekit.codec.python.runtime import RangeTable
 from framekit.codec.python.runtime import attribute as attribute_of
-from framekit.definition.expression import Attribute, Expression, LineTime, Name, Node, emit
+from framekit.definition.expression import ENGINE_FUNCTIONS, Attribute, Expression, LineTime, Name, Node, emit
 from framekit.definition.model import protocol as model
 from framekit.definition.model.sections import StateVariable
 
 EVALUATION_ERRORS = (KeyError, TypeError, IndexError, ValueError, ArithmeticError, AttributeError)
-ENGINE_FUNCTIONS = ("empty", "full", "memory", "with_date")
 
 
 class Lookup(Protocol):

@@ -232,6 +232,40 @@ FUNCTIONS: dict[str, KnownFunction] = {
 }
 
 
+ENGINE_FUNCTIONS = frozenset({"empty", "full", "memory", "with_date"})
+"""Functions of what only a running engine has: their result may be another one at any time."""
+COLUMNS = frozenset({"area"})
+"""Names that are known before anything is read backwards: the area's columns are constants."""
+
+
+def is_constant(expression: Expression) -> bool:
+    """Whether an expression reads nothing at all, so that it can be worked out once."""
+    return not names_in(expression.root) and not any(
+        isinstance(node, LineTime) or (isinstance(node, Call) and node.function in ENGINE_FUNCTIONS)
+        for node in walk(expression.root)
+    )
+
+
+Undone = tuple[str, bool, Expression]
+"""What is undone: an operator, whether the name that is looked for stands left of it, and the other side."""
+
+
+def read_backwards(expression: Expression) -> tuple[str, tuple[Undone, ...]] | None:
+    """The one name whose value follows from the result, and what leads back to it; None if it does not follow."""
+    undone: list[Undone] = []
+    node = expression.root
+    while not isinstance(node, Name):
+        if not isinstance(node, Binary) or node.operator not in ("+", "-", "*"):
+            return None
+        left, right = names_in(node.left) - COLUMNS, names_in(node.right) - COLUMNS
+        if bool(left) == bool(right):
+            return None
+        known, rest = (node.right, node.left) if left else (node.left, node.right)
+        undone.append((node.operator, bool(left), Expression(expression.text, known)))
+        node = rest
+    return None if node.name in COLUMNS else (node.name, tuple(undone))
+
+
 def both(first: Expression, second: Expression | None) -> Expression:
     """`first and second`."""
     if second is None:

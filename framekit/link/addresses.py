@@ -15,7 +15,6 @@ from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from framekit.definition.expression import names_in
 from framekit.definition.model.services import AddressForm, Area, Literally, Maybe, Part
 from framekit.definition.model.values import Constant, Table
 from framekit.definition.problems import Problem, did_you_mean
@@ -287,17 +286,10 @@ def _column(area: Area, name: str) -> str:
 
 def _in_order(form: AddressForm) -> list[tuple[str, Evaluate]]:
     """The results so that each stands behind those it mentions. Raises ValueError for a circle."""
-    waiting = dict(form.results)
-    ordered: list[tuple[str, Evaluate]] = []
-    while waiting:
-        ready = [
-            name for name, expression in waiting.items() if not (names_in(expression.root) & waiting.keys()) - {name}
-        ]
-        if not ready:
-            raise ValueError(f'the results of the address form "{form.text}" depend on each other in a circle')
-        for name in ready:
-            ordered.append((name, compile_expression(waiting.pop(name))))
-    return ordered
+    ordered = form.results_in_order()
+    if len(ordered) < len(form.results):
+        raise ValueError(f'the results of the address form "{form.text}" depend on each other in a circle')
+    return [(name, compile_expression(form.results[name])) for name in ordered]
 
 
 # ---- all forms ---------------------------------------------------------------------------------------------

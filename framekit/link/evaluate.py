@@ -6,10 +6,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from framekit.codec.evaluate import ENGINE_FUNCTIONS as ENGINE_FUNCTIONS
 from framekit.codec.evaluate import EVALUATION_ERRORS as EVALUATION_ERRORS
 from framekit.codec.evaluate import compiled
-from framekit.definition.expression import Binary, Expression, LineTime, Name, Node, names_in, walk
+from framekit.definition.expression import Expression, Name, Node, Undone, read_backwards
 from framekit.link.values import attribute
 
 Evaluate = Callable[["Names"], Any]
@@ -55,12 +54,14 @@ def compile_expression(expression: Expression) -> Evaluate:
     return compiled(expression.root, attribute)
 
 
+def compile_optional(expression: Expression | None) -> Evaluate | None:
+    """The same for what may be missing."""
+    return None if expression is None else compile_expression(expression)
+
+
 CODEC_ERRORS = Exception
 """What a receiver takes for a frame that does not fit: whatever its functions raise, nothing ends the line."""
 
-
-KNOWN = frozenset({"area"})
-"""Names that have a value before anything is read backwards: the area's columns are constants."""
 
 Undo = Callable[[int, int], int]
 
@@ -73,12 +74,12 @@ class NotReadableError(ValueError):
 class Inverse:
     """`name` stands alone in the expression; `steps` lead from the result back to it, outermost first.
 
-    `undone` says the same as operators: what is undone, whether the name stood left of it, and the other side.
+    `undone` says the same as operators.
     """
 
     name: str
     steps: tuple[tuple[Undo, Evaluate], ...]
-    undone: tuple[tuple[str, bool, Expression], ...] = ()
+    undone: tuple[Undone, ...] = ()
 
     def solve(self, result: int, names: Names) -> int:
         """The value of the name. Raises NotReadableError, and EVALUATION_ERRORS for a column that is not there."""
@@ -99,31 +100,14 @@ class Inverse:
         return result
 
 
-def is_constant(expression: Expression) -> bool:
-    """Whether an expression reads no names and no line."""
-    return not names_in(expression.root) and not any(isinstance(node, LineTime) for node in walk(expression.root))
-
-
 def inverse_of(expression: Expression) -> Inverse | None:
     """How to read an expression backwards; None if it cannot be, or has no name to read."""
-    steps: list[tuple[Undo, Evaluate]] = []
-    undone: list[tuple[str, bool, Expression]] = []
-    node = expression.root
-    while not isinstance(node, Name):
-        if not isinstance(node, Binary):
-            return None
-        left, right = names_in(node.left) - KNOWN, names_in(node.right) - KNOWN
-        if bool(left) == bool(right):
-            return None
-        operator = node.operator
-        undo = _undo(operator, unknown_left=bool(left))
-        if undo is None:
-            return None
-        known, node = (node.right, node.left) if left else (node.left, node.right)
-        other = Expression(expression.text, known)
-        steps.append((undo, compile_expression(other)))
-        undone.append((operator, bool(left), other))
-    return None if node.name in KNOWN else Inverse(node.name, tuple(steps), tuple(undone))
+    found = read_backwards(expression)
+    if found is None:
+        return None
+    name, undone = found
+    steps = tuple((_undo(operator, left), compile_expression(other)) for operator, left, other in undone)
+    return Inverse(name, steps, undone)
 
 
 def bare_name(expression: Expression) -> str | None:
@@ -132,12 +116,12 @@ def bare_name(expression: Expression) -> str | None:
     return node.name if isinstance(node, Name) else None
 
 
-def _undo(operator: str, *, unknown_left: bool) -> Undo | None:
+def _undo(operator: str, unknown_left: bool) -> Undo:
+    if operator == "*":
+        return quotient
     if operator == "+":
         return lambda result, other: result - other
-    if operator == "-":
-        return (lambda result, other: result + other) if unknown_left else (lambda result, other: other - result)
-    return quotient if operator == "*" else None
+    return (lambda result, other: result + other) if unknown_left else (lambda result, other: other - result)
 
 
 def quotient(result: int, other: int) -> int:

@@ -13,7 +13,7 @@ from framekit.definition.expression import Expression, names_in
 from framekit.definition.model.procedure import Role, Row, Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.values import FrameOf
-from framekit.link.evaluate import EVALUATION_ERRORS, Names, bare_name, compile_expression
+from framekit.link.evaluate import EVALUATION_ERRORS, Names, bare_name, compile_optional
 from framekit.link.events import Break, Send
 from framekit.link.scope import Scope
 
@@ -36,7 +36,7 @@ class LateReplies:
 
     def __init__(self, protocol: Protocol, scope: Scope) -> None:
         late = protocol.line.late
-        self._late = None if late is None else compile_expression(late)
+        self._late = compile_optional(late)
         self._scope = scope
         self.due = 0
         self.lost = 0

@@ -7,9 +7,8 @@ from __future__ import annotations
 
 from collections import deque
 
-from framekit.definition.expression import Expression
 from framekit.definition.model.sections import Line
-from framekit.link.evaluate import Evaluate, compile_expression
+from framekit.link.evaluate import compile_optional
 from framekit.link.events import Break, Command, Send, SetRts
 from framekit.link.scope import Scope
 
@@ -32,8 +31,8 @@ class Output:
         self.clear_to_send = True
         self.is_open = False
         self._rts = False
-        self._turnaround = _maybe(line.turnaround)
-        self._key_delay = _maybe(line.key_delay)
+        self._turnaround = compile_optional(line.turnaround)
+        self._key_delay = compile_optional(line.key_delay)
         self.is_immediate = self._turnaround is None and self._key_delay is None
 
     def put(self, item: Send | Break) -> bool:
@@ -120,7 +119,3 @@ class Output:
     @property
     def quiet_since(self) -> int:
         return max(self.last_sent, self.last_received)
-
-
-def _maybe(expression: Expression | None) -> Evaluate | None:
-    return None if expression is None else compile_expression(expression)

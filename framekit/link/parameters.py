@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
-from framekit.definition.expression import Call, Expression, LineTime, names_in, parse_expression, walk
+from framekit.definition.expression import ENGINE_FUNCTIONS, Call, Expression, names_in, parse_expression, walk
 from framekit.definition.load.reader import parse_bytes, parse_constant, parse_flag, parse_number
 from framekit.definition.model.sections import Parameter
 from framekit.definition.problems import NOWHERE, plural
@@ -145,10 +145,6 @@ _TAKE: dict[str, Callable[[Any], Any]] = {
 }
 
 
-CHANGING = frozenset({"memory", "empty", "full", "with_date"})
-"""Functions whose result may be another one at any time."""
-
-
 def depending(formulas: Mapping[str, Expression], names: Collection[str]) -> set[str]:
     """The formulas in which these names stand, or others that depend on them."""
     found: set[str] = set()
@@ -169,17 +165,9 @@ def lasting(formulas: Mapping[str, Parameter], given: Mapping[str, Any]) -> froz
         if name in given or expression is None:
             return True
         calls = {node.function for node in walk(expression.root) if isinstance(node, Call)}
-        return not calls & CHANGING and not names_in(expression.root) & changing
+        return not calls & ENGINE_FUNCTIONS and not names_in(expression.root) & changing
 
     changing = {"now", "clock", "station", "request", "buffer"}
     while fresh := {name for name in formulas if name not in changing and not passing(name)}:
         changing |= fresh
     return frozenset(formulas) - changing
-
-
-def is_constant(expression: Expression) -> bool:
-    """Whether an expression reads nothing at all, so that it can be worked out once."""
-    return not names_in(expression.root) and not any(
-        isinstance(node, LineTime) or (isinstance(node, Call) and node.function in CHANGING)
-        for node in walk(expression.root)
-    )

@@ -12,12 +12,12 @@ from datetime import datetime, timedelta
 from typing import Any
 from weakref import ref
 
-from framekit.definition.expression import Call, Expression, names_in, walk
+from framekit.definition.expression import ENGINE_FUNCTIONS, Call, Expression, is_constant, names_in, walk
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import StateVariable
 from framekit.definition.times import LineFormat
-from framekit.link.evaluate import Formula, Names, compile_expression
-from framekit.link.parameters import CHANGING, ParameterError, check_value, depending, given_value, is_constant, lasting
+from framekit.link.evaluate import Formula, Names, compile_expression, compile_optional
+from framekit.link.parameters import ParameterError, check_value, depending, given_value, lasting
 from framekit.link.values import attribute
 from framekit.link.variables import Fit, StateTable, empty_of, empty_record, fit_of, table_values
 
@@ -251,7 +251,7 @@ class Scope(Names):
     # ---- state --------------------------------------------------------------------------------------------
 
     def _start_value(self, variable: StateVariable) -> Any:
-        initial = None if variable.initial is None else compile_expression(variable.initial)
+        initial = compile_optional(variable.initial)
         fit = self._fits[variable.name]
         if variable.keys is not None:
             fill = None if initial is None else _filler(initial, fit, self)
@@ -268,7 +268,7 @@ class Scope(Names):
     def changes(self, expression: Expression) -> bool:
         """Whether what an expression comes to may change while the parameters stay as they are."""
         root = expression.root
-        if any(isinstance(node, Call) and node.function in CHANGING for node in walk(root)):
+        if any(isinstance(node, Call) and node.function in ENGINE_FUNCTIONS for node in walk(root)):
             return True
         names = names_in(root) - {"station"}
         if names & _OF_EXCHANGES or any(name in self.protocol.state for name in names):

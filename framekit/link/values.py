@@ -94,15 +94,15 @@ def plain(value: Any) -> Any:
     """The value as codecs take it: frame values inside become `{frame: fields}`, as sent if they have been sent."""
     if type(value) is FrameValue:
         fields = value.fields if value.raw is None else value.complete()
-        return {value.frame: {name: plain(item) if type(item) in _HOLDERS else item for name, item in fields.items()}}
+        return {value.frame: {name: plain(item) if type(item) in HOLDERS else item for name, item in fields.items()}}
     if type(value) is dict:
-        return {name: plain(item) if type(item) in _HOLDERS else item for name, item in value.items()}
+        return {name: plain(item) if type(item) in HOLDERS else item for name, item in value.items()}
     if type(value) is list:
         return [plain(item) for item in value]
     return value
 
 
-_HOLDERS = frozenset((FrameValue, dict, list))
+HOLDERS = frozenset((FrameValue, dict, list))
 """What may hold frame values."""
 
 

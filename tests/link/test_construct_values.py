@@ -7,11 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from link.service_loop import codec_of
 
-from framekit.definition.expression import parse_expression
+from framekit.definition.expression import is_constant, parse_expression
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
 from framekit.definition.problems import NOWHERE
 from framekit.link.construct_values import EACH, compile_value
-from framekit.link.evaluate import Names, NotReadableError, inverse_of, is_constant
+from framekit.link.evaluate import Names, NotReadableError, inverse_of
 from framekit.link.values import FrameValue
 
 

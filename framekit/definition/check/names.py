@@ -17,7 +17,7 @@ from framekit.definition.check.services import (
     asked_for,
     behind_a_refusal,
     item_names,
-    part_names,
+    parts_in,
     takes_something,
     without_parts,
 )
@@ -199,7 +199,7 @@ class NameChecker:
         local = set(EXCHANGE | OFFERED) | {argument.name for argument in row.takes}
         if row.service in ("read", "write") or row.most_variables:
             local |= {name for form in self.protocol.addresses for name in form.results}
-            local |= {name for form in self.protocol.addresses for name in part_names(form.parts)}
+            local |= {part.name for form in self.protocol.addresses for part in parts_in(form)}
         if row.serve is not None:
             local |= row.serve.let.keys()
             local |= set() if self.protocol.commands is None else IN_BLOCKS

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from typing import Any
 
 from framekit.definition.check.frames import check_frame
@@ -36,53 +36,30 @@ def check_profile(protocol: Protocol) -> list[Problem]:
     return [problem for frame in protocol.frames.values() for problem in check(frame)]
 
 
-def _user_frames(frame: Frame) -> list[Problem]:
+def _user_frames(frame: Frame) -> Iterator[Problem]:
     """User-defined frames of the Snet tool (guide, chapter 7): heads of constants, four variables a body, and so on."""
-    found = []
     for segment in frame.head:
         if not isinstance(segment, Const):
-            found.append(Problem(segment.at, "a head holds only constants in this profile", "move it to the body"))
+            yield Problem(segment.at, "a head holds only constants in this profile", "move it to the body")
     for segment in frame.tail:
         if not isinstance(segment, (Const, Check)):
-            found.append(
-                Problem(segment.at, "a tail holds only constants and a check in this profile", "move it to the body")
-            )
-    found += _body(frame)
-    return found
-
-
-def _body(frame: Frame) -> list[Problem]:
-    found = []
-    variables: list[Segment] = []
+            what = "a tail holds only constants and a check in this profile"
+            yield Problem(segment.at, what, "move it to the body")
+    variables = [segment for segment in frame.body if isinstance(segment, (Data, Field))]
     for segment in frame.body:
-        if isinstance(segment, (Data, Field)):
-            variables.append(segment)
-        elif not isinstance(segment, Const) and not segment.is_ignored:
-            found.append(
-                Problem(
-                    segment.at, "a body holds only constants and variables in this profile", "leave the profile out"
-                )
-            )
+        if not isinstance(segment, (Data, Field, Const)) and not segment.is_ignored:
+            what = "a body holds only constants and variables in this profile"
+            yield Problem(segment.at, what, "leave the profile out")
     for segment in variables[MOST_VARIABLES:]:
-        found.append(
-            Problem(
-                segment.at,
-                f"the body has more than {MOST_VARIABLES} variables",
-                "split the frame, or leave the profile out",
-            )
-        )
-    if frame.side == "server":
-        for segment in variables:
-            if isinstance(segment, Data) and segment.size == "rest" and segment is not frame.body[-1]:
-                found.append(
-                    Problem(
-                        segment.at, "a variable-size variable must be the last of a received body", "move it to the end"
-                    )
-                )
-    return found
+        what = f"the body has more than {MOST_VARIABLES} variables"
+        yield Problem(segment.at, what, "split the frame, or leave the profile out")
+    for segment in variables if frame.side == "server" else ():
+        if isinstance(segment, Data) and segment.size == "rest" and segment is not frame.body[-1]:
+            what = "a variable-size variable must be the last of a received body"
+            yield Problem(segment.at, what, "move it to the end")
 
 
-PROFILES: dict[str, Callable[[Frame], list[Problem]]] = {"snet-user-frames": _user_frames}
+PROFILES: dict[str, Callable[[Frame], Iterable[Problem]]] = {"snet-user-frames": _user_frames}
 
 
 PLACES = ("area", "memory", "code", "text")

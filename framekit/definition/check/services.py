@@ -6,14 +6,14 @@ A server can tell from a request what it asks for, and comes to every row.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from framekit.definition.expression import (
+    COLUMNS,
     Attribute,
-    Binary,
     Call,
     Compare,
     Expression,
@@ -22,6 +22,7 @@ from framekit.definition.expression import (
     Text,
     children,
     names_in,
+    read_backwards,
     walk,
 )
 from framekit.definition.kinds.base import Segment, constant_number
@@ -38,6 +39,7 @@ from framekit.definition.model.procedure import Action, Row, Sequence, Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import (
     COUNTED_STRING,
+    NOT_COMPARED,
     NUMBER_BITS,
     UNIT_BITS,
     AddressForm,
@@ -98,15 +100,6 @@ def takes_something(sequence: Sequence) -> bool:
     return any(step.receive or any(action.take for action in parts_of(step, Action)) for step in sequence.steps)
 
 
-def part_names(parts: Iterable[Any]) -> Iterator[str]:
-    """The names of the parts of an address form."""
-    for part in parts:
-        if hasattr(part, "parts"):
-            yield from part_names(part.parts)
-        elif hasattr(part, "name"):
-            yield part.name
-
-
 def without_parts(segment: Segment) -> list[Any]:
     """What a segment says itself, without the segments it holds (they are checked on their own)."""
     parts = [
@@ -159,15 +152,11 @@ def _start(form: AddressForm, parts: tuple[Part, ...]) -> Iterator[Problem]:
         if part.what == "number" and part.name in seen:
             yield Problem(form.at, f"the form \"{form.text}\" has two parts '{part.name}'", "rename one of them")
         seen.add(part.name)
-    waiting = dict(form.results)
-    while waiting:
-        ready = [name for name, result in waiting.items() if not (names_in(result.root) & waiting.keys()) - {name}]
-        if not ready:
-            what = f'the results of the form "{form.text}" depend on each other in a circle'
-            yield Problem(waiting.popitem()[1].at, what, "break the circle")
-            return
-        for name in ready:
-            del waiting[name]
+    ordered = form.results_in_order()
+    circle = [result for name, result in form.results.items() if name not in ordered]
+    if circle:
+        what = f'the results of the form "{form.text}" depend on each other in a circle'
+        yield Problem(circle[-1].at, what, "break the circle")
 
 
 def _area(form: AddressForm, parts: tuple[Part, ...]) -> Iterator[Problem]:
@@ -230,11 +219,6 @@ def _names(
                 yield Problem(node.at, f"no area has a column '{node.name}'", did_you_mean(node.name, columns))
 
 
-NOT_COMPARED = frozenset({"station", "own"})
-COLUMNS = frozenset({"area"})
-"""Names that are known before anything is read: the area's columns are constants."""
-
-
 def check_backwards(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
     """What keeps a server from understanding the requests of this row."""
     yield from _items(row)
@@ -245,9 +229,9 @@ def check_backwards(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
     read = {*row.back, *row.back_each}
     unreadable: list[Expression] = []
     for leaf in _leaves([row.request, *([row.buffer] if row.buffer is not None else [])]):
-        name = single_name(leaf)
-        if name is not None:
-            read.add(name)
+        found = read_backwards(leaf)
+        if found is not None:
+            read.add(found[0])
         elif names_in(leaf.root) - NOT_COMPARED:
             unreadable.append(leaf)
     if unreadable and not row.back and not row.back_each:
@@ -387,19 +371,6 @@ def _leaves(values: list[Value]) -> Iterator[Expression]:
                 yield from _leaves(list(items))
 
 
-def single_name(expression: Expression) -> str | None:
-    """The one name whose value follows from the result; None when there is none or it does not follow."""
-    node: Node = expression.root
-    while not isinstance(node, Name):
-        if not isinstance(node, Binary) or node.operator not in ("+", "-", "*"):
-            return None
-        left, right = names_in(node.left) - COLUMNS, names_in(node.right) - COLUMNS
-        if bool(left) == bool(right):
-            return None
-        node = node.left if left else node.right
-    return None if node.name in COLUMNS else node.name
-
-
 TODO = "tell them apart by a constant in the request or by when:, or add client_only: yes"
 
 
@@ -528,29 +499,21 @@ class _Alike:
             return equal
         if _passed_over(one):
             return True
-        name = single_name(one)
-        assert name is not None
+        found = read_backwards(one)
+        assert found is not None
+        name, undone = found
         self.names.append(name)
         if not equal and other is not None and names_in(other.root):
             self.same = False
-        return equal or _always_solved(one.root)
+        return equal or all(operator != "*" for operator, _, _ in undone)  # a product may leave a rest
 
 
 def _passed_over(value: Value) -> bool:
     """Whether a server neither reads nor compares a leaf."""
     if not isinstance(value, Expression) or not names_in(value.root):
         return False
-    name = single_name(value)
+    name, _ = read_backwards(value) or (None, ())
     return name is None or name in NOT_COMPARED
-
-
-def _always_solved(node: Node) -> bool:
-    """Whether every result has a value of the name: it does for sums, a product may leave a rest."""
-    while isinstance(node, Binary):
-        if node.operator == "*":
-            return False
-        node = node.left if names_in(node.left) - COLUMNS else node.right
-    return True
 
 
 def check_services(protocol: Protocol, broken: Collection[str] = ()) -> list[Problem]:

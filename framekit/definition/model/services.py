@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from framekit.definition.expression import Expression, Text
+from framekit.definition.expression import Expression, Text, names_in
 from framekit.definition.keys import (
     CONDITION,
     COUNT,
@@ -162,6 +162,9 @@ class CommandRules:
     then: tuple[After, ...] = key("then", list_of(After, here("afterwards")), default=())
 
 
+NOT_COMPARED = frozenset({"station", "own"})
+"""Names whose values a server does not compare: what a request asks for does not depend on them."""
+
 UNIT_BITS = {"bit": 1, "byte": 8, "word": 16, "dword": 32, "lword": 64}
 NUMBER_BITS = {
     **{f"{kind}{bits}": bits for kind in ("int", "uint") for bits in (8, 16, 32, 64)}, "float32": 32, "float64": 64,
@@ -283,6 +286,17 @@ class AddressForm:
     at: Position
     type: str | None = None
     any_case: bool = False
+
+    def results_in_order(self) -> list[str]:
+        """The names of the results, each after those it mentions; those of a circle are left out."""
+        ordered: list[str] = []
+        while ready := [
+            name
+            for name, result in self.results.items()
+            if name not in ordered and not (names_in(result.root) & self.results.keys()) - {name, *ordered}
+        ]:
+            ordered += ready
+        return ordered
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

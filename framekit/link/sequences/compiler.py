@@ -19,7 +19,7 @@ from framekit.definition.model.frames import parts_of
 from framekit.definition.model.procedure import HANDLERS, Action, Row, Sequence, Target
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.sources import current_keeper
-from framekit.link.construct_values import EACH, read_layout
+from framekit.link.construct_values import EACH, read_as
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.frame_table import FrameTable, ProtocolCodec, made_once, table_of
 from framekit.link.late import is_numbered, replies_of
@@ -36,7 +36,7 @@ from framekit.link.sequences.writing import (
     is_plain_row,
     own_variables,
 )
-from framekit.link.values import FrameValue, attribute, plain
+from framekit.link.values import HOLDERS, FrameValue, attribute, plain
 from framekit.link.variables import fit_of
 
 _OF_EXCHANGE = sorted(OF_EXCHANGE)
@@ -367,10 +367,7 @@ def _mapping(functions: Mapping[str, str]) -> str:
 
 def plain_fields(fields: Mapping[str, Any]) -> dict[str, Any]:
     """The fields of a frame as its builder takes them; frames inside are `{frame: fields}`."""
-    return {name: plain(value) if type(value) in _NOT_PLAIN else value for name, value in fields.items()}
-
-
-_NOT_PLAIN = frozenset((FrameValue, dict, list))
+    return {name: plain(value) if type(value) in HOLDERS else value for name, value in fields.items()}
 
 
 def inner_plain(value: Any) -> Any:
@@ -378,7 +375,7 @@ def inner_plain(value: Any) -> Any:
     if type(value) is FrameValue and value.raw is None:
         fields = value.fields
         for one in fields.values():
-            if type(one) in _NOT_PLAIN:
+            if type(one) in HOLDERS:
                 return plain(value)
         return {value.frame: fields}
     return plain(value)
@@ -387,14 +384,6 @@ def inner_plain(value: Any) -> Any:
 def number_of(numbers: Mapping[str, int], value: Any) -> Any:
     """The number behind a name of a field's values."""
     return numbers.get(value, value) if type(value) is str else value
-
-
-def read_as(functions: Any, source: Any, names: Names) -> Any:
-    """Bytes read as a layout, or a record written as one."""
-    encode, decode = functions
-    if isinstance(source, Mapping):
-        return encode(plain(dict(source)), names)
-    return read_layout(decode, source, names)
 
 
 _USED = (

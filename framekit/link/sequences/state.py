@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from framekit.definition.model.procedure import Lane, Session
 from framekit.definition.times import NEVER
-from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, compile_expression
+from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_optional
 from framekit.link.exchange import Exchange, Outcome
 from framekit.link.scope import Scope
 from framekit.link.values import FrameValue
@@ -237,7 +237,7 @@ class LaneState:
         self.steps_since = -1
         self.steps_done = 0
         self.steps_at = 0
-        self._at_once = None if lane.at_once is None else compile_expression(lane.at_once)
+        self._at_once = compile_optional(lane.at_once)
 
     def at_once(self, scope: Scope) -> int:
         """How many exchanges may run side by side."""
@@ -372,8 +372,8 @@ class SessionState:
         self.is_open = False
         self.busy = False
         self.station: Any = None
-        self._one_station = _maybe(session and session.one_station)
-        self.keep_alive = _maybe(session and session.keep_alive_after)
+        self._one_station = compile_optional(session.one_station if session else None)
+        self.keep_alive = compile_optional(session.keep_alive_after if session else None)
 
     def plan(self, exchange: Exchange) -> list[tuple[str, str]]:
         """What has to run before an exchange: pairs of `close` or `open` and a sequence; `mark` has no sequence."""
@@ -426,7 +426,3 @@ class SessionState:
         if self.keep_alive is None or not self.is_open or self.busy:
             return NEVER
         return min(quiet_since + int(self.keep_alive(self.scope)), NEVER)
-
-
-def _maybe(expression: Any) -> Evaluate | None:
-    return None if expression is None else compile_expression(expression)

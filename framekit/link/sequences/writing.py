@@ -17,6 +17,7 @@ from framekit.definition.brought import bring, bring_word
 from framekit.definition.expression import (
     ATOM,
     BIT_OR,
+    ENGINE_FUNCTIONS,
     Attribute,
     Binary,
     Expression,
@@ -34,7 +35,6 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Bits, Data, Field, Inner, Repeat, Segment
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
 from framekit.definition.schema import add_keys
-from framekit.link.evaluate import ENGINE_FUNCTIONS
 from framekit.link.frame_table import FrameInfo, FrameTable
 from framekit.link.sequences import runtime
 from framekit.link.variables import empty_of

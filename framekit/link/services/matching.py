@@ -14,8 +14,9 @@ from typing import Any
 
 from framekit.codec.python.source import Source
 from framekit.codec.shown import explain
-from framekit.definition.expression import Expression, emit, names_in
+from framekit.definition.expression import Expression, emit, is_constant, names_in, read_backwards
 from framekit.definition.model.frames import expressions_of, field_names, parts_of
+from framekit.definition.model.services import NOT_COMPARED
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
 from framekit.link.addresses import Address, AddressError, code_of
 from framekit.link.construct_values import EACH, read_layout
@@ -24,8 +25,8 @@ from framekit.link.evaluate import (
     Names,
     bare_name,
     compile_expression,
+    compile_optional,
     inverse_of,
-    is_constant,
     quotient,
 )
 from framekit.link.exchange import Served
@@ -36,7 +37,6 @@ from framekit.link.services.writing import ValueWriter, WriterLevel, Written, co
 from framekit.link.values import FrameValue, attribute
 from framekit.memory.memory import DeviceMemoryError, MemoryRangeError, UnknownAreaError
 
-NOT_COMPARED = frozenset({"station", "own"})
 PLACE_NAMES = ("area", "unit", "start", "count", "bytes", "element_bytes", "total")
 WRONG_PLACE = (DeviceMemoryError, AddressError, PackingError)
 
@@ -105,7 +105,7 @@ class Matching:
         self.facts, self.areas, self.codes, self.go_on = facts, areas, codes, go_on
         self.frame = row.request.frame
         self.when = row.back.get("when", row.when)
-        self._holds = None if self.when is None else compile_expression(self.when)
+        self._holds = compile_optional(self.when)
         replies = [(reply.frame, reply.buffer) for reply in row.reply]
         self.is_whole = row.serve is None and not any(
             True for _ in parts_of([row.request, row.buffer, replies], EachOf)
@@ -622,10 +622,7 @@ def _is_passed_over(expression: Expression) -> bool:
     """Whether an expression cannot be read backwards, or names the station."""
     if is_constant(expression):
         return False
-    name = bare_name(expression)
-    if name is None:
-        inverse = inverse_of(expression)
-        name = None if inverse is None else inverse.name
+    name = bare_name(expression) or next(iter(read_backwards(expression) or ()), None)
     return name is None or name in NOT_COMPARED
 
 

@@ -20,7 +20,7 @@ from framekit.definition.model.services import Area, ServiceRow
 from framekit.definition.model.values import EachOf, FrameOf
 from framekit.definition.problems import did_you_mean, listed
 from framekit.link.addresses import Address, AddressGrammar, code_of
-from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, bare_name, compile_expression
+from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, bare_name, compile_expression, compile_optional
 from framekit.link.frame_table import ProtocolCodec, made_once, table_of
 from framekit.link.packing import Packers, cut_memory, values_of
 from framekit.link.parameters import ParameterError, given_value
@@ -75,10 +75,10 @@ class RowFacts:
         self.shared = shared
         self.mentions = mentions_of(row)
         self.has_each = any(True for _ in parts_of([row.request, row.buffer], EachOf))
-        self.when = _maybe(row.when)
-        self.run = _maybe(row.run)
-        self.limit_count = _maybe(row.limit.count)
-        self.limit_bytes = _maybe(row.limit.bytes)
+        self.when = compile_optional(row.when)
+        self.run = compile_optional(row.run)
+        self.limit_count = compile_optional(row.limit.count)
+        self.limit_bytes = compile_optional(row.limit.bytes)
         self.wants_address = wants_address(row)
         self.single = not self.mentions & COUNTING
         self.named_numbers = self._named_numbers()
@@ -144,10 +144,6 @@ def mentions_of(row: ServiceRow) -> frozenset[str]:
 def wants_address(row: ServiceRow) -> bool:
     """Whether the requests of a row name places of the other side."""
     return bool((mentions_of(row) & {"text", "start"}) - {argument.name for argument in row.takes})
-
-
-def _maybe(expression: Expression | None) -> Evaluate | None:
-    return None if expression is None else compile_expression(expression)
 
 
 def padded_names(segments: tuple[Segment, ...]) -> frozenset[str]:

@@ -21,7 +21,7 @@ from framekit.definition.model.procedure import Target as SetTarget
 from framekit.definition.model.services import After, BlockWork, PlaceOf, Refusal, ServeWork
 from framekit.definition.model.values import LayoutOf, Value
 from framekit.link.construct_values import EACH, Compute, ValueCompiler, compile_value
-from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, bare_name, compile_expression
+from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, bare_name, compile_expression, compile_optional
 from framekit.link.exchange import Served
 from framekit.link.frame_table import ProtocolCodec
 from framekit.link.packing import memory_of, values_of
@@ -133,7 +133,7 @@ def compile_block(work: BlockWork, compile_value: Callable[[Value], Compute], pa
         work=work,
         station=None if work.station is None else compile_value(work.station),
         params=values(work.params),
-        session=None if work.session is None else compile_expression(work.session),
+        session=compile_optional(work.session),
         read=place(work.read),
         write=place(work.write),
         into=place(work.into),
@@ -149,11 +149,8 @@ def compile_afters(
     """Compiles what is done afterwards."""
     return [
         CompiledAfter(
-            when=None if row.when is None else compile_expression(row.when),
-            set=[
-                (target, None if target.key is None else compile_expression(target.key), compile_value(value))
-                for target, value in row.set
-            ],
+            when=compile_optional(row.when),
+            set=[(target, compile_optional(target.key), compile_value(value)) for target, value in row.set],
             store=None if row.store is None else CompiledPlace(row.store, part),
         )
         for row in rows
@@ -188,14 +185,14 @@ class Work:
         self._let = [(name, self._values.compile(value)) for name, value in work.let.items()]
         self._write = None if work.write is None else self._fields(work.write)
         self._span = None if work.span is None else self._fields(work.span)
-        self._update = None if work.update is None else compile_expression(work.update)
-        self._set = [(target, _maybe(target.key), self._kept(target, value)) for target, value in work.set]
+        self._update = compile_optional(work.update)
+        self._set = [(target, compile_optional(target.key), self._kept(target, value)) for target, value in work.set]
         self._drop = None if work.drop is None else (_word(work.drop["from"]), self._values.compile(work.drop["when"]))
         self._read = work.read
         self._read_fields = self._fields(work.read) if isinstance(work.read, Mapping) else None
         self._read_spans = compile_expression(work.read) if isinstance(work.read, Expression) else None
         self.block = None if work.block is None else compile_block(work.block, self._values.compile, self._part)
-        self._each = _maybe(work.each) or _each_of(work.span)
+        self._each = compile_optional(work.each) or _each_of(work.span)
         self._each_as = work.each_as or _as_of(work.span)
         self._read_each = _each_of(work.read) if isinstance(work.read, Mapping) else None
         self._read_as = _as_of(work.read) if isinstance(work.read, Mapping) else None
@@ -313,10 +310,6 @@ def _word(value: Any) -> str:
     return node.value if isinstance(node, Text) else ""
 
 
-def _maybe(expression: Expression | None) -> Evaluate | None:
-    return None if expression is None else compile_expression(expression)
-
-
 def assign(scope: Scope, target: SetTarget, key: Any, value: Any) -> None:
     """`name`, `name[key]`, `name.field` or `name[key].field` of the state becomes `value`."""
     if target.key is None and target.field is None:
@@ -419,7 +412,7 @@ class ServedRow:
         self.transfers = row.service in ("read", "write") and (self.work is None or not self.work.moves_data)
         self.replies = [
             (
-                None if reply.when is None else compile_expression(reply.when),
+                compile_optional(reply.when),
                 compiled(reply.frame),
                 compiled(reply.buffer),
             )

@@ -12,10 +12,10 @@ from types import CodeType
 from typing import Any
 
 from framekit.codec import support
-from framekit.definition.expression import Attribute, Expression, LineTime, Name, emit
+from framekit.definition.expression import ENGINE_FUNCTIONS, Attribute, Expression, LineTime, Name, emit
 from framekit.definition.model.values import FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
 from framekit.link.construct_values import read_as
-from framekit.link.evaluate import ENGINE_FUNCTIONS, EVALUATION_ERRORS, Inverse, Names
+from framekit.link.evaluate import EVALUATION_ERRORS, Inverse, Names
 from framekit.link.services.rows import ServiceRows
 from framekit.link.values import FrameValue, attribute, plain
 
