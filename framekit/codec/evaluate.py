@@ -34,20 +34,23 @@ class MissingName(Exception):  # noqa: N818 - says what is missing, and is turne
         super().__init__(f"the context has no '{name}'")
 
 
-class _Names:
-    """How names are written: everything is looked up in `n`."""
+class LookedUp:
+    """How names are written: everything is looked up in what `names` is the source of."""
+
+    def __init__(self, names: str = "n") -> None:
+        self.names = names
 
     def name(self, node: Name) -> str:
-        return f"n[{node.name!r}]"
+        return f"{self.names}[{node.name!r}]"
 
     def attribute(self, node: Attribute) -> str:
         return f"attribute({emit(node.value, self)}, {node.name!r})"
 
     def line_time(self, node: LineTime) -> str:
-        return f"n['line'].{node.unit}({node.count[0]}, {node.count[1]})"
+        return f"{self.names}['line'].{node.unit}({node.count[0]}, {node.count[1]})"
 
     def call(self, function: str, arguments: list[str]) -> str:
-        owner = "n['functions']" if function in ENGINE_FUNCTIONS else "support"
+        owner = f"{self.names}['functions']" if function in ENGINE_FUNCTIONS else "support"
         return f"{owner}.{function}({', '.join(arguments)})"
 
 
@@ -63,7 +66,7 @@ def _compiled(source: str, attribute: Callable[[Any, str], Any]) -> Callable[[An
 
 def compiled(node: Node, attribute: Callable[[Any, str], Any]) -> Callable[[Any], Any]:
     """A function of what looks names up; `attribute` says what a dot means. It raises EVALUATION_ERRORS."""
-    return _compiled(emit(node, _Names()), attribute)
+    return _compiled(emit(node, LookedUp()), attribute)
 
 
 def evaluate(node: Node, names: Lookup) -> Any:

@@ -277,18 +277,9 @@ def both(first: Expression, second: Expression | None) -> Expression:
 
 
 CONDITIONAL, OR, AND, NOT, COMPARE, BIT_OR, BIT_XOR, BIT_AND, SHIFT, SUM, PRODUCT, SIGN, ATOM = range(13)
-_LEVELS = {
-    "|": BIT_OR,
-    "^": BIT_XOR,
-    "&": BIT_AND,
-    "<<": SHIFT,
-    ">>": SHIFT,
-    "+": SUM,
-    "-": SUM,
-    "*": PRODUCT,
-    "//": PRODUCT,
-    "%": PRODUCT,
-}
+_BINARY = ({"|"}, {"^"}, {"&"}, {"<<", ">>"}, {"+", "-"}, {"*", "//", "%"})
+"""Operators of two operands, those that bind most weakly first."""
+_LEVELS = {operator: level for level, operators in enumerate(_BINARY, start=BIT_OR) for operator in operators}
 _METHODS = {"lower": "lower", "upper": "upper"}
 _SAME_IN_PYTHON = {"len", "min", "max", "abs", "sum"}
 WIDEST_SHIFT = 256
@@ -494,7 +485,6 @@ def time_of(word: str, at: Position) -> Node:
     return Number(at, int(count * UNITS[unit]), is_time=True)
 
 
-_BINARY = ({"|"}, {"^"}, {"&"}, {"<<", ">>"}, {"+", "-"}, {"*", "//", "%"})
 _COMPARE = {"==", "!=", "<", "<=", ">", ">=", "in", "not in"}
 _RESERVED = {"if", "else", "or", "and", "not", "in"}
 _DEPTH = 48

@@ -223,16 +223,7 @@ class FormMatcher:
         elif "start" in self.form.results:
             return None
         known["start"] = start
-        text = ""
-        for item in self.form.parts:
-            if isinstance(item, Maybe):
-                text += "".join(piece or "" for piece in self._optional(item, area, unit, known))
-                continue
-            piece = self._written(item, area, unit, known)
-            if piece is None:
-                return None
-            text += piece
-        return text
+        return self._text(area, unit, known)
 
     @property
     def variable(self) -> int:
@@ -250,16 +241,20 @@ class FormMatcher:
         known |= {part.name: part.name for part in self.flat if isinstance(part, Part) and part.what == "word"}
         if self.fixed_area not in (None, area):
             return None
-        pieces: list[str | None] = []
-        for item in self.form.parts:
-            pieces += self._optional(item, area, unit, known) if isinstance(item, Maybe) else [
-                self._written(item, area, unit, known)
-            ]  # fmt: skip
-        return None if None in pieces else "".join(piece or "" for piece in pieces)
+        return self._text(area, unit, known)
 
-    def _optional(self, item: Maybe, area: str, unit: str, known: Mapping[str, Any]) -> list[str | None]:
-        pieces = [self._written(part, area, unit, known) for part in item.parts]
-        return pieces if any(isinstance(part, Part) for part in item.parts) and None not in pieces else []
+    def _text(self, area: str, unit: str, known: Mapping[str, Any]) -> str | None:
+        """The text with these values; None where one is missing or does not fit that has to be there."""
+        text = ""
+        for item in self.form.parts:
+            parts = item.parts if isinstance(item, Maybe) else (item,)
+            says_something = not isinstance(item, Maybe) or any(isinstance(part, Part) for part in parts)
+            pieces = [self._written(part, area, unit, known) for part in parts]
+            if says_something and None not in pieces:
+                text += "".join(piece or "" for piece in pieces)
+            elif not isinstance(item, Maybe):
+                return None
+        return text
 
     def _written(self, part: Literally | Part, area: str, unit: str, known: Mapping[str, Any]) -> str | None:
         if isinstance(part, Literally):

@@ -21,7 +21,7 @@ from framekit.definition.check.services import (
     takes_something,
     without_parts,
 )
-from framekit.definition.expression import Attribute, Expression, Name, Node, Text, names_in, walk
+from framekit.definition.expression import Attribute, Expression, Name, Node, names_in, walk
 from framekit.definition.kinds.base import Segment
 from framekit.definition.model.frames import Frame, expressions_of, field_names, flat, parts_of
 from framekit.definition.model.procedure import Action, Row, Sequence, Step, Target
@@ -210,9 +210,8 @@ class NameChecker:
                 if isinstance(alias, Expression):
                     local.add(alias.text)
         run = None if row.run is None else row.run.root
-        if run is not None:
-            sequences = (self.protocol.sequences.get(node.value) for node in walk(run) if isinstance(node, Text))
-            local |= {name for sequence in sequences if sequence is not None for name in sequence.gives}
+        for name in row.sequences & self.protocol.sequences.keys():
+            local |= self.protocol.sequences[name].gives.keys()
         if isinstance(run, Name) and run.name not in self.globally | local:
             hint = did_you_mean(run.name, self.protocol.sequences)
             self._note(run.at, f"there is no sequence '{run.name}' to run", hint)

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator, Mapping
 from itertools import chain
 
 from framekit.definition.check.services import OFFERED, parts_in
-from framekit.definition.expression import Expression, Number, Text, Unary, walk
+from framekit.definition.expression import Expression, Number, Unary
 from framekit.definition.model.frames import parts_of
 from framekit.definition.model.procedure import Action, CallOf, Lane, Role, Row, Sequence, Session, Step
 from framekit.definition.model.protocol import Protocol
@@ -213,8 +213,7 @@ def _never_run(protocol: Protocol) -> Iterator[Problem]:
         run |= {*session.open, *session.close, session.keep_alive_run}
     for rows in protocol.services.values():
         for row in rows:
-            nodes = walk(row.run.root) if row.run is not None else ()
-            run |= {node.value for node in nodes if isinstance(node, Text)}
+            run |= row.sequences
     for sequence in protocol.sequences.values():
         run |= {step.call.sequence for step in sequence.steps if step.call is not None}
     lanes = [lane for role in protocol.roles.values() for lane in role.lanes]
@@ -266,7 +265,7 @@ def _given_by_services(protocol: Protocol, sequence: str) -> set[str]:
         else {argument.name for argument in row.takes}
         for rows in protocol.services.values()
         for row in rows
-        if row.run is not None and any(isinstance(node, Text) and node.value == sequence for node in walk(row.run.root))
+        if sequence in row.sequences
     ]
     return set.intersection(*given) if given else set()
 

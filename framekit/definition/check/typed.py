@@ -451,8 +451,7 @@ class _Kinds:
             self._step(checker, step, local)
         for row in sequence.always:
             self._row(row, local)
-        for actions in sequence.handlers.values():
-            self._actions(checker, actions)
+        self._actions(checker, dict(sequence.handlers))
         self.local = {}
 
     def _step(self, checker: KindChecker, step: Step, local: Mapping[str, Kind]) -> None:
@@ -462,9 +461,7 @@ class _Kinds:
         self._made(checker, [step.send, step.deliver, step.put, step.call, [] if step.ask is None else step.ask.fields])
         for row in step.receive or ():
             self._row(row, local)
-        self._actions(checker, step.branch or ())
-        for actions in step.handlers.values():
-            self._actions(checker, actions)
+        self._actions(checker, [step.branch, dict(step.handlers)])
 
     def _keys(self, checker: KindChecker, part: Any) -> None:
         """The expressions of keys that have to come to something certain."""
@@ -485,15 +482,14 @@ class _Kinds:
 
         self._actions(self._checker({**local, "it": "frame" if row.frames else "any"}, attribute), [row])
 
-    def _actions(self, checker: KindChecker, actions: Iterable[Action]) -> None:
-        for action in actions:
+    def _actions(self, checker: KindChecker, holder: Any) -> None:
+        """All actions in it, also those that are done otherwise."""
+        for action in parts_of(holder, Action):
             self._keys(checker, action)
             for expression, _ in action.store:
                 checker.wants(expression, "bytes")
             self._settings(checker, action)
             self._made(checker, [action.send, action.deliver, action.put])
-            if action.otherwise is not None:
-                self._actions(checker, [action.otherwise])
 
     def _settings(self, checker: KindChecker, holder: Step | Action) -> None:
         """What `set` puts into a variable is of its kind."""

@@ -43,22 +43,22 @@ NumbersOf = Callable[[Node], "Mapping[str, int] | None"]
 
 def resolve_names(reader: Reader, value: Any, numbers_of: NumbersOf) -> Any:
     """A model value with every expression in it resolved."""
-    if isinstance(value, Expression):
-        root = _resolved(reader, value.root, numbers_of)
-        return value if root is value.root else Expression(value.text, root)
-    if isinstance(value, tuple):
-        items = tuple(resolve_names(reader, item, numbers_of) for item in value)
-        return value if all(new is old for new, old in zip(items, value, strict=True)) else items
-    if isinstance(value, dict):
-        return {key: resolve_names(reader, item, numbers_of) for key, item in value.items()}
-    if is_dataclass(value) and not isinstance(value, type):
-        if isinstance(value, Segment) and value.chooses_by is not None:
-            value = value.with_numbers(reader, _numbers(value.chooses_by.root, numbers_of))
-        return _changed(value, lambda part: resolve_names(reader, part, numbers_of))
-    return value
+    if isinstance(value, Compare):
+        value = _compared(reader, value, numbers_of)
+    elif isinstance(value, Segment) and value.chooses_by is not None:
+        value = value.with_numbers(reader, _numbers(value.chooses_by.root, numbers_of))
+    return _changed(value, lambda part: resolve_names(reader, part, numbers_of))
 
 
 def _changed(value: Any, change: Callable[[Any], Any]) -> Any:
+    """A value with each of its parts changed; the same object where none of them is another one then."""
+    if isinstance(value, tuple):
+        items = tuple(change(item) for item in value)
+        return value if all(new is old for new, old in zip(items, value, strict=True)) else items
+    if isinstance(value, dict):
+        return {key: change(item) for key, item in value.items()}
+    if not is_dataclass(value) or isinstance(value, (type, Position)):
+        return value
     changes = {}
     for field in fields(value):
         old = getattr(value, field.name)
@@ -67,27 +67,6 @@ def _changed(value: Any, change: Callable[[Any], Any]) -> Any:
             if new is not old:
                 changes[field.name] = new
     return replace(value, **changes) if changes else value
-
-
-def _resolved(reader: Reader, node: Node, numbers_of: NumbersOf) -> Node:
-    def inner(part: Any) -> Any:
-        if isinstance(part, Node):
-            return _resolved(reader, part, numbers_of)
-        if isinstance(part, tuple):
-            items = tuple(inner(item) for item in part)
-            return part if all(new is old for new, old in zip(items, part, strict=True)) else items
-        return part
-
-    if isinstance(node, Compare):
-        node = _compared(reader, node, numbers_of)
-    changes = {}
-    for field in fields(node):
-        old = getattr(node, field.name)
-        if isinstance(old, (Node, tuple)):
-            new = inner(old)
-            if new is not old:
-                changes[field.name] = new
-    return replace(node, **changes) if changes else node
 
 
 def _compared(reader: Reader, node: Compare, numbers_of: NumbersOf) -> Compare:
@@ -250,14 +229,7 @@ class Stations:
 
     def compared(self, reader: Reader, sequence: Sequence) -> Sequence:
         """The sequence with what each `station:` comes to in the `when` of its row."""
-
-        def changed(rows: Iterable[Row]) -> tuple[Row, ...]:
-            return tuple(row if row.station is None else self._row(reader, row, row.station) for row in rows)
-
-        steps = tuple(
-            step if step.receive is None else replace(step, receive=changed(step.receive)) for step in sequence.steps
-        )
-        return replace(sequence, steps=steps, always=changed(sequence.always))
+        return _rows_changed(sequence, lambda row: row if row.station is None else self._row(reader, row, row.station))
 
     def _row(self, reader: Reader, row: Row, station: Expression) -> Row:
         if row.expected or "frame" not in row.places:
@@ -327,8 +299,4 @@ def _put(node: Any, station: Node) -> Any:
     """An expression with another one in the place of `station`."""
     if isinstance(node, Name) and node.name == STATION:
         return station
-    if isinstance(node, tuple):
-        return tuple(_put(item, station) for item in node)
-    if isinstance(node, Node):
-        return replace(node, **{field.name: _put(getattr(node, field.name), station) for field in fields(node)})
-    return node
+    return _changed(node, lambda part: _put(part, station))

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from framekit.definition.expression import Expression, Text, names_in
+from framekit.definition.expression import Expression, Text, names_in, walk
 from framekit.definition.keys import (
     CONDITION,
     COUNT,
@@ -440,6 +440,12 @@ class ServiceRow:
     client_only: bool = key("client_only", FLAG, default=False)
     server_only: bool = key("server_only", FLAG, default=False)
     outside_session: bool = key("outside_session", FLAG, default=False)
+
+    @property
+    def sequences(self) -> set[str]:
+        """The names of sequences that `run` may come to."""
+        nodes = () if self.run is None else walk(self.run.root)
+        return {node.value for node in nodes if isinstance(node, Text)}
 
 
 @dataclass(frozen=True, slots=True)

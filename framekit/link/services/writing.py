@@ -12,7 +12,8 @@ from types import CodeType
 from typing import Any
 
 from framekit.codec import support
-from framekit.definition.expression import ENGINE_FUNCTIONS, Attribute, Expression, LineTime, Name, emit
+from framekit.codec.evaluate import LookedUp
+from framekit.definition.expression import Expression, Name, emit
 from framekit.definition.model.values import FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
 from framekit.link.construct_values import read_as
 from framekit.link.evaluate import EVALUATION_ERRORS, Inverse, Names
@@ -52,13 +53,14 @@ class WriterLevel:
         return "".join(f"{variable}, " for variable in dict.fromkeys(found))
 
 
-class Written:
+class Written(LookedUp):
     """How names are written: as variables where they are known, else looked up in the names of the engine.
 
     `of_item`: the fields of a list's item are names here, before all others.
     """
 
     def __init__(self, level: WriterLevel, of_item: bool = False) -> None:
+        super().__init__("names")
         self.level = level
         self.item = level.item if of_item else "None"
 
@@ -78,17 +80,7 @@ class Written:
             return node.name
         if self.level.parts is not None:
             return f"said({self.level.parts}, names, {node.name!r})"
-        return f"names[{node.name!r}]"
-
-    def attribute(self, node: Attribute) -> str:
-        return f"attribute({emit(node.value, self)}, {node.name!r})"
-
-    def line_time(self, node: LineTime) -> str:
-        return f"names['line'].{node.unit}({node.count[0]}, {node.count[1]})"
-
-    def call(self, function: str, arguments: list[str]) -> str:
-        owner = "names['functions']" if function in ENGINE_FUNCTIONS else "support"
-        return f"{owner}.{function}({', '.join(arguments)})"
+        return super().name(node)
 
 
 class ValueWriter:
