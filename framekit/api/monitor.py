@@ -23,7 +23,7 @@ from framekit.link.scope import Scope
 from framekit.run.block_state import BlockStatus
 from framekit.service.capture import Capture, CaptureDecoder, CaptureReader
 from framekit.service.driver import Driver, LineLoad
-from framekit.transport.clock import AsyncioClock, Clock, Handle, VirtualClock
+from framekit.transport.clock import AsyncioClock, Clock, VirtualClock
 from framekit.transport.port import AcceptedPort, Port, PortEvents
 from framekit.transport.port import LineEvent as LineEvent
 from framekit.transport.schemes import make_listener, open_port, scheme_of
@@ -468,14 +468,13 @@ class _Trial(PortEvents):
 
     def __init__(self, port: Port, clock: Clock, line: LineFormat, done: Callable[[LoopbackResult], None]) -> None:
         self._port = port
-        self._clock = clock
         self._pattern = pattern_of(line)
         self._result = LoopbackResult(line, expected_time=len(self._pattern) * line.character_time)
         self._done = done
         self._data = bytearray()
         self._faults: list[str] = []
         self._began = 0
-        self._limit: Handle | None = None
+        self._limit = clock.alarm(self._finish)
         self._over = False
 
     def start(self) -> None:
@@ -486,7 +485,7 @@ class _Trial(PortEvents):
     def opened(self, now: int) -> None:
         self._began = now
         self._result.sent = len(self._pattern)
-        self._limit = self._clock.call_at(now + round(SLOW * 2 * self._result.expected_time) + PATIENCE, self._finish)
+        self._limit.set(now + round(SLOW * 2 * self._result.expected_time) + PATIENCE)
         self._port.write(self._pattern)
 
     def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...] = ()) -> None:
@@ -509,8 +508,7 @@ class _Trial(PortEvents):
         if self._over:
             return
         self._over = True
-        if self._limit is not None:
-            self._limit.cancel()
+        self._limit.cancel()
         self._port.close()
         self._result.received = len(self._data)
         if self._result.sent and not self._result.problems:

@@ -49,6 +49,7 @@ LEVELS = ("debug", "info", "warning", "error")
 
 OPTIONS: dict[str, dict[str, Any]] = {
     "protocol": {"metavar": "PROTOCOL", "help": "name of a shipped protocol, or a YAML file"},
+    "-n, --count": {"type": int, "metavar": "COUNT"},
     "--json": {"action": "store_true", "help": "print JSON instead of text"},
     "--set": {
         "action": "append", "default": [], "metavar": "NAME=VALUE",
@@ -78,7 +79,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
 def add(parser: argparse.ArgumentParser, *names: str, **otherwise: Any) -> None:
     """Arguments of `OPTIONS`; what is said `otherwise` goes before what stands there."""
     for name in names:
-        parser.add_argument(name, **(OPTIONS[name] | otherwise))
+        parser.add_argument(*name.split(", "), **(OPTIONS[name] | otherwise))
 
 
 def told(problem: Problem) -> str:

@@ -139,14 +139,7 @@ def show(seen: Seen) -> None:
 def add_read_arguments(parser: argparse.ArgumentParser) -> None:
     add_line(parser)
     parser.add_argument("addresses", nargs="+", metavar="ADDRESS", help="as the protocol writes addresses")
-    parser.add_argument(
-        "-n",
-        "--count",
-        type=int,
-        default=1,
-        metavar="COUNT",
-        help="values from each address on; of a string, characters",
-    )
+    add(parser, "-n, --count", default=1, help="values from each address on; of a string, characters")
     add_type(parser)
     parser.add_argument("--every", metavar="TIME", help="read again and again, such as every 1s, until Ctrl-C")
     parser.add_argument("--times", type=int, metavar="N", help="with --every: stop after N readings")
@@ -239,7 +232,7 @@ def add_write_arguments(parser: argparse.ArgumentParser) -> None:
     add_line(parser)
     parser.add_argument("address", metavar="ADDRESS", help="as the protocol writes addresses")
     parser.add_argument("values", nargs="+", metavar="VALUE", help="decimal, 0x…, or as --type says")
-    parser.add_argument("-n", "--count", type=int, metavar="COUNT", help="characters of a string, filled up with 00")
+    add(parser, "-n, --count", help="characters of a string, filled up with 00")
     add_type(parser)
 
 
@@ -265,7 +258,7 @@ def add_call_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("service", metavar="SERVICE", help="a service of the protocol, other than read and write")
     parser.add_argument("arguments", nargs="*", metavar="NAME=VALUE", help="an argument; JSON for lists and records")
     parser.add_argument("--address", action="append", default=[], help="an address it is about; may be repeated")
-    parser.add_argument("-n", "--count", type=int, default=1, metavar="COUNT", help="elements from one address on")
+    add(parser, "-n, --count", default=1, help="elements from one address on")
 
 
 def run_call(arguments: argparse.Namespace) -> int:

@@ -189,8 +189,8 @@ def add_replay_arguments(parser: argparse.ArgumentParser) -> None:
     pace = parser.add_mutually_exclusive_group()
     pace.add_argument("--speed-up", type=float, default=1.0, metavar="N", help="so many times faster than it was")
     pace.add_argument("--as-fast", action="store_true", help="without pauses")
-    parser.add_argument("--speed", type=int, default=9600, help="line speed in bits a second; default: 9600")
-    parser.add_argument("--format", default="8N1", help="data bits, parity and stop bits; default: 8N1")
+    add(parser, "--speed", default=9600, help="line speed in bits a second; default: 9600")
+    add(parser, "--format", default="8N1", help="data bits, parity and stop bits; default: 8N1")
     add(parser, "--json")
 
 

@@ -32,7 +32,7 @@ class _Clock:
     mask: int
     period: int
     first: int
-    waited_for: bool
+    waited_for: bool = True
     rises: int = 0
     is_on: bool = False
     edge: int = 0
@@ -85,7 +85,6 @@ class SystemBits:
     ) -> None:
         self._memory = memory
         self._locate = locate
-        self._wake = None if wake is None else {(memory.area(name).name, bit) for name, bit in wake}
         self._scan = profile.scan
         self._origin: int | None = None
         self._time = 0
@@ -99,9 +98,8 @@ class SystemBits:
         for bit in profile.fixed:
             self._add_fixed(bit)
         words = self._words.values()
-        self._waited_for = [clock for word in words for clock in word.clocks if clock.waited_for]
         self._has_scan_bits = any(word.first_scan or word.after_first_scan for word in words)
-        self._calendar_counts = self._counts_calendar()
+        self.wait_for(wake)
         for word in words:
             word.area.watch(word.number, 1, self._look_again, word.owned)
 
@@ -110,19 +108,19 @@ class SystemBits:
         """The names of the areas that such bits stand in."""
         return {word.area.name for word in self._words.values()} | {area.name for area, _, _ in self._calendar}
 
-    def wait_for(self, wake: Collection[tuple[str, int]]) -> None:
-        """From here on these bits are waited for, and no others; call `update` before."""
-        self._wake = {(self._memory.area(name).name, bit) for name, bit in wake}
+    def wait_for(self, wake: Collection[tuple[str, int]] | None) -> None:
+        """From here on these bits are waited for, and no others; None: all. Call `update` before."""
+        self._wake = None if wake is None else {(self._memory.area(name).name, bit) for name, bit in wake}
         for word in self._words.values():
             for clock in word.clocks:
-                clock.waited_for = (word.area.name, 16 * word.number + clock.mask.bit_length() - 1) in self._wake
+                place = (word.area.name, 16 * word.number + clock.mask.bit_length() - 1)
+                clock.waited_for = self._wake is None or place in self._wake
         self._waited_for = [clock for word in self._words.values() for clock in word.clocks if clock.waited_for]
         self._calendar_counts = self._counts_calendar()
 
     def _add_clock(self, address: str, period: int, first: int) -> None:
         word, mask = self._place(address)
-        place = (word.area.name, 16 * word.number + mask.bit_length() - 1)
-        word.clocks.append(_Clock(mask, period, first, self._wake is None or place in self._wake))
+        word.clocks.append(_Clock(mask, period, first))
 
     def _add_fixed(self, bit: FixedBit) -> None:
         if bit.kind == "every_scan":

@@ -524,12 +524,8 @@ class Exchanges:
             block = self._block_memory.settings.effective(state.block)
         except SettingError:
             return None
-        read = channel.transfers.read_of(block, _nobody)
+        read = channel.transfers.read_of(block, lambda failure: None)
         return None if read is None else Read(state, read.address, read.count)
-
-
-def _nobody(failure: Failure | None) -> None:
-    return None
 
 
 def rules_of(channel: Channel) -> LaneRules:

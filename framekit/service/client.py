@@ -23,7 +23,7 @@ from framekit.memory.memory import DeviceMemory
 from framekit.run.own_memory import AddressedMemory
 from framekit.runfile.devices import memory_of
 from framekit.service.driver import Driver
-from framekit.transport.clock import Clock, Handle
+from framekit.transport.clock import Clock
 from framekit.transport.port import Port
 
 MOST_FRAMES = 1000
@@ -200,7 +200,7 @@ class Polling:
         self._on_result = on_result
         self._clock = service.clock
         self._request: Transfer | None = None
-        self._timer: Handle | None = None
+        self._alarm = self._clock.alarm(self._next)
         self._due = 0
         self.is_running = False
 
@@ -216,14 +216,12 @@ class Polling:
     def stop(self) -> None:
         """Ends it; nothing is told any more. What has been asked is waited for and dropped."""
         self.is_running = False
-        if self._timer is not None:
-            self._timer.cancel()
+        self._alarm.cancel()
         request, self._request = self._request, None
         if request is not None:
             self._service.give_up(request)
 
     def _next(self) -> None:
-        self._timer = None
         try:
             self._read()
         except ValueError as error:  # a parameter has another value since
@@ -248,6 +246,6 @@ class Polling:
         if not self.is_running:
             return
         if begin > now:
-            self._timer = self._clock.call_at(begin, self._next)
+            self._alarm.set(begin)
         else:
             self._next()

@@ -46,7 +46,7 @@ from framekit.run.model import (
 from framekit.run.own_memory import AddressedMemory, read_piece, store_pieces
 from framekit.runfile.devices import memory_of
 from framekit.service.channel import ChannelOwner, ChannelService, RunChannels
-from framekit.transport.clock import AsyncioClock, Clock, Handle
+from framekit.transport.clock import AsyncioClock, Clock
 
 Found = Callable[[list[str] | None], None]
 """Told the addresses of a name: none when it is not known, None when it could not be asked."""
@@ -56,12 +56,7 @@ ResolveHost = Callable[[str, Found], None]
 
 def resolver_for(clock: Clock) -> ResolveHost:
     """The system's resolver on a real clock; on any other one no name is known."""
-    return SystemResolver(clock) if isinstance(clock, AsyncioClock) else nobody
-
-
-def nobody(name: str, found: Found) -> None:
-    """Knows no name."""
-    found([])
+    return SystemResolver(clock) if isinstance(clock, AsyncioClock) else lambda name, found: found([])
 
 
 class SystemResolver:
@@ -511,7 +506,7 @@ class JobLine(ChannelOwner):
         self._closed = closed
         self._ended: dict[int, Ended] = {}
         self._number = 0
-        self._timer: Handle | None = None
+        self._alarm = clock.alarm(self._tick)
         opening = Opening(channel=channel, connections=len(profile.slots))
         section = JobsSection(profile=profile, opening=opening, at=NOWHERE)
         self.jobs = JobService(
@@ -575,13 +570,8 @@ class JobLine(ChannelOwner):
     # ---- time ---------------------------------------------------------------------------------------------
 
     def _tick(self) -> None:
-        self._timer = None
         self.jobs.tick(self.clock.now())
         self._arm()
 
     def _arm(self) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
-        if self.table.running and self.jobs.deadline < NEVER:
-            self._timer = self.clock.call_at(self.jobs.deadline, self._tick)
+        self._alarm.set(self.jobs.deadline if self.table.running else NEVER)

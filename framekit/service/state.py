@@ -16,7 +16,7 @@ from framekit.definition.sources import fingerprint
 from framekit.definition.times import NEVER
 from framekit.memory.memory import DeviceMemory, Shape, unit_bits
 from framekit.run.block_state import BlockState, Failure
-from framekit.transport.clock import Clock, Handle
+from framekit.transport.clock import Clock
 
 APPLICATION = 0x464B5354
 """What SQLite calls the application's number; it tells our files from others."""
@@ -259,7 +259,7 @@ class StateKeeper:
         self._last = KeptRun()
         self._writing: Future[int] | None = None
         self._writer = ThreadPoolExecutor(1, "framekit-state")
-        self._timer: Handle | None = None
+        self._alarm = clock.alarm(self._turn)
         self._stopped = False
 
     # ---- putting back -------------------------------------------------------------------------------------
@@ -291,8 +291,7 @@ class StateKeeper:
 
     def start(self) -> None:
         """Writes from now on; only at the end, if `every` says never."""
-        if self.every < NEVER:
-            self._timer = self.clock.call_at(self.clock.now() + self.every, self._turn)
+        self._alarm.set(min(self.clock.now() + self.every, NEVER))
 
     def stop(self) -> None:
         """Writes a last time, waits for that, and lets go of the file; `problem` says whether it went well.
@@ -302,9 +301,7 @@ class StateKeeper:
         if self._stopped:
             return
         self._stopped = True
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
+        self._alarm.cancel()
         self._see(wait=True)
         self._write()
         self._see(wait=True)

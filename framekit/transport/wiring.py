@@ -8,7 +8,7 @@ from functools import partial
 
 from framekit.definition.times import Direction, LineSettings, Modem
 from framekit.link.events import CharacterFault
-from framekit.transport.clock import Clock, Handle
+from framekit.transport.clock import Clock
 from framekit.transport.port import PassingPort, Port, PortEvents
 
 
@@ -32,7 +32,7 @@ class DirectionPort(PassingPort):
         self.clock = clock
         self._waiting: deque[bytes | int] = deque()
         self._sending = self._ready = False
-        self._timer: Handle | None = None
+        self._alarm = clock.alarm(self._go_on)
 
     def _switch(self, sending: bool) -> None:
         self._sending = sending
@@ -41,16 +41,13 @@ class DirectionPort(PassingPort):
 
     def _after(self, time: int) -> None:
         """`_go_on` so much later; only the last one asked for comes."""
-        if self._timer is not None:
-            self._timer.cancel()
-        self._timer = self.clock.call_at(self.clock.now() + time, self._go_on)
+        self._alarm.set(self.clock.now() + time)
 
     def forget(self) -> None:
         super().forget()
         self._waiting.clear()
         self._sending = self._ready = False
-        if self._timer is not None:
-            self._timer.cancel()
+        self._alarm.cancel()
 
     def opened(self, now: int) -> None:
         self._switch(False)
@@ -85,8 +82,7 @@ class DirectionPort(PassingPort):
             super().sent(self.clock.now())
 
     def _hand_over(self) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
+        self._alarm.cancel()
         while self._waiting:
             what = self._waiting.popleft()
             if isinstance(what, bytes):
@@ -178,18 +174,13 @@ class ModemPort(PassingPort):
         self._commands: list[str] = []
         self._tries = 0
         self._rings = 0
-        self._timer: Handle | None = None
+        self._alarm = clock.alarm(self._no_answer)
 
     def forget(self) -> None:
         super().forget()
         self.connected = False
         self._text = b""
-        self._stop_timer()
-
-    def _stop_timer(self) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
+        self._alarm.cancel()
 
     # ---- setting up ---------------------------------------------------------------------------------------
 
@@ -199,11 +190,11 @@ class ModemPort(PassingPort):
         self._next_command(now)
 
     def _next_command(self, now: int) -> None:
-        self._stop_timer()
+        self._alarm.cancel()
         if self._commands:
             self._tries += 1
             self.inner.write(self._commands[0].encode("ascii", "replace") + b"\r")
-            self._timer = self.clock.call_at(now + self.modem.reply_within, self._no_answer)
+            self._alarm.set(now + self.modem.reply_within)
         elif self.modem.answer is None:
             self._connect(now)
 
@@ -218,7 +209,7 @@ class ModemPort(PassingPort):
         super().closed(self.clock.now(), f"{self.name}: {reason}")
 
     def _connect(self, now: int) -> None:
-        self._stop_timer()
+        self._alarm.cancel()
         self.connected = True
         super().opened(now)
 
