@@ -37,7 +37,6 @@ class Lanes:
         self.order: tuple[Run, ...] = ()
         self.was_closed = False
         self.is_holding = False
-        self._plans: dict[Run, Exchange] = {}
         self.lane_of: dict[str | None, LaneState] = {}
         for lane in self.lanes:
             for name in (None, *lane.exchange) if lane.exchange else ():
@@ -81,8 +80,7 @@ class Lanes:
             machine.drop_stale()
         if lane.listener is not None:
             self._give_way(lane)
-        run = self._new_run(lane, "exchange")
-        self._plans[run] = exchange
+        run = self._new_run(lane, "exchange", exchange)
         context = ExchangeContext(machine.scope, exchange, True)
         name = exchange.run or lane.exchange[0]
         session = machine.session
@@ -97,8 +95,8 @@ class Lanes:
         session.busy = True
         self._next_of_agenda(run)
 
-    def _new_run(self, lane: LaneState, kind: str) -> Run:
-        run = Run(self.machine, lane, kind)
+    def _new_run(self, lane: LaneState, kind: str, exchange: Exchange | None = None) -> Run:
+        run = Run(self.machine, lane, kind, exchange)
         lane.running.append(run)
         self._reorder()
         return run
@@ -137,7 +135,7 @@ class Lanes:
         """The next sequence of a run that has several: of its session first, then its own. False: there is none."""
         session = self.machine.session
         while run.agenda:
-            kind, name, context = run.agenda.popleft()
+            kind, name, context = run.agenda.pop(0)
             run.doing = kind
             if kind == "begin":
                 session.begin(context.station)
@@ -201,9 +199,8 @@ class Lanes:
             elif run in lane.running:
                 lane.running.remove(run)
             self._reorder()
-            exchange = self._plans.pop(run, None)
-            if exchange is not None:
-                machine.callbacks.append(partial(exchange.ended, outcome))
+            if run.exchange is not None:
+                machine.callbacks.append(partial(run.exchange.ended, outcome))
 
     def _failed(self, run: Run, outcome: Outcome) -> None:
         session = self.machine.session
@@ -225,8 +222,8 @@ class Lanes:
                 lane.waiting.remove(exchange)
                 self.machine.tell(exchange, Outcome(False, "cancelled"))
                 return
-        for run, planned in list(self._plans.items()):
-            if planned is exchange:
+        for run in self.order:
+            if run.exchange is exchange:
                 run.agenda.clear()
                 self.machine.fail_run(run, "cancelled")
 
@@ -234,8 +231,8 @@ class Lanes:
         """Ends an exchange that has not begun; one under way repeats nothing any more, and ends by itself."""
         if any(exchange in lane.waiting for lane in self.lanes):
             self.cancel(exchange)
-        for run, planned in list(self._plans.items()):
-            if planned is exchange:
+        for run in self.order:
+            if run.exchange is exchange:
                 run.given_up = True
                 if run.state is State.HELD:
                     self.cancel(exchange)

@@ -140,26 +140,30 @@ class ExchangeContext:
         self.exchange = exchange
         self.checks_echo = checks_echo
         self.params: Names = scope
-        self.arguments: Mapping[str, Any] = _NOTHING
-        self.expected: tuple[str, ...] = ()
-        self.buffer = self.raw = b""
-        self.request: Any = None
-        self.reply: Any = None
-        self.reply_buffer: Any = None
-        self.refusal: Any = None
-        self.asked: FrameValue | None = None
-        self.last_sent: FrameValue | None = None
-        self.answering: FrameValue | None = None
-        self.last_taken: FrameValue | None = None
-        if exchange is not None:
-            self.expected = exchange.expected
-            self.buffer = exchange.buffer
-            if exchange.request is not None:
-                given = exchange.request
-                self.request = self.asked = FrameValue(given.frame, given.fields.copy(), given.raw, given.refusal)
+        self.raw = b""
+        self.request: Any
+        self.asked: FrameValue | None
+        self.reply: Any
+        self.reply_buffer: Any
+        self.refusal: Any
+        self.reply = self.reply_buffer = self.refusal = None
+        self.last_sent: FrameValue | None
+        self.answering: FrameValue | None
+        self.last_taken: FrameValue | None
+        self.last_sent = self.answering = self.last_taken = None
+        if exchange is None:
+            self.arguments: Mapping[str, Any] = _NOTHING
+            self.expected: tuple[str, ...] = ()
+            self.buffer = b""
+            self.request = self.asked = None
+        else:
+            self.arguments, self.expected, self.buffer = exchange.arguments, exchange.expected, exchange.buffer
+            given = exchange.request
+            if given is not None:
+                given = FrameValue(given.frame, given.fields.copy(), given.raw, given.refusal)
+            self.request = self.asked = given
             if exchange.params:
                 self.params = Names(exchange.params, scope, scope.formulas_for(exchange.params))
-            self.arguments = exchange.arguments
             if station is None:
                 station = exchange.station
         self.station = scope["own"] if station is None else station
@@ -254,46 +258,45 @@ class Run:
 
     `unsent`: frames handed over that have not left; clocks wait for them. Times: `started` is when the step's clock
     began, `within` when it runs out before a frame has begun, `candidate` when the first byte of a frame came that fits
-    so far, `deadline` when something has to happen. `agenda` are the sequences it runs one after the other, `doing`
-    what the present one is for. `given_up`: nothing is repeated any more. `asked`: the sequence of an exchange that
-    waits for what it has asked for. `rows`: by frame, what tries the rows of the step; `has_always`: callers may have
-    rows too. `go_on`: what a pause, or a request held back, goes on with.
+    so far, `deadline` when something has to happen. `exchange` is told the end. `agenda` are the sequences it runs one
+    after the other, `doing` what the present one is for. `given_up`: nothing is repeated any more. `asked`: the
+    sequence of an exchange that waits for what it has asked for. `rows`: by frame, what tries the rows of the step;
+    `has_always`: callers may have rows too. `go_on`: what a pause, or a request held back, goes on with.
     """
 
     __slots__ = (
-        "agenda", "asked", "candidate", "cause", "clock_waits", "complete", "deadline", "doing", "expected", "gap",
-        "given_up", "go_on", "has_always", "kind", "lane", "longest", "machine", "outcome", "pause", "rows", "started",
-        "state", "top", "unsent", "wait_number", "wants_others", "within",
+        "agenda", "asked", "candidate", "cause", "clock_waits", "complete", "deadline", "doing", "exchange", "expected",
+        "gap", "given_up", "go_on", "has_always", "kind", "lane", "longest", "machine", "outcome", "pause", "rows",
+        "started", "state", "top", "unsent", "wait_number", "wants_others", "within",
     )  # fmt: skip
 
-    def __init__(self, machine: Any, lane: LaneState, kind: str) -> None:
+    started: int
+    within: int
+    longest: int
+    complete: int | None
+    gap: int | None
+    pause: int
+    go_on: Any
+    expected: tuple[str, ...]
+    rows: Mapping[str, Any]
+    wants_others: bool
+
+    def __init__(self, machine: Any, lane: LaneState, kind: str, exchange: Exchange | None = None) -> None:
+        """What a wait needs is set when it begins."""
         self.machine = machine
         self.lane = lane
-        self.kind = kind
+        self.kind = self.doing = kind
+        self.exchange = exchange
         self.top: CallFrame = None  # type: ignore[assignment] # as long as it has not begun, and when it is over
-        self.agenda: deque[tuple[str, str, ExchangeContext]] = deque()
-        self.doing = kind
+        self.agenda: list[tuple[str, str, ExchangeContext]] = []
         self.outcome: Outcome | None = None
         self.state = State.GOING
-        self.unsent = 0
-        self.started = 0
-        self.within = NEVER
-        self.complete: int | None = None
-        self.gap: int | None = None
+        self.unsent = self.wait_number = 0
         self.candidate: int | None = None
-        self.pause = 0
         self.deadline = NEVER
-        self.clock_waits = False
-        self.wait_number = 0
-        self.expected: tuple[str, ...] = ()
-        self.rows: Mapping[str, Any] = {}
-        self.has_always = False
-        self.wants_others = False
+        self.clock_waits = self.has_always = self.given_up = False
         self.cause = ""
-        self.given_up = False
-        self.longest = NEVER
         self.asked: CallFrame | None = None
-        self.go_on: Any = None
 
     @property
     def gives_way(self) -> bool:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
 from framekit.codec.python.source import INDENT, Source
@@ -20,7 +21,7 @@ from framekit.definition.model.frames import expressions_of, parts_of
 from framekit.definition.model.services import ReplyRow
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, RecordOf, Value
 from framekit.link.addresses import Address
-from framekit.link.construct_values import EACH, Compute, compile_value, read_layout
+from framekit.link.construct_values import EACH, read_layout
 from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, bare_name, compile_expression
 from framekit.link.events import Command
 from framekit.link.exchange import Asked, Exchange, Outcome
@@ -38,7 +39,7 @@ from framekit.link.services.rows import (
     padded_names,
     rows_of,
 )
-from framekit.link.services.writing import code_of_source
+from framekit.link.services.writing import ValueWriter, WriterLevel, code_of_source
 from framekit.link.values import FrameValue, attribute
 from framekit.memory.memory import unit_bits
 
@@ -307,40 +308,58 @@ class ClientRow:
     """A row as the client uses it."""
 
     def __init__(self, facts: RowFacts, errors: ErrorReader) -> None:
-        row, shared = facts.row, facts.shared
-
-        def compiled(value: Any) -> Compute:
-            return compile_value(value, shared.protocol, shared.codec, shared.table)
-
+        row = facts.row
         self.facts = facts
         self.errors = errors
-        self.request = None if row.request is None else compiled(row.request)
-        self.buffer = None if row.buffer is None else compiled(row.buffer)
-        self.gives = [(name, compiled(value)) for name, value in row.gives.items()]
+        self.gives = tuple(row.gives)
         self.reply = ReplyReader(facts)
         self.reads = row.service == "read"
 
-    def made(self, offered: Names) -> tuple[FrameValue | None, bytes, Any]:
+    @cached_property
+    def _make(self) -> Callable[[Names], Made]:
+        row = self.facts.row
+        return _maker(self.facts.shared, (row.request, b"" if row.buffer is None else row.buffer, row.run))
+
+    @cached_property
+    def give(self) -> Callable[[Names], tuple[Any, ...]]:
+        """What gives a service's results, in the order of their names."""
+        return _maker(self.facts.shared, tuple(self.facts.row.gives.values()))
+
+    def made(self, offered: Names) -> Made:
         """The request, the bytes beside it, and the sequence that carries it. Raises ServiceError."""
-        facts = self.facts
         try:
-            return (
-                None if self.request is None else self.request(offered),
-                b"" if self.buffer is None else self.buffer(offered),
-                None if facts.run is None else facts.run(offered),
-            )
+            request, buffer, run = self._make(offered)
         except EVALUATION_ERRORS as error:
-            raise ServiceError(f"the request of row '{facts.row.name}' cannot be made: {explain(error)}") from None
+            raise ServiceError(f"the request of row '{self.facts.row.name}' cannot be made: {explain(error)}") from None
+        return request, buffer, run
 
     def prepared(self, pieces: tuple[Piece, ...], offered: Names, station: Any, params: Mapping[str, Any]) -> Prepared:
         """An exchange of a plan, worked out. Raises ServiceError."""
-        request, buffer, run = self.made(offered)
+        made = request, _, run = self.made(offered)
         arguments: dict[str, Any] = {}
         sequence = self.facts.shared.protocol.sequences.get(str(run)) if pieces and request is None else None
         if sequence is not None:  # a procedure carries the transfer: it takes what it names
             arguments = {name: offered[name] for name in sequence.takes if name in offered}
         written = sum(piece.count for piece in pieces if piece.data is not None)
-        return Prepared(self, pieces, offered, run, station, request, buffer, arguments, params, None, written)
+        expected, outside = self.reply.expected, self.facts.row.outside_session
+        return Prepared(self, pieces, offered, made, station, expected, outside, arguments, params, None, written)
+
+
+def _maker(shared: ServiceRows, values: Sequence[Value | bytes | None]) -> Callable[[Names], Any]:
+    """A function of names that gives all these values, as a tuple."""
+    given: dict[str, Any] = {}
+    writer, level = ValueWriter(shared, given, "names"), WriterLevel(())
+    parts = [repr(one) if one is None or isinstance(one, bytes) else writer.value(one, level) for one in values]
+    source = Source()
+    with source.block("def function(names):"):
+        source.add(f"return ({''.join(f'{part}, ' for part in parts)})")
+    exec(code_of_source(source.text()), given)
+    make: Callable[[Names], Any] = given["function"]
+    return make
+
+
+Made = tuple[FrameValue | None, bytes, Any]
+"""The request of an exchange, the bytes beside it, and the sequence that carries it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -353,32 +372,26 @@ class Prepared:
     row: ClientRow
     pieces: tuple[Piece, ...]
     names: Names
-    run: str | None
+    made: Made
     station: Any
-    request: FrameValue | None
-    buffer: bytes
+    expected: tuple[str, ...]
+    outside_session: bool
     arguments: Mapping[str, Any] = field(default_factory=dict)
     params: Mapping[str, Any] = field(default_factory=dict)
     inside: Any = None
     written: int = 0
 
-    def again(self) -> Prepared:
-        """The same with a new request. Raises ServiceError."""
-        request, buffer, run = self.row.made(self.names)
-        return Prepared(
-            self.row, self.pieces, self.names, run, self.station, request, buffer,
-            self.arguments, self.params, self.inside, self.written,
-        )  # fmt: skip
-
-    def answer(self, outcome: Outcome) -> TransferResult | tuple[list[bytes], dict[str, Any]]:
-        """What an exchange brought: the data of its pieces and a service's results.
+    def answer(
+        self, outcome: Outcome, request: FrameValue | None
+    ) -> TransferResult | tuple[list[bytes], dict[str, Any]]:
+        """What an exchange of `request` brought: the data of its pieces and a service's results.
 
         Anything but a fitting reply is a failure.
         """
         row, reply = self.row, outcome.reply
         try:
             if reply is not None and reply.frame in row.reply.error_frames:
-                refusal = row.errors.refusal(reply, Names({"request": self.request}, self.names))
+                refusal = row.errors.refusal(reply, Names({"request": request}, self.names))
                 if refusal is not None:
                     word = outcome.outcome or refusal.outcome
                     return TransferResult(
@@ -386,11 +399,11 @@ class Prepared:
                     )
             if not outcome.ok:
                 return TransferResult(False, outcome=outcome.outcome, cause=outcome.cause)
-            gives = self._gives(outcome) if row.gives else {}
+            gives = self._gives(outcome, request) if row.gives else {}
             if not self.pieces:
                 blocks = row.reply.blocks(outcome, self.names)
                 return [], {"data": blocks} if blocks and not row.gives else gives
-            if row.request is None:
+            if row.facts.row.request is None:
                 return [], gives  # a procedure that wrote
             data = row.reply.data(outcome, self.pieces, self.names)
             if row.reads and len(data) != len(self.pieces):
@@ -399,10 +412,10 @@ class Prepared:
         except EVALUATION_ERRORS as error:
             return TransferResult(False, outcome="unfit_reply", cause=explain(error))
 
-    def _gives(self, outcome: Outcome) -> dict[str, Any]:
+    def _gives(self, outcome: Outcome, request: FrameValue | None) -> dict[str, Any]:
         known = Names(outcome.results, self.names)
-        known.update(request=self.request, reply=outcome.reply, buffer=outcome.buffer)
-        return {name: compute(known) for name, compute in self.row.gives}
+        known.update(request=request, reply=outcome.reply, buffer=outcome.buffer)
+        return dict(zip(self.row.gives, self.row.give(known), strict=True))
 
 
 class TransferPlan:
@@ -423,9 +436,11 @@ class TransferPlan:
             if not plans[0].skip and exchanges[0].pieces[0].bits == bits == count * unit_bits(unit):
                 self._read = reader_of(unit, count)
 
-    def again(self) -> TransferPlan:
-        """What is planned, with requests of its own. Raises ServiceError."""
-        return TransferPlan(self.plans, [one.again() for one in self.exchanges], self.wanted)
+    def made(self) -> list[Made]:
+        """What the exchanges send, for one transfer. Raises ServiceError."""
+        if self.is_new_each_time:
+            return [one.row.made(one.names) for one in self.exchanges]
+        return [one.made for one in self.exchanges]
 
     def result(self, data: Sequence[bytes]) -> TransferResult:
         """What it comes to when all exchanges have brought these data."""
@@ -459,15 +474,14 @@ class ReadyReads:
         self._lasting: dict[RowFacts, tuple[bool, bool]] = {}
 
     def find(self, key: Hashable) -> TransferPlan | None:
-        """What was kept for this, to be done once more. Raises ServiceError."""
+        """What was kept for this, to be done once more."""
         scope = self._scope
         if scope is None:
             return None
         if scope.settings != self._settings:
             self._settings = scope.settings
             self._kept.clear()
-        found = self._kept.get(key)
-        return found.again() if found is not None and found.is_new_each_time else found
+        return self._kept.get(key)
 
     def keep(self, key: Hashable, read: TransferPlan) -> None:
         """Keeps a read for the next who asks, if the same exchanges will do then."""
@@ -483,7 +497,7 @@ class ReadyReads:
         if len(self._kept) >= MOST_KEPT:
             self._kept.clear()
         # what is inside a request takes note of being sent, so that it cannot be sent twice
-        lasts = self._lasting[facts][1] and not any(_has_parts(one.request) for one in read.exchanges)
+        lasts = self._lasting[facts][1] and not any(_has_parts(one.made[0]) for one in read.exchanges)
         read.is_new_each_time = not lasts
         self._kept[key] = read
 
@@ -511,12 +525,12 @@ class Transfer(Exchange):
     """
 
     __slots__ = (
-        "__weakref__", "_data", "_done", "_engine", "_gives", "_going", "_last", "_next", "_plan", "_under_way",
-        "_written", "commands", "given_up",
+        "__weakref__", "_data", "_done", "_engine", "_gives", "_going", "_last", "_made", "_next", "_plan",
+        "_under_way", "_written", "commands", "given_up",
     )  # fmt: skip
 
     def __init__(self, plan: TransferPlan, engine: Starts, now: int, on_done: Done) -> None:
-        self._plan, self._engine, self._done = plan, engine, on_done
+        self._plan, self._engine, self._done, self._made = plan, engine, on_done, plan.made()
         self._next = self._written = 0
         self._under_way = self.given_up = False
         self._data: list[bytes] = []
@@ -536,9 +550,9 @@ class Transfer(Exchange):
                 self._end(TransferResult(False, outcome="cancelled"))
             else:
                 one = exchanges[self._next]
+                self.request, self.buffer, self.run = self._made[self._next]
                 self._next += 1
-                self.run, self.station, self.request, self.buffer = one.run, one.station, one.request, one.buffer
-                self.expected, self.outside_session = one.row.reply.expected, one.row.facts.row.outside_session
+                self.station, self.expected, self.outside_session = one.station, one.expected, one.outside_session
                 self.inside, self.arguments, self.params = one.inside, one.arguments, one.params
                 self._under_way = True
                 self.commands += engine.start(self, now)
@@ -548,7 +562,7 @@ class Transfer(Exchange):
         self._under_way = False
         self._last = outcome
         one = self._plan.exchanges[self._next - 1]
-        answer = one.answer(outcome)
+        answer = one.answer(outcome, self.request)
         if isinstance(answer, TransferResult):
             self._end(answer)
             return

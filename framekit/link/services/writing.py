@@ -14,8 +14,8 @@ from typing import Any
 from framekit.codec import support
 from framekit.codec.evaluate import LookedUp
 from framekit.definition.expression import Expression, Name, emit
-from framekit.definition.model.values import FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
-from framekit.link.construct_values import read_as
+from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
+from framekit.link.construct_values import EACH, read_as
 from framekit.link.evaluate import EVALUATION_ERRORS, Inverse, Names
 from framekit.link.services.rows import ServiceRows
 from framekit.link.values import FrameValue, attribute, plain
@@ -30,9 +30,11 @@ class WriterLevel:
     `parts`: the variable with the other things that an address says, where the request names it as text. `history`:
     variables in the order in which names got them. `item`: the variable with the fields of a list's item, `memory` that
     with the data in memory's form.
+    `parameters`: names that are parameters of the function.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, parameters: tuple[str, ...] = OF_REQUESTS) -> None:
+        self.parameters = parameters
         self.values: dict[str, str] = {}
         self.history: list[tuple[str, str]] = []
         self.pending: list[tuple[Inverse, str]] = []
@@ -76,7 +78,7 @@ class Written(LookedUp):
         found = self.level.values.get(node.name)
         if found is not None:
             return found
-        if node.name in OF_REQUESTS:
+        if node.name in self.level.parameters:
             return node.name
         if self.level.parts is not None:
             return f"said({self.level.parts}, names, {node.name!r})"
@@ -114,8 +116,8 @@ class ValueWriter:
         return emit(expression.root, Written(level))
 
     def names(self, level: WriterLevel) -> str:
-        """A new level of names with everything that is known, for what looks names up by itself."""
-        return f"Names({self.items(level)}, {self.known})"
+        """Names with everything that is known, a new level of them where there is something, for what looks them up."""
+        return f"Names({self.items(level)}, {self.known})" if level.parts or level.values else self.known
 
     def items(self, level: WriterLevel) -> str:
         """All names that are known, as a dictionary."""
@@ -141,6 +143,9 @@ class ValueWriter:
             case ReadAs(layout=layout, source=source):
                 codec = self.constant(self.shared.codec.layouts[layout])
                 return f"read_as({codec}, {self.value(source, level)}, {self.names(level)})"
+            case EachOf(fields=fields) if not level.values:
+                of_each = f"[Names(one, names) for one in names[{EACH!r}]]"
+                return f"[{self._record(fields, level)} for names in {of_each}]"
         raise TypeError(f"no value of one request: {value!r}")
 
     def _record(self, fields: Mapping[str, Value], level: WriterLevel) -> str:
