@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import inspect
 import math
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Hashable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self, overload
 
@@ -73,7 +73,7 @@ class AsyncClient:
         self._why = "it has not been opened"
         self._command_turn = asyncio.Lock()
         self._polls: list[Poll] = []
-        self._known_reads: dict[tuple[str, str | None, Order | None, int], Typed] = {}
+        self._known_reads: dict[Hashable, tuple[Typed, Any]] = {}
 
     def __repr__(self) -> str:
         settings = self.settings
@@ -235,8 +235,7 @@ class AsyncClient:
         Raises RequestError, NoReplyError, RefusedError, ReplyError, LineClosedError.
         """
         service = self._working()
-        to = self.settings.station_for(station)
-        how = self._how(address, type, order, count)
+        how, to = self._how(address, type, order, count, station)
         given = None if params is None else self._params(params)
         result = await self._transfer(
             service,
@@ -253,19 +252,20 @@ class AsyncClient:
         except AddressError as error:
             raise RequestError(str(error)) from None
 
-    def _how(self, address: str, type: str | None, order: Order | None, count: int) -> Typed:
-        """As `typed`, once for reads that are repeated."""
-        key = (address, type, order, count)
+    def _how(self, address: str, type: str | None, order: Order | None, count: int, station: Any) -> tuple[Typed, Any]:
+        """As `typed`, and the station that is asked, once for reads that are repeated."""
+        key = (address, type, order, count, station, station.__class__)
         try:
-            how = self._known_reads.get(key)
+            known = self._known_reads.get(key)
         except TypeError:  # a list of addresses, say
-            how = None
-        if how is None:
-            how = typed(self._working().client.grammar, address, type, order, count)
+            known = None
+        if known is None:
+            to = self.settings.station_for(station)
+            known = typed(self._working().client.grammar, address, type, order, count), to
             if len(self._known_reads) >= MOST_KEPT:
                 self._known_reads.clear()
-            self._known_reads[key] = how
-        return how
+            self._known_reads[key] = known
+        return known
 
     def poll(
         self, address: str, count: int = 1, *, on_values: OnValues, on_error: OnError | None = None,
@@ -279,8 +279,7 @@ class AsyncClient:
         `read`. Raises RequestError, LineClosedError.
         """
         service = self._working()
-        to = self.settings.station_for(station)
-        how = self._how(address, type, order, count)
+        how, to = self._how(address, type, order, count, station)
         try:
             poll = Poll(service, how, address, to, every, on_values, on_error, self._new_trouble())
         except (ValueError, DeviceMemoryError) as error:

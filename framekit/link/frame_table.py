@@ -352,30 +352,31 @@ class FrameTable:
 
         `names` gives those that the reply's `echo` may read.
         """
-        values, infos = [reply], self.infos
-        for value in values:
-            info = infos.get(value.frame)
-            if info is None:
+        infos, fields = self.infos, reply.fields
+        info = infos.get(reply.frame)
+        if info is None:
+            return True
+        for field, plain_name, evaluate in info.echo:
+            if field not in fields:
                 continue
-            fields = value.fields
-            for field, plain_name, evaluate in info.echo:
-                for request in requests:
-                    if plain_name is not None and plain_name in request.fields:
-                        wanted = request.fields[plain_name]
-                    elif plain_name is not None and plain_name not in infos[request.frame].value_names:
+            for request in requests:
+                given = request.fields
+                if plain_name in given:
+                    wanted = given[plain_name]
+                elif plain_name is not None and plain_name not in infos[request.frame].value_names:
+                    continue
+                else:
+                    try:
+                        wanted = echoed(plain_name, evaluate, request, None if plain_name is not None else names())
+                    except EVALUATION_ERRORS:
                         continue
-                    else:
-                        try:
-                            wanted = echoed(plain_name, evaluate, request, None if plain_name is not None else names())
-                        except EVALUATION_ERRORS:
-                            continue
-                    if field in fields and fields[field] != wanted:
-                        return False
-                    break
-            for kind, name, _ in info.shape:
-                inner = fields.get(name)
-                if kind == "inner" and type(inner) is FrameValue:
-                    values.append(inner)
+                if fields[field] != wanted:
+                    return False
+                break
+        for kind, name, _ in info.shape:
+            inner = fields.get(name)
+            if kind == "inner" and type(inner) is FrameValue and not self.fits_echo(inner, requests, names):
+                return False
         return True
 
 

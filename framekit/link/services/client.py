@@ -421,13 +421,14 @@ class Prepared:
 class TransferPlan:
     """A whole transfer: its exchanges, and the units and counts of what is to be read.
 
-    `is_new_each_time`: its requests are made for every transfer.
+    `sent`: what the exchanges send, unless `is_new_each_time`, so that it is made for every transfer.
     """
 
-    __slots__ = ("_read", "exchanges", "is_new_each_time", "plans", "wanted")
+    __slots__ = ("_read", "exchanges", "is_new_each_time", "plans", "sent", "wanted")
 
     def __init__(self, plans: Sequence[Plan], exchanges: Sequence[Prepared], wanted: Sequence[tuple[str, int]]) -> None:
         self.plans, self.exchanges, self.wanted = plans, exchanges, wanted
+        self.sent = [one.made for one in exchanges]
         self.is_new_each_time = False
         self._read: Callable[[bytes], Iterable[int]] | None = None
         if len(wanted) == len(plans) == len(exchanges) == len(exchanges[0].pieces) == 1:
@@ -437,10 +438,8 @@ class TransferPlan:
                 self._read = reader_of(unit, count)
 
     def made(self) -> list[Made]:
-        """What the exchanges send, for one transfer. Raises ServiceError."""
-        if self.is_new_each_time:
-            return [one.row.made(one.names) for one in self.exchanges]
-        return [one.made for one in self.exchanges]
+        """What the exchanges send, made for one transfer. Raises ServiceError."""
+        return [one.row.made(one.names) for one in self.exchanges]
 
     def result(self, data: Sequence[bytes]) -> TransferResult:
         """What it comes to when all exchanges have brought these data."""
@@ -530,7 +529,8 @@ class Transfer(Exchange):
     )  # fmt: skip
 
     def __init__(self, plan: TransferPlan, engine: Starts, now: int, on_done: Done) -> None:
-        self._plan, self._engine, self._done, self._made = plan, engine, on_done, plan.made()
+        self._plan, self._engine, self._done = plan, engine, on_done
+        self._made = plan.made() if plan.is_new_each_time else plan.sent
         self._next = self._written = 0
         self._under_way = self.given_up = False
         self._data: list[bytes] = []
