@@ -170,11 +170,7 @@ class Engine:
                 machine.left(item.run)
             if type(item) is Send and item.on_sent is not None:
                 machine.callbacks.append(item.on_sent)
-        if machine.stirred or not machine.is_idle or machine.ended or machine.callbacks or machine.delivered:
-            return self._finish()
-        if machine.queues.is_due or self.shutdown.on_done is not None:
-            return self._finish()
-        return self._given()
+        return self._finish()
 
     def control(self, lines: Mapping[str, bool], now: int) -> list[Command]:
         """The control lines as they are now (cts, dsr, dcd, ri). Without clear-to-send nothing is sent."""
@@ -249,7 +245,7 @@ class Engine:
             machine.late.items.append(item)
         else:
             self.output.put(item)
-        return self._finish() if machine.stirred or not machine.is_idle else self._given()
+        return self._finish()
 
     @property
     def has_session(self) -> bool:
@@ -286,18 +282,21 @@ class Engine:
         """Everything that follows and takes no time; then the commands, in order. Inside of itself it does nothing."""
         if self.is_busy:
             return []
-        self.is_busy = True
-        try:
-            self._settle()
-        finally:
-            self.is_busy = False
-        return self._given()
-
-    def _given(self) -> list[Command]:
-        """The commands that have come together, and when to be called next; nothing inside of what follows."""
-        if self.is_busy:
-            return []
         machine, deadline = self.machine, NEVER
+        if (
+            machine.stirred
+            or not machine.is_idle
+            or machine.ended
+            or machine.callbacks
+            or machine.delivered
+            or machine.queues.is_due
+            or self.shutdown.on_done is not None
+        ):
+            self.is_busy = True
+            try:
+                self._settle()
+            finally:
+                self.is_busy = False
         for run in self.lanes.order:
             if run.deadline < deadline:
                 deadline = run.deadline

@@ -375,8 +375,10 @@ class FrameTable:
                 break
         for kind, name, _ in info.shape:
             inner = fields.get(name)
-            if kind == "inner" and type(inner) is FrameValue and not self.fits_echo(inner, requests, names):
-                return False
+            if kind == "inner" and type(inner) is FrameValue:
+                below = infos.get(inner.frame)
+                if below is not None and (below.echo or below.shape) and not self.fits_echo(inner, requests, names):
+                    return False
         return True
 
 

@@ -80,7 +80,9 @@ class Lanes:
             machine.drop_stale()
         if lane.listener is not None:
             self._give_way(lane)
-        run = self._new_run(lane, "exchange", exchange)
+        run = Run(machine, lane, "exchange", exchange)
+        lane.running.append(run)
+        self._reorder()
         context = ExchangeContext(machine.scope, exchange, True)
         name = exchange.run or lane.exchange[0]
         session = machine.session
@@ -95,12 +97,6 @@ class Lanes:
         session.busy = True
         self._next_of_agenda(run)
 
-    def _new_run(self, lane: LaneState, kind: str, exchange: Exchange | None = None) -> Run:
-        run = Run(self.machine, lane, kind, exchange)
-        lane.running.append(run)
-        self._reorder()
-        return run
-
     @staticmethod
     def _give_way(lane: LaneState) -> None:
         if lane.listener is not None:
@@ -113,7 +109,9 @@ class Lanes:
         if lane is None or not self.is_free:
             return None
         self._give_way(lane)
-        run = self._new_run(lane, kind)
+        run = Run(self.machine, lane, kind)
+        lane.running.append(run)
+        self._reorder()
         for name in names:
             run.agenda.append((kind, name, ExchangeContext(self.machine.scope, None, True, station)))
         if kind == "close":

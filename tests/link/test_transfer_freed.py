@@ -28,16 +28,16 @@ class Engine:
 def test_a_transfer_that_has_ended_is_freed_without_a_collection() -> None:
     results: list[TransferResult] = []
     engine = Engine()
-    row = SimpleNamespace(
-        reply=SimpleNamespace(expected=()), facts=SimpleNamespace(row=SimpleNamespace(outside_session=False))
-    )
     gc.disable()
     try:
         one = SimpleNamespace(
-            answer=lambda outcome: ([], {}), written=0, row=row, run=None, station=None, request=None, buffer=b"",
+            answer=lambda outcome, request: ([], {}), written=0, station=None, expected=(), outside_session=False,
             inside=None, arguments={}, params={},
         )  # fmt: skip
-        plan: Any = SimpleNamespace(exchanges=[one, one], result=lambda data: TransferResult(True))
+        plan: Any = SimpleNamespace(
+            exchanges=[one, one], sent=[(None, b"", None)] * 2, is_new_each_time=False,
+            result=lambda data: TransferResult(True),
+        )  # fmt: skip
         transfer = Transfer(plan, engine, 0, results.append)
         for number in (1, 2):
             assert engine.started == [transfer] * number

@@ -23,9 +23,9 @@ from framekit.transport.clock import AsyncioClock
 from framekit.transport.port import Port, PortEvents
 from framekit.transport.schemes import SCHEMES, Scheme
 
-MOST_FOR_A_REQUEST = 90
-MOST_FOR_A_READ = 95
-MOST_FOR_A_BLOCK = 171
+MOST_FOR_A_REQUEST = 66
+MOST_FOR_A_READ = 90
+MOST_FOR_A_BLOCK = 168
 """What holds now, of the exchange with the fewest: clocks call something now and then. The goal for a block is 120."""
 
 READ_10 = bytes.fromhex("0001 0000 0006 01 03 0000 000A")
@@ -180,9 +180,9 @@ def test_an_exchange_of_a_read_block_that_is_shown_to_a_monitor(
 
 
 CALLS_OF_A_READ = {
-    "mldp": (("%MW100", 1, "client", None), 150, 109),
-    "srtp": (("%R1", None, "client", None), 194, 141),
-    "df1": (("N7:0", 1, "full", 0), 289, 279),
+    "mldp": (("%MW100", 1, "client", None), 103, 93),
+    "srtp": (("%R1", None, "client", None), 132, 124),
+    "df1": (("N7:0", 1, "full", 0), 216, 246),
 }
 """What holds now: place, station, role and own station; functions of the client and of the server for ten words."""
 

@@ -545,7 +545,9 @@ class Transfer(Exchange):
         exchanges, engine = self._plan.exchanges, self._engine
         while not self._under_way and self._done is not _told:
             if self._next == len(exchanges):
-                self._succeed()
+                result = self._plan.result(self._data)
+                result.gives = self._gives
+                self._end(result)
             elif self.given_up:
                 self._end(TransferResult(False, outcome="cancelled"))
             else:
@@ -570,15 +572,8 @@ class Transfer(Exchange):
         self._data += data
         self._gives.update(gives)
         self._written += one.written
-        if self._next == len(self._plan.exchanges):
-            self._succeed()
-        elif not self._going:
+        if not self._going:
             self._go(self._engine.scope.now)
-
-    def _succeed(self) -> None:
-        result = self._plan.result(self._data)
-        result.gives = self._gives
-        self._end(result)
 
     def _end(self, result: TransferResult) -> None:
         result.exchanges, result.written = self._next, self._written
