@@ -242,35 +242,38 @@ class FrameTable:
         return FrameValue(name, fields, raw, refusal) if info is None else info.make(fields, raw, refusal)
 
     def _maker(self, info: FrameInfo) -> Make:
-        """What makes values of a frame, and of those inside it."""
-        name, refuse, shape = info.name, info.refuse, info.shape
+        """What makes values of a frame, and of those inside it; if one is to be refused, so is the one around it."""
+        frame_name, refuse, shape, infos, convert = info.name, info.refuse, info.shape, self.infos, self._convert
 
         def make(fields: dict[str, Any], raw: bytes | None, refusal: int | None) -> FrameValue:
-            value = FrameValue(name, fields, raw, refuse if refusal is None else refusal)
-            if shape:
-                self._convert(shape, value, fields)
+            value = FrameValue(frame_name, fields, raw, refuse if refusal is None else refusal)
+            for kind, name, below in shape:
+                found = fields.get(name)
+                if kind != "inner":
+                    convert(below, value, found)
+                elif type(found) is dict and len(found) == 1:
+                    ((frame, content),) = found.items()
+                    inner = infos.get(frame)
+                    if inner is None:
+                        fields[name] = FrameValue(frame, content, None, value.refusal)
+                    else:
+                        fields[name] = made = inner.make(content, None, value.refusal)
+                        value.refusal = made.refusal
             return value
 
         return make
 
-    def _convert(self, shape: Shape, outer: FrameValue, fields: dict[str, Any]) -> None:
-        """Frames inside become frame values; if one is to be refused, so is the one around it."""
-        for kind, name, below in shape:
-            found = fields.get(name)
-            if kind == "inner" and type(found) is dict and len(found) == 1:
-                ((frame, content),) = found.items()
-                info, refusal = self.infos.get(frame), outer.refusal
-                if info is None or info.shape:
-                    fields[name] = inner = self.received(frame, content, None, refusal)
-                else:
-                    fields[name] = inner = FrameValue(frame, content, None, info.refuse if refusal is None else refusal)
-                outer.refusal = inner.refusal if refusal is None else refusal
-            elif kind == "record" and type(found) is dict:
-                self._convert(below, outer, found)
-            elif kind == "list" and type(found) is list:
-                for item in found:
-                    if type(item) is dict:
-                        self._convert(below, outer, item)
+    def _convert(self, shape: Shape, outer: FrameValue, found: Any) -> None:
+        """Frames in a record, or in a list of records, become frame values."""
+        for record in found if type(found) is list else (found,):
+            for kind, name, below in shape if type(record) is dict else ():
+                part = record.get(name)
+                if kind != "inner":
+                    self._convert(below, outer, part)
+                elif type(part) is dict and len(part) == 1:
+                    ((frame, content),) = part.items()
+                    record[name] = made = self.received(frame, content, None, outer.refusal)
+                    outer.refusal = made.refusal
 
     def made(self, name: str, fields: dict[str, Any], names: Names) -> FrameValue:
         """A frame value from a constructor's fields: constants and `is` are known at once."""

@@ -197,8 +197,9 @@ class Lanes:
             elif run in lane.running:
                 lane.running.remove(run)
             self._reorder()
-            if run.exchange is not None:
-                machine.callbacks.append(partial(run.exchange.ended, outcome))
+            exchange, run.exchange = run.exchange, None  # nothing leads from one to the other when both are over
+            if exchange is not None:
+                machine.callbacks.append(partial(exchange.ended, outcome))
 
     def _failed(self, run: Run, outcome: Outcome) -> None:
         session = self.machine.session

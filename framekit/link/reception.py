@@ -184,6 +184,7 @@ class Reception:
         infos = receiver.table.infos.values()
         self._announcing = frozenset(info.name for info in infos if info.announces)
         self._known: dict[tuple[Any, ...], tuple[tuple[str, ...], tuple[str, ...]] | None] = {}
+        self._waiting: list[Any] = []
         self.machine.has_bytes = lambda: not receiver.is_empty
         self.machine.stream_place = lambda: receiver.stream.offset
         self.machine.drop_stale = self.drop_stale
@@ -229,8 +230,11 @@ class Reception:
                 is_limited = is_limited or run.complete is not None or run.longest < NEVER
             elif run.state is State.HELD:
                 waiting.append(State.HELD)
-        pauses, steps = self.receiver.pauses, tuple(waiting)
+        pauses = self.receiver.pauses
         pauses.own_gap, pauses.is_idle = not own_gap, not is_limited
+        if waiting == self._waiting:
+            return
+        self._waiting, steps = waiting, tuple(waiting)
         if steps not in self._known:
             if len(self._known) >= MOST_KNOWN:
                 self._known.clear()

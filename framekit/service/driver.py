@@ -241,7 +241,7 @@ class Driver(PortEvents):
         pending = self.pending
         while pending:
             command = pending[0]
-            if isinstance(command, (Send, Break)) and command.not_before > self._now():
+            if isinstance(command, (Send, Break)) and command.not_before and command.not_before > self._now():
                 if self._send_timer is not None:
                     self._send_timer.cancel()
                 self._send_timer = self.clock.call_at(command.not_before, self._go_on)

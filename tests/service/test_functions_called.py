@@ -138,6 +138,36 @@ def test_a_read_of_a_client() -> None:
     in_a_loop(scenario)
 
 
+def test_a_read_leaves_nothing_to_the_collector() -> None:
+    async def scenario(clock: AsyncioClock) -> None:
+        port = HandPort(clock)
+        service = ClientService(load_protocol("modbus-tcp"), port, clock, role="client")
+        service.start()
+        await opened(port)
+        results: list[TransferResult] = []
+
+        def read() -> None:
+            service.request(
+                lambda client, now, done: client.read("40001", count=10, station=1, now=now, on_done=done),
+                results.append,
+            )
+            port.tell(port.reply())
+
+        for _ in range(5):
+            read()
+        gc.collect()
+        gc.disable()
+        try:
+            for _ in range(20):
+                read()
+            assert gc.collect() == 0 and len(results) == 25
+        finally:
+            gc.enable()
+        service.stop()
+
+    in_a_loop(scenario)
+
+
 def test_an_exchange_of_a_read_block_that_is_shown_to_a_monitor(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
