@@ -158,7 +158,7 @@ class ValueWriter:
         if not is_settled or frame.fields.keys() & info.numbers.keys():
             return f"frame_made({frame.frame!r}, {self._record(frame.fields, level)}, {self.names(level)})"
         items = {name: self.value(value, level) for name, value in frame.fields.items()}
-        items |= {name: self.constant(value) for name, value in {**settled, **info.known}.items() if name not in items}
+        items |= {name: self.constant(value) for name, value in {**info.known, **settled}.items() if name not in items}
         return f"FrameValue({frame.frame!r}, {{{', '.join(f'{name!r}: {text}' for name, text in items.items())}}})"
 
     def repeats(self, value: Value) -> bool:
