@@ -104,9 +104,13 @@ def replies_of(protocol: Protocol, role: Role | None) -> frozenset[str]:
     """The frames that exchanges of a role wait for."""
     if role is None:
         return frozenset()
+    session = protocol.sessions.get(role.session or "")
+    run = [name for lane in role.lanes for name in lane.exchange]
+    run += () if session is None else (*session.open, *session.close)
     return frozenset(
         name
-        for step in _steps(protocol, role)
+        for sequence in protocol.called_from(run)
+        for step in sequence.steps
         if not is_numbered(step, protocol)
         for name in _waited_for(step.receive or (), protocol)
     )
@@ -130,16 +134,6 @@ def is_numbered(step: Step, protocol: Protocol) -> bool:
     return bool(frames) and all(
         any(bare_name(source) in numbers for source in protocol.frames[name].echo.values()) for name in frames
     )
-
-
-def _steps(protocol: Protocol, role: Role) -> Iterator[Step]:
-    """The steps of everything that exchanges of a role run."""
-    waiting = [name for lane in role.lanes for name in lane.exchange]
-    session = protocol.sessions.get(role.session or "")
-    if session is not None:
-        waiting += (*session.open, *session.close)
-    for sequence in protocol.called_from(waiting):
-        yield from sequence.steps
 
 
 def _waited_for(rows: tuple[Row, ...], protocol: Protocol) -> set[str]:

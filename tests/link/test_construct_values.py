@@ -84,6 +84,10 @@ def test_a_result_that_no_value_gives() -> None:
     assert inverse is not None
     with pytest.raises(NotReadableError):
         inverse.solve(5, Names())
-    assert is_constant(parse_expression("h'00' if 1 else 3", NOWHERE)) and not is_constant(
-        parse_expression("3 chars", NOWHERE)
-    )
+
+
+@pytest.mark.parametrize(
+    ("text", "constant"), [("h'00' if 1 else 3", True), ("3 chars", False), ("memory(1, 2)", False)]
+)
+def test_what_can_be_worked_out_once(text: str, constant: bool) -> None:
+    assert is_constant(parse_expression(text, NOWHERE)) == constant

@@ -34,9 +34,8 @@ class _ActionChecker:
     def __init__(self, protocol: Protocol, broken: Collection[str]) -> None:
         self.protocol = protocol
         self.broken = broken
+        self.delivers = protocol.delivers
         self.found: list[Problem] = []
-        held: list[Step | Action] = [*parts_of(dict(protocol.sequences), Step), *actions_of(dict(protocol.sequences))]
-        self.delivers = any(one.deliver is not None for one in held)
 
     def _note(self, at: Position, what: str, todo: str = "") -> None:
         self.found.append(Problem(at, what, todo))

@@ -469,22 +469,18 @@ class _Alike:
 
     def covers(self, one: Value, other: Value | None) -> bool:
         """Whether everything that the other value can be fits the first one."""
-        if isinstance(one, Expression):
-            return self._leaf(one, other if isinstance(other, Expression) else None)
-        if isinstance(one, FrameOf):
-            there = isinstance(other, FrameOf) and other.frame == one.frame
-            frame = self.protocol.frames.get(one.frame)
-            known = set() if frame is None else names_always_there(frame.segments)
-            return there and self._fields(one.fields, getattr(other, "fields", {}), known)
-        if isinstance(one, LayoutOf):
-            there = isinstance(other, LayoutOf) and other.layout == one.layout
-            return there and self._fields(one.fields, getattr(other, "fields", {}), ())
-        if isinstance(one, ListOf):
-            if not isinstance(other, ListOf) or len(other.items) != len(one.items):
-                return False
-            return all(self.covers(item, counter) for item, counter in zip(one.items, other.items, strict=True))
-        if isinstance(one, (RecordOf, EachOf)):
-            return type(other) is type(one) and self._fields(one.fields, other.fields, ())
+        match one, other:
+            case Expression(), _:
+                return self._leaf(one, other if isinstance(other, Expression) else None)
+            case FrameOf(frame=frame, fields=fields), FrameOf(frame=there, fields=given) if frame == there:
+                known = self.protocol.frames.get(frame)
+                return self._fields(fields, given, set() if known is None else names_always_there(known.segments))
+            case LayoutOf(layout=layout, fields=fields), LayoutOf(layout=there, fields=given) if layout == there:
+                return self._fields(fields, given, ())
+            case ListOf(items=items), ListOf(items=others) if len(items) == len(others):
+                return all(map(self.covers, items, others))
+            case (RecordOf(fields=fields), RecordOf(fields=given)) | (EachOf(fields=fields), EachOf(fields=given)):
+                return self._fields(fields, given, ())
         return False
 
     def _fields(self, one: Mapping[str, Value], other: Mapping[str, Value], known: Collection[str]) -> bool:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from framekit.definition.model.checks import CheckMethod
-from framekit.definition.model.frames import Frame, Group, Layout
-from framekit.definition.model.procedure import Role, Sequence, Session
+from framekit.definition.model.frames import Frame, Group, Layout, parts_of
+from framekit.definition.model.procedure import Action, Role, Sequence, Session, Step
 from framekit.definition.model.sections import Line, Parameter, Queue, Receiver, StateVariable, StationType
 from framekit.definition.model.services import AddressForm, Area, CommandRules, Errors, Refusal, ServiceRow
 from framekit.definition.model.values import Table
@@ -59,6 +59,13 @@ class Protocol:
     @property
     def frames_alone(self) -> bool:
         return not self.roles
+
+    @property
+    def delivers(self) -> bool:
+        """Whether a sequence offers frames to all lanes that have not come over the line."""
+        sequences = dict(self.sequences)
+        held: list[Step | Action] = [*parts_of(sequences, Step), *parts_of(sequences, Action)]
+        return any(one.deliver is not None for one in held)
 
     @property
     def asking_role(self) -> str | None:

@@ -64,9 +64,7 @@ class Frames:
             self.plain[name] = set(_always_there(frame.segments))
             self.inner[name] = {one.name for one in frame.segments if isinstance(one, Inner) and one.when is None}
         self.frame_is_field = any("frame" in names for names in self.plain.values())
-        self.delivers = any(one.deliver is not None for one in parts_of(_procedure(protocol), Action)) or any(
-            step.deliver is not None for sequence in protocol.sequences.values() for step in sequence.steps
-        )
+        self.delivers = protocol.delivers
 
     def reads(self, frame: str) -> set[str]:
         """The names that building a frame may read, those of frames inside it included."""
@@ -95,10 +93,6 @@ class Frames:
         """Whether nothing but constants has to be added to the fields of a frame before it is sent."""
         info = self.infos[frame]
         return not {name for name, _ in info.computed} & {name for name, *_ in info.echo}
-
-
-def _procedure(protocol: Protocol) -> tuple[Any, ...]:
-    return tuple(protocol.sequences.values())
 
 
 def _always_there(segments: tuple[Segment, ...]) -> Iterator[str]:
