@@ -154,7 +154,7 @@ def test_inner_frames_are_told_apart_by_what_they_begin_with() -> None:
 def test_an_inner_fault_is_the_outer_frames() -> None:
     codec = codec_of("[{const: 55}, {inner: i, of: g}, {check: sum8}]", *INNER)
     found = fault(codec, "55 01 0B 61")
-    assert (found.cause, found.refuse, found.segment, found.offset) == ("range", 4, "i.a", 2)
+    assert (found.cause, found.refuse, found.segment, found.offset) == ("range", 4, "i.one.a", 2)
     assert found.fields == {"i": {"one": {"code": 1}}}
     assert fault(codec, "55 01 0B 62").refuse is None
 
