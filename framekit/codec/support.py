@@ -200,23 +200,11 @@ def build_hex(value: int, places: int) -> bytes:
     return b"%0*X" % (places, value)
 
 
-def build_hex_lower(value: int, places: int) -> bytes:
-    """Lower-case hex digits, highest first. Raises ValueError if the value is negative or too large."""
-    if not places or value >> 4 * places:
-        raise Unfit(f"{value} does not fit into {places} hex digits")
-    return b"%0*x" % (places, value)
-
-
 def build_hex_little(value: int, places: int) -> bytes:
     """Upper-case hex digits, the last byte's two first: 1234h is `3412`. Raises ValueError, also for odd places."""
     if not places or value >> 4 * places or places % 2:
         raise Unfit(f"{value} does not fit into {places} hex digits in pairs")
     return binascii.hexlify(value.to_bytes(places >> 1, "little")).upper()
-
-
-def build_hex_little_lower(value: int, places: int) -> bytes:
-    """Lower-case hex digits, the last byte's two first. Raises ValueError, also for odd places."""
-    return build_hex_little(value, places).lower()
 
 
 def parse_hex(digits: bytes | bytearray) -> int:
@@ -241,21 +229,11 @@ def build_dec(value: int, places: int) -> bytes:
     return digits
 
 
-def build_dec_little(value: int, places: int) -> bytes:
-    """Decimal digits, lowest first. Raises ValueError."""
-    return build_dec(value, places)[::-1]
-
-
 def parse_dec(digits: bytes | bytearray) -> int:
     """A number from decimal digits, highest first. Raises ValueError."""
     if not digits.isdigit():
         raise Unfit(f"{bytes(digits)!r} is not a number in decimal digits")
     return int(digits)
-
-
-def parse_dec_little(digits: bytes | bytearray) -> int:
-    """A number from decimal digits, lowest first. Raises ValueError."""
-    return parse_dec(digits[::-1])
 
 
 def build_oct(value: int, places: int) -> bytes:
@@ -265,21 +243,11 @@ def build_oct(value: int, places: int) -> bytes:
     return b"%0*o" % (places, value)
 
 
-def build_oct_little(value: int, places: int) -> bytes:
-    """Octal digits, lowest first. Raises ValueError."""
-    return build_oct(value, places)[::-1]
-
-
 def parse_oct(digits: bytes | bytearray) -> int:
     """A number from octal digits, highest first. Raises ValueError."""
     if not digits or digits.strip(b"01234567"):
         raise Unfit(f"{bytes(digits)!r} is not a number in octal digits")
     return int(digits, 8)
-
-
-def parse_oct_little(digits: bytes | bytearray) -> int:
-    """A number from octal digits, lowest first. Raises ValueError."""
-    return parse_oct(digits[::-1])
 
 
 # --- numbers in other forms -----------------------------------------------------------------------------------------
@@ -295,11 +263,6 @@ def build_bcd(value: int, size: int) -> bytes:
     return bytes.fromhex(digits)
 
 
-def build_bcd_little(value: int, size: int) -> bytes:
-    """Two decimal digits a byte, lowest byte first. Raises ValueError."""
-    return build_bcd(value, size)[::-1]
-
-
 def parse_bcd(data: bytes | bytearray) -> int:
     """A number from bytes of two decimal digits, highest first. Raises ValueError for half bytes from A to F."""
     if len(data) == 1:  # by far the most frequent
@@ -311,11 +274,6 @@ def parse_bcd(data: bytes | bytearray) -> int:
     if not digits.isdecimal():
         raise Unfit(f"{digits} is not BCD")
     return int(digits)
-
-
-def parse_bcd_little(data: bytes | bytearray) -> int:
-    """A number from bytes of two decimal digits, lowest byte first. Raises ValueError."""
-    return parse_bcd(data[::-1])
 
 
 def split_nibbles(data: bytes | bytearray) -> bytes:

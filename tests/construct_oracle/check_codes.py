@@ -98,7 +98,7 @@ class CheckConstruct(SegmentConstruct):
         if check.form == "raw":
             return code.to_bytes(check.size, check.order)
         if check.form == "dec":
-            return support.build_dec_little(code, check.size) if little else support.build_dec(code, check.size)
+            return support.build_dec(code, check.size)[:: -1 if little else 1]
         if check.form == "nibbles":
             return support.split_nibbles(code.to_bytes(check.size // 2, check.order))
         digits = support.build_hex_little(code, check.size) if little else support.build_hex(code, check.size)
@@ -111,7 +111,7 @@ class CheckConstruct(SegmentConstruct):
             if check.form == "raw":
                 return int.from_bytes(data, check.order)
             if check.form == "dec":
-                return support.parse_dec_little(data) if little else support.parse_dec(data)
+                return support.parse_dec(data[:: -1 if little else 1])
             if check.form == "nibbles":
                 return int.from_bytes(support.join_nibbles(data), check.order)
             return support.parse_hex_little(data) if little else support.parse_hex(data)

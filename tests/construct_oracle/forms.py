@@ -20,8 +20,8 @@ _DIGITS = {
     (10, True): (support.build_dec, support.parse_dec),
     (8, True): (support.build_oct, support.parse_oct),
     (16, False): (support.build_hex_little, support.parse_hex_little),
-    (10, False): (support.build_dec_little, support.parse_dec_little),
-    (8, False): (support.build_oct_little, support.parse_oct_little),
+    (10, False): (lambda *number: support.build_dec(*number)[::-1], lambda digits: support.parse_dec(digits[::-1])),
+    (8, False): (lambda *number: support.build_oct(*number)[::-1], lambda digits: support.parse_oct(digits[::-1])),
 }
 
 

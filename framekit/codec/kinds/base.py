@@ -10,16 +10,17 @@ from framekit.codec.python import forms
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import Cases, EncodeWriter, Given, PackArgument
 from framekit.codec.python.encode_plan import Lengths, Rules, RuleWriter, Task
-from framekit.codec.python.expressions import Scope
+from framekit.codec.python.expressions import NameEntry, Scope
 from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.module import add_helpers
 from framekit.codec.python.reader import BufferReader, Item, Slot
 from framekit.codec.python.registry import KINDS
+from framekit.codec.python.source import quoted
 from framekit.definition.brought import bring
 from framekit.definition.expression import PRODUCT, Expression
 from framekit.definition.kinds.base import KINDS as KINDS_BY_KEY
 from framekit.definition.kinds.base import add_kind
-from framekit.definition.model.segments import Bits, Count, Field, Length, Segment
+from framekit.definition.model.segments import Bits, Count, Field, FieldType, Length, Segment
 
 S = TypeVar("S", bound=Segment)
 
@@ -96,6 +97,8 @@ class SegmentKind(Generic[S]):
 
     def declare(self, d: DiagnosisWriter, segment: S, scope: Scope) -> None:
         """Puts the names that expressions may read into a scope, as careful functions know them."""
+        for name in segment.value_names:
+            scope.entries[name] = NameEntry(f"n[{quoted(name)}]")
 
     def diagnose(self, d: DiagnosisWriter, segment: S, scope: Scope, behind: Behind) -> None:
         """Writes the calls that read a segment that is there carefully. `behind`: what follows it in its buffer."""
@@ -156,3 +159,33 @@ class TypedKind(SegmentKind[T]):
 
     def measure(self, m: MeasureWriter, segment: T, scope: Scope, after: Pairs) -> None:
         m.number(segment, scope, after)
+
+
+V = TypeVar("V", Field, Length, Count)
+
+
+class TypedValueKind(TypedKind[V]):
+    """One value of a type; a kind says what must hold for it."""
+
+    def must_hold(self, r: BufferReader, item: Item, segment: V, local: str) -> None:
+        """Writes what must hold for the value, which is in `local`."""
+        raise NotImplementedError
+
+    def slot(self, r: BufferReader, item: Item, segment: V, size: int) -> Slot:
+        code, order = forms.struct_code(segment.type) or ("", "")
+        return Slot(item, size, code, order, r.function.local(segment.name, item.scope))
+
+    def unpacked(self, r: BufferReader, slot: Slot, segment: V, source: str, converted: bool) -> None:
+        item, local = slot.item, slot.text
+        r.assign(local, r.value_text(segment, local, r.wire(segment.type, source, converted)))
+        r.declare(item, segment.name, local, sized=has_length(segment.type), wire=str(slot.size))
+        self.must_hold(r, item, segment, local)
+
+    def declare(self, d: DiagnosisWriter, segment: V, scope: Scope) -> None:
+        name = quoted(segment.name)
+        scope.entries[segment.name] = NameEntry(f"n[{name}]", sized=has_length(segment.type), wire=f"n.room({name})")
+
+
+def has_length(type_: FieldType) -> bool:
+    """Whether values of a type have a length of their own."""
+    return type_.kind in ("ascii", "bytes")

@@ -41,8 +41,7 @@ class BitsKind(TypedKind[Bits]):
         return tasks
 
     def declare(self, d: DiagnosisWriter, segment: Bits, scope: Scope) -> None:
-        for part in segment.parts:
-            scope.entries[part.name] = NameEntry(f"n[{quoted(part.name)}]")
+        super().declare(d, segment, scope)
         if segment.name:
             scope.entries[segment.name] = NameEntry("0", sized=False, wire=f"n.room({quoted(segment.name)})")
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import TypeVar
 
-from framekit.codec.kinds.base import TypedKind
+from framekit.codec.kinds.base import TypedValueKind
 from framekit.codec.python import forms
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import EncodeWriter, Given
 from framekit.codec.python.encode_plan import Lengths, Rules, RuleWriter, Task
 from framekit.codec.python.expressions import NameEntry, Scope
-from framekit.codec.python.reader import BufferReader, Item, Slot, not_possible
+from framekit.codec.python.reader import BufferReader, Item, not_possible
 from framekit.codec.python.registry import type_text
 from framekit.codec.python.shape import (
     comes_with,
@@ -30,7 +30,7 @@ from framekit.definition.model.segments import (
 C = TypeVar("C", Length, Count)
 
 
-class CountedKind(TypedKind[C]):
+class CountedKind(TypedValueKind[C]):
     """A number that must agree with what it counts: a kind says what that is."""
 
     def compare(self, r: BufferReader, item: Item, segment: C) -> None:
@@ -41,26 +41,16 @@ class CountedKind(TypedKind[C]):
         """Text of the number that must come out; None where nothing can disagree."""
         raise NotImplementedError
 
-    def slot(self, r: BufferReader, item: Item, segment: C, size: int) -> Slot:
-        code, order = forms.struct_code(segment.type) or ("", "")
-        return Slot(item, size, code, order, r.function.local(segment.name, item.scope))
-
-    def unpacked(self, r: BufferReader, slot: Slot, segment: C, source: str, converted: bool) -> None:
-        item, local = slot.item, slot.text
-        r.assign(local, r.value_text(segment, local, r.wire(segment.type, source, converted)))
-        r.declare(item, segment.name, local, sized=False, wire=str(slot.size))
+    def must_hold(self, r: BufferReader, item: Item, segment: C, local: str) -> None:
         r.judge_limits(segment, local)
         self.compare(r, item, segment)
 
     def read(self, r: BufferReader, item: Item, segment: C, after: tuple[Item, ...]) -> None:
-        _read_number(r, item, segment)
-        self.compare(r, item, segment)
-
-    def declare(self, d: DiagnosisWriter, segment: C, scope: Scope) -> None:
-        sized = segment.type.kind in ("ascii", "bytes")
-        scope.entries[segment.name] = NameEntry(
-            f"n[{quoted(segment.name)}]", sized=sized, wire=f"n.room({quoted(segment.name)})"
-        )
+        """A number whose size is an expression."""
+        local = r.function.local(segment.name, item.scope)
+        r.function.add(f"{local} = {forms.value_of(segment, r.sized_number(item, segment))}")
+        r.declare(item, segment.name, local, sized=False, wire=r.function.wire_size(segment.name))
+        self.must_hold(r, item, segment, local)
 
     def diagnose(self, d: DiagnosisWriter, segment: C, scope: Scope, behind: Behind) -> None:
         _diagnose(d, segment, scope, self.wanted(d, segment))
@@ -143,8 +133,7 @@ def _put_count(w: EncodeWriter, count: Count, scope: Scope, given: Given) -> Non
 
 def _put_number(w: EncodeWriter, number: Length | Count, text: str, scope: Scope, given: Given) -> None:
     local = w.names.fresh(number.name)
-    plus = "" if not number.plus else f" + {number.plus}" if number.plus > 0 else f" - {-number.plus}"
-    w.add(f"{local} = {text}{plus}")
+    w.add(f"{local} = {text}{forms.plus_text(number.plus)}")
     shown = w.or_nothing(number.name, local, number.when, scope)
     scope.entries[number.name] = NameEntry(shown, sized=False, wire=w.own_room(number, scope))
     given.computed[number.name] = local
@@ -158,14 +147,6 @@ def _put_number(w: EncodeWriter, number: Length | Count, text: str, scope: Scope
         if number.when is not None:
             condition = f"{w.text(number.when, scope, AND)} and {condition}"
         w.complain(condition, text_source(*path), text_source("'", *path, *found))
-
-
-def _read_number(r: BufferReader, item: Item, segment: Length | Count) -> None:
-    """A number whose size is an expression."""
-    local = r.function.local(segment.name, item.scope)
-    r.function.add(f"{local} = {forms.value_of(segment, r.sized_number(item, segment))}")
-    r.declare(item, segment.name, local, sized=False, wire=r.function.wire_size(segment.name))
-    r.judge_limits(segment, local)
 
 
 def _items_of(d: DiagnosisWriter, count: Count) -> str | None:
@@ -184,6 +165,6 @@ def _diagnose(d: DiagnosisWriter, segment: Length | Count, scope: Scope, wanted:
     size = d.ask(segment.type.size if segment.type.size is not None else 0, scope)
     d.out.add(f"n.field({name}, {size}, {d.parse(segment.type, segment)}{d.refuse(segment)}{limits})")
     if wanted is not None:
-        plus = "" if not segment.plus else f" + {segment.plus}" if segment.plus > 0 else f" - {-segment.plus}"
+        plus = forms.plus_text(segment.plus)
         counted = segment.of if isinstance(segment, Length) else (segment.of,)
         d.later(f'n.same("length", {name}, lambda n: {wanted}{plus}{d.refuse(segment)})', *counted)

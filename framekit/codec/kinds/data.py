@@ -76,9 +76,6 @@ class DataKind(SegmentKind[Data]):
             text = f"2 * {text}" if segment.convert == "hex_to_ascii" else f"{text} // 2"
         return text
 
-    def declare(self, d: DiagnosisWriter, segment: Data, scope: Scope) -> None:
-        scope.entries[segment.name] = NameEntry(f"n[{quoted(segment.name)}]")
-
     def diagnose(self, d: DiagnosisWriter, segment: Data, scope: Scope, behind: Behind) -> None:
         factor = {"hex_to_ascii": " * 2", "ascii_to_hex": " // 2", None: ""}[segment.convert]
         options = d.refuse(segment)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from framekit.codec.kinds.base import TypedKind
+from framekit.codec.kinds.base import TypedValueKind
 from framekit.codec.python import forms
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import EncodeWriter, Given
 from framekit.codec.python.encode_plan import Lengths, Rules, RuleWriter, Task
 from framekit.codec.python.expressions import NameEntry, Scope, constant_of, default_text
 from framekit.codec.python.function import Place, between, index
-from framekit.codec.python.reader import BufferReader, Item, Slot
+from framekit.codec.python.reader import BufferReader, Item
 from framekit.codec.python.registry import type_text
 from framekit.codec.python.source import bytes_literal, literal, quoted
 from framekit.codec.support import build_int
@@ -17,21 +17,13 @@ from framekit.definition.expression import AND, OR, PRODUCT, Bytes, Expression, 
 from framekit.definition.model.segments import Field, FieldType, Long
 
 
-class FieldKind(TypedKind[Field]):
+class FieldKind(TypedValueKind[Field]):
     model = Field
 
     def struct_order(self, segment: Field) -> str | None:
-        return TypedKind.struct_order(self, segment) if segment.long is None else None
+        return super().struct_order(segment) if segment.long is None else None
 
-    def slot(self, r: BufferReader, item: Item, segment: Field, size: int) -> Slot:
-        code, order = forms.struct_code(segment.type) or ("", "")
-        return Slot(item, size, code, order, r.function.local(segment.name, item.scope))
-
-    def unpacked(self, r: BufferReader, slot: Slot, segment: Field, source: str, converted: bool) -> None:
-        item, local = slot.item, slot.text
-        r.assign(local, r.value_text(segment, local, r.wire(segment.type, source, converted)))
-        sized = segment.type.kind in ("ascii", "bytes")
-        r.declare(item, segment.name, local, sized=sized, wire=str(slot.size))
+    def must_hold(self, r: BufferReader, item: Item, segment: Field, local: str) -> None:
         r.judge_field(item, segment, local)
 
     def read(self, r: BufferReader, item: Item, segment: Field, after: tuple[Item, ...]) -> None:
@@ -90,12 +82,6 @@ class FieldKind(TypedKind[Field]):
         elif segment.type.end is not None:
             text += f" + {len(segment.type.end)}"
         return text
-
-    def declare(self, d: DiagnosisWriter, segment: Field, scope: Scope) -> None:
-        sized = segment.type.kind in ("ascii", "bytes")
-        scope.entries[segment.name] = NameEntry(
-            f"n[{quoted(segment.name)}]", sized=sized, wire=f"n.room({quoted(segment.name)})"
-        )
 
     def diagnose(self, d: DiagnosisWriter, segment: Field, scope: Scope, behind: Behind) -> None:
         name, type_ = quoted(segment.name), segment.type

@@ -9,7 +9,7 @@ from framekit.codec.python.encode_plan import Lengths, Rules, RuleWriter, Task
 from framekit.codec.python.expressions import NameEntry, Scope
 from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.reader import BufferReader, Item
-from framekit.codec.python.source import quoted, text_source
+from framekit.codec.python.source import text_source
 from framekit.definition.expression import AND, BIT_OR
 from framekit.definition.model.segments import (
     Value,
@@ -28,9 +28,6 @@ class ValueKind(SegmentKind[Value]):
         tasks[0].prefer = segment.build is None
         agree = w.waits(segment.read) | {segment.name}
         return [*tasks, Task((), agree, lambda _: _agree(w, segment, scope, given))]
-
-    def declare(self, d: DiagnosisWriter, segment: Value, scope: Scope) -> None:
-        scope.entries[segment.name] = NameEntry(f"n[{quoted(segment.name)}]")
 
     def diagnose(self, d: DiagnosisWriter, segment: Value, scope: Scope, behind: Behind) -> None:
         d.out.add(f"n.value({d.named(segment)}, lambda n: {d.writer(scope).value(segment.read)}{d.refuse(segment)})")

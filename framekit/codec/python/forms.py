@@ -96,13 +96,22 @@ def _build_int(functions: Functions, type_: FieldType, wire: str, size: str) -> 
     return f"({wire}).to_bytes({size}, {quoted(type_.order)}{', signed=True' if type_.signed else ''})"
 
 
-def _little(type_: FieldType) -> str:
-    return "_little" if type_.order == "little" else ""
+def digits_number(functions: Functions, base: int, little: bool, digits: str) -> str:
+    """Text of the number that digits show; those of base 16 are turned round in pairs."""
+    pairs = "_little" if little and base == 16 else ""
+    turned = "[::-1]" if little and not pairs else ""
+    return f"{functions.function(f'parse_{_DIGIT_NAMES[base]}{pairs}')}({digits}{turned})"
 
 
-def _build_digits(functions: Functions, type_: FieldType, wire: str, size: str) -> str:
-    lower = "_lower" if type_.base == 16 and not type_.upper else ""
-    return f"{functions.function(f'build_{_DIGIT_NAMES[type_.base]}{_little(type_)}{lower}')}({wire}, {size})"
+def digits_text(functions: Functions, base: int, little: bool, lower: bool, number: str, size: str) -> str:
+    """Text of the digits of a number; those of base 16 are turned round in pairs."""
+    pairs = "_little" if little and base == 16 else ""
+    turned = "[::-1]" if little and not pairs else ".lower()" if lower else ""
+    return f"{functions.function(f'build_{_DIGIT_NAMES[base]}{pairs}')}({number}, {size}){turned}"
+
+
+def _turned(type_: FieldType) -> str:
+    return "[::-1]" if type_.order == "little" else ""
 
 
 def _parse_text(functions: Functions, type_: FieldType, raw: str) -> str:
@@ -130,14 +139,14 @@ WIRE_FORMS: dict[str, WireForm] = {
         ),
     ),
     "digits": WireForm(
-        lambda functions, type_, raw: (
-            f"{functions.function(f'parse_{_DIGIT_NAMES[type_.base]}{_little(type_)}')}({raw})"
+        lambda functions, type_, raw: digits_number(functions, type_.base, type_.order == "little", raw),
+        lambda functions, type_, wire, size: digits_text(
+            functions, type_.base, type_.order == "little", type_.base == 16 and not type_.upper, wire, size
         ),
-        _build_digits,
     ),
     "bcd": WireForm(
-        lambda functions, type_, raw: f"{functions.function(f'parse_bcd{_little(type_)}')}({raw})",
-        lambda functions, type_, wire, size: f"{functions.function(f'build_bcd{_little(type_)}')}({wire}, {size})",
+        lambda functions, type_, raw: f"{functions.function('parse_bcd')}({raw}{_turned(type_)})",
+        lambda functions, type_, wire, size: f"{functions.function('build_bcd')}({wire}, {size}){_turned(type_)}",
     ),
     "ascii": WireForm(_parse_text, _build_text),
     "bytes": WireForm(lambda functions, type_, raw: raw, lambda functions, type_, wire, size: wire),
@@ -145,12 +154,16 @@ WIRE_FORMS: dict[str, WireForm] = {
 """The kinds of types by their names in the model; what else there is of a kind stands in `definition/wire_types.py`."""
 
 
+def plus_text(number: int) -> str:
+    """What adds a number to what stands before it; nothing for 0."""
+    return f" + {number}" if number > 0 else f" - {-number}" if number else ""
+
+
 def value_of(field: Numbered, wire: str) -> str:
     """Text of the field's value from the text of its wire value."""
     text = wire
     if isinstance(field, Field):
-        if field.plus:
-            text = f"{text} - {field.plus}" if field.plus > 0 else f"{text} + {-field.plus}"
+        text += plus_text(-field.plus)
         if field.unit is not None and field.unit != 1:
             text = f"({text})" if field.plus else text
             text = f"{text} * {field.unit:_}"
@@ -165,8 +178,7 @@ def wire_of(field: Numbered, value: str) -> str:
     if isinstance(field, Field):
         if field.unit is not None and field.unit != 1:
             text = f"{text} // {field.unit:_}"
-        if field.plus:
-            text = f"{text} + {field.plus}" if field.plus > 0 else f"{text} - {-field.plus}"
+        text += plus_text(field.plus)
     if field.zero_means is not None:
         return f"0 if {value} == {field.zero_means} else {text}"
     return text
@@ -265,7 +277,7 @@ def _number(module: Module, check: Check, covered: str) -> str:
 def code_bytes(module: Module, check: Check, covered: str) -> str:
     """Text of the bytes of a check code over `covered` (a text)."""
     code = code_text(module, check, covered)
-    little = "_little" if check.order == "little" else ""
+    little = check.order == "little"
     if check.form == "raw":
         if check.size in INT_CODES:  # a little sooner than to_bytes
             order = "" if check.size == 1 else "<" if check.order == "little" else ">"
@@ -273,15 +285,14 @@ def code_bytes(module: Module, check: Check, covered: str) -> str:
             return f"{struct}.pack({_number(module, check, covered)})"
         return f"{code}.to_bytes({check.size}, {quoted(check.order)})"
     if check.form == "dec":
-        return f"{module.function(f'build_dec{little}')}({code}, {check.size})"
+        return digits_text(module, 10, little, False, code, str(check.size))
     if check.form == "nibbles" and little:
         return f'{module.function("split_nibbles")}({code}.to_bytes({check.size // 2}, "little"))'
     if check.form == "nibbles":
         return f"{module.function('build_nibbles')}({code}, {check.size // 2})"
-    lower = "_lower" if check.form == "hex" else ""
     if check.size == 2 and not little:
-        return f"{bytes_literal(b'%02x' if lower else b'%02X')} % {code}"
-    return f"{module.function(f'build_hex{little}{lower}')}({code}, {check.size})"
+        return f"{bytes_literal(b'%02x' if check.form == 'hex' else b'%02X')} % {code}"
+    return digits_text(module, 16, little, check.form == "hex", code, str(check.size))
 
 
 def is_call(text: str) -> bool:

@@ -356,11 +356,11 @@ class BufferReader:
 
     def _code_of(self, check: Check, local: str) -> str:
         """Text of the number behind a check code's bytes."""
-        little = "_little" if check.order == "little" else ""
+        little = check.order == "little"
         if check.form == "raw":
             return f"int.from_bytes({local}, {quoted(check.order)})"
         if check.form == "dec":
-            return f"{self.module.function(f'parse_dec{little}')}({local})"
+            return forms.digits_number(self.module, 10, little, local)
         if check.form == "nibbles" and little:
             return f'int.from_bytes({self.module.function("join_nibbles")}({local}), "little")'
         if check.form == "nibbles":
@@ -368,7 +368,7 @@ class BufferReader:
         if check.size == 2:
             self.module.imports.add("from binascii import unhexlify")
             return f"unhexlify({local})[0]"
-        return f"{self.module.function(f'parse_hex{little}')}({local})"
+        return forms.digits_number(self.module, 16, little, local)
 
     def range_text(self, check: Check) -> str:
         """Text of the bytes a check covers; the check itself begins at the present place."""
@@ -409,7 +409,7 @@ class BufferReader:
         if not isinstance(repeat, Repeat) or (there and followed):
             return
         local = item.scope.entries[count.name].text
-        plus = f" + {count.plus}" if count.plus > 0 else f" - {-count.plus}" if count.plus else ""
+        plus = forms.plus_text(count.plus)
 
         def compare() -> None:
             items = item.scope.find(count.of)
@@ -423,9 +423,7 @@ class BufferReader:
         total = self.function.room(targets, plain=length.plain)
         if length.unit != 1:
             total = f"{total} // {length.unit}" if total.isalnum() else f"({total}) // {length.unit}"
-        if length.plus:
-            total = f"{total} + {length.plus}" if length.plus > 0 else f"{total} - {-length.plus}"
-        return total
+        return total + forms.plus_text(length.plus)
 
     def length_of_run(self, items: list[Item]) -> int:
         """How many of the items from the first on fit into one struct."""
