@@ -46,16 +46,16 @@ class Misread(FrameError):  # noqa: N818 - what it is a case of says so
     Only for frames that are never refused; that alone is known without reading.
     """
 
-    def __init__(self, frame: str, examine: Callable[..., Any], data: bytes, ctx: Mapping[str, Any]) -> None:
+    def __init__(self, frame: str, diagnose: Callable[..., Any], data: bytes, ctx: Mapping[str, Any]) -> None:
         ValueError.__init__(self)
         self.refuse = None
-        self._read = frame, examine, bytes(data), ctx
+        self._read = frame, diagnose, bytes(data), ctx
 
     def __getattr__(self, name: str) -> Any:
         if name not in ("cause", "segment", "offset", "expected", "found", "fields", "also"):
             raise AttributeError(name)
-        frame, examine, data, ctx = self._read
-        error: FrameError = examine(data, ctx).error(frame)
+        frame, diagnose, data, ctx = self._read
+        error: FrameError = diagnose(data, ctx).error(frame)
         self.args = error.args
         vars(self).update(vars(error))
         return vars(self)[name]

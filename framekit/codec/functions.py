@@ -78,12 +78,12 @@ class FrameFunctions:
         self, frame: str, data: bytes, ctx: Context | None = None
     ) -> tuple[dict[str, Any], list[Span], FrameError | None]:
         """A frame as far as it can be read: values, (path, first byte, byte behind the last, value), the fault."""
-        found = self.frames[frame].examine(data, self.defaults if ctx is None else ctx)
+        found = self.frames[frame].diagnose(data, self.defaults if ctx is None else ctx)
         return found.fields, found.spans, None if found.fault is None else found.error(frame)
 
     def check_warnings(self, frame: str, data: bytes, ctx: Context | None = None) -> list[str]:
         """Wrong check codes of a frame that only warn."""
-        return list(self.frames[frame].examine(data, self.defaults if ctx is None else ctx).notes.warnings)
+        return list(self.frames[frame].diagnose(data, self.defaults if ctx is None else ctx).notes.warnings)
 
     def encode_layout(self, layout: str, fields: Mapping[str, Any], ctx: Context | None = None) -> bytes:
         """The bytes of a layout by itself. Raises EncodeError, KeyError for one that needs a frame around it."""

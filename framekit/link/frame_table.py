@@ -34,7 +34,7 @@ class FrameCodec(Protocol):
     @property
     def extent(self) -> Callable[..., int] | None: ...
     @property
-    def examine(self) -> Callable[..., Any]: ...
+    def diagnose(self) -> Callable[..., Any]: ...
 
 
 UNKNOWN = 1 << 62
@@ -57,7 +57,7 @@ class FrameInfo:
     """
 
     __slots__ = (
-        "_examine", "announces", "behind", "carries", "computed", "decode", "echo",
+        "_diagnose", "announces", "behind", "carries", "computed", "decode", "echo",
         "encode", "extent", "first", "flat", "frame", "guesses", "inner", "insert", "intact", "known", "make",
         "measure", "most", "name", "numbers", "on_line", "refuse", "shape", "value_names",
     )  # fmt: skip
@@ -76,7 +76,7 @@ class FrameInfo:
         self.extent = codec.extent if self.guesses and codec.extent is not None else codec.measure
         self.refuse = frame.refuse
         self.intact = intact_of(frame)
-        self._examine = codec.examine
+        self._diagnose = codec.diagnose
         self.most = frame.most
         self.known: dict[str, Any] = {}
         self.computed: list[tuple[str, Evaluate]] = []
@@ -91,7 +91,7 @@ class FrameInfo:
 
     def misread(self, raw: bytes, names: Mapping[str, Any]) -> FrameError:
         """What `decode` raises for a frame that is not `intact`."""
-        return Misread(self.name, self._examine, raw, names)
+        return Misread(self.name, self._diagnose, raw, names)
 
     def _collect(self, segments: tuple[Segment, ...], certain: bool = True) -> None:
         for segment in segments:

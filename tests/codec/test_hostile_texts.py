@@ -226,7 +226,7 @@ class NoFunctions:
 
     def __init__(self, protocol: Protocol) -> None:
         self.frames = dict.fromkeys(protocol.frames, self)
-        self.encode = self.decode = self.measure = self.extent = self.take = self.examine = None
+        self.encode = self.decode = self.measure = self.extent = self.take = self.diagnose = None
         self.layouts: dict[str, Any] = {}
         self.together: dict[str, Any] = {}
         self.rows: dict[str, Any] = {}

@@ -102,7 +102,7 @@ def test_shipped_definitions_make_clean_modules(name: str) -> None:
         compile(tree, name, "exec")
     assert ast.get_docstring(tree)
     functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
-    frames = [node for node in functions if node.name.startswith(("encode_", "decode_", "measure_", "examine_"))]
+    frames = [node for node in functions if node.name.startswith(("encode_", "decode_", "measure_", "diagnose_"))]
     assert all(ast.get_docstring(node) for node in frames)
     assert all(len(line) <= 160 or '"' in line for line in source.splitlines())
     assert not any(line != line.rstrip() for line in source.splitlines())

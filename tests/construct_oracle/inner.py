@@ -17,7 +17,7 @@ from construct_oracle.rest import rest_size
 from construct_oracle.sizes import nothing_known
 from construct_oracle.state import Reading
 from construct_oracle.values import evaluated_size
-from framekit.codec.python.shape import in_place_of_records
+from framekit.codec.python.facts import in_place_of_records
 from framekit.definition.expression import Expression
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import Inner

@@ -131,7 +131,7 @@ class EscapeConstruct(WrapConstruct):
         self.escape = segment.escape or 0
 
     def to_wire(self, plain: bytes) -> bytes:
-        return support.double_escape(plain, self.escape)
+        return support.stuff(plain, self.escape)
 
     def read(self, stream: BytesIO, context: Container, path: str, place: Place) -> None:
         reading: Reading = context._state

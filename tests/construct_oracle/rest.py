@@ -9,7 +9,7 @@ from construct import Container
 from construct_oracle.base import SegmentConstruct
 from construct_oracle.faults import Place, Stop
 from construct_oracle.state import Reading
-from framekit.codec.python.shape import in_place_of_records
+from framekit.codec.python.facts import in_place_of_records
 from framekit.definition.model.segments import Const
 
 

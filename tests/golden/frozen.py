@@ -105,7 +105,7 @@ class Shipped:
 # ---- generated source -------------------------------------------------------------------------------------
 
 
-KINDS = ("encode", "decode", "measure", "extent", "examine", "take", "rows", "build")
+KINDS = ("encode", "decode", "measure", "extent", "diagnose", "take", "rows", "build")
 
 
 def sources(one: Shipped) -> Iterator[Case]:

@@ -8,11 +8,11 @@ from framekit.codec.python.diagnosis import Behind, DiagnosisWriter, inside_of
 from framekit.codec.python.encode import EncodeWriter, Given
 from framekit.codec.python.encode_plan import Lengths, Rules, RuleWriter, Task
 from framekit.codec.python.expressions import NameEntry, Scope
+from framekit.codec.python.facts import is_name, is_plain_name, may_be_empty, names_read
 from framekit.codec.python.function import Fields, Place, between
 from framekit.codec.python.measure import Finished, MeasureWriter, Pairs
 from framekit.codec.python.reader import BufferReader, Item, without_end
 from framekit.codec.python.registry import summary, type_text
-from framekit.codec.python.shape import is_name, is_plain_name, may_be_empty, names_read
 from framekit.codec.python.source import Code, quoted, text_source
 from framekit.definition.expression import AND, BIT_OR, PRODUCT, Binary, Expression, Number
 from framekit.definition.model.frames import expressions_of, flat

@@ -41,7 +41,7 @@ class WrapKind(SegmentKind[Wrap]):
             r.module.imports.add("from binascii import unhexlify")
             function.add(f"{plain} = unhexlify({between(r.buffer, first, last)})")
         else:
-            _undouble(r, item, segment, fixed, after, plain)
+            _unstuff(r, item, segment, fixed, after, plain)
         inside = BufferReader(function, plain, function.names.fresh(f"{plain}_at"))
         inside.read(segment.of, item.scope, item.fields, all_is_read=False)
         inside.close()
@@ -77,7 +77,7 @@ class WrapKind(SegmentKind[Wrap]):
         if text.isidentifier():
             single = bytes((segment.escape or 0,))
             return f"{text}.replace({bytes_literal(single)}, {bytes_literal(2 * single)})"
-        return f"{w.module.function('double_escape')}({text}, {segment.escape or 0:#04x})"
+        return f"{w.module.function('stuff')}({text}, {segment.escape or 0:#04x})"
 
     def diagnose(self, d: DiagnosisWriter, segment: Wrap, scope: Scope, behind: Behind) -> None:
         fixed = d.shapes.all(segment.of).fixed
@@ -88,13 +88,13 @@ class WrapKind(SegmentKind[Wrap]):
             option = d.behind_option(fixed is None, behind)
         else:
             escape = f"{segment.escape or 0:#04x}"
-            open_up = f"lambda raw: {d.module.function('doubled_content')}(raw, {escape})"
+            open_up = f"lambda raw: {d.module.function('unstuffed')}(raw, {escape})"
             size = "None"
             inside = d.module.embedded(segment)
             if inside:
-                open_up = f"lambda raw: {d.module.function('doubled_content')}(raw, {escape}, {inside})"
+                open_up = f"lambda raw: {d.module.function('unstuffed')}(raw, {escape}, {inside})"
             if fixed is not None:
-                size = f"lambda n: {d.module.function('end_of_doubled')}(n.data, n.at, {escape}, {fixed}) - n.at"
+                size = f"lambda n: {d.module.function('end_of_stuffed')}(n.data, n.at, {escape}, {fixed}) - n.at"
             elif any(d.shapes.present(one).fixed != 0 for one, _ in behind):
                 more = f", {inside}" if inside else ""
                 size = f"lambda n: {d.module.function('end_of_region')}(n.data, n.at, {escape}{more}) - n.at"
@@ -115,7 +115,7 @@ class WrapKind(SegmentKind[Wrap]):
         behind = m.least(after)
         if fixed is not None:
             with m.out.block("try:"):
-                m.add(f"at = {m.module.function('end_of_doubled')}(data, at, {escape}, {fixed}, end)")
+                m.add(f"at = {m.module.function('end_of_stuffed')}(data, at, {escape}, {fixed}, end)")
             with m.out.block("except IndexError:"):
                 m.add(f"return -{1 + behind}")
             with m.out.block("except ValueError:"):
@@ -153,7 +153,7 @@ def _limit(w: EncodeWriter, wrap: Wrap, scope: Scope, buffer: str) -> None:
     w.complain(" or ".join(tests), '""', message)
 
 
-def _undouble(r: BufferReader, item: Item, wrap: Wrap, fixed: int | None, after: tuple[Item, ...], plain: str) -> None:
+def _unstuff(r: BufferReader, item: Item, wrap: Wrap, fixed: int | None, after: tuple[Item, ...], plain: str) -> None:
     """Puts the content of a region with doubled escape bytes into the local `plain`."""
     name, escape = r.module.function, f"{wrap.escape or 0:#04x}"
     embedded_texts = [bytes_literal(data) for data in r.module.embedded_frames(wrap)]
@@ -164,7 +164,7 @@ def _undouble(r: BufferReader, item: Item, wrap: Wrap, fixed: int | None, after:
         first = r.keep(r.place)
         start = first.text(r.buffer)
         if fixed is not None:
-            r.advance(f"{name('end_of_doubled')}({r.buffer}, {start}, {escape}, {fixed})")
+            r.advance(f"{name('end_of_stuffed')}({r.buffer}, {start}, {escape}, {fixed})")
         else:
             more = f", {embedded}" if embedded else ""
             r.advance(f"{name('end_of_region')}({r.buffer}, {start}, {escape}{more})")
@@ -178,7 +178,7 @@ def _undouble(r: BufferReader, item: Item, wrap: Wrap, fixed: int | None, after:
             tests = " or ".join(f"{frame} in {plain}" for frame in embedded_texts)
             with r.function.out.block(f"if {tests}:"):
                 r.function.add(f"{plain} = {name('without_embedded')}({plain}, {escape}, {embedded})")
-        r.function.add(f"{plain} = {name('undouble')}({plain}, {single}, {double})")
+        r.function.add(f"{plain} = {name('unstuff')}({plain}, {single}, {double})")
 
 
 def _measure_content(m: MeasureWriter, wrap: Wrap, scope: Scope, after: Pairs, further: int = 0) -> None:
@@ -193,7 +193,7 @@ def _measure_content(m: MeasureWriter, wrap: Wrap, scope: Scope, after: Pairs, f
         m.may_fail = True
         stop = f"at + {further}" if further else "at"
         always = names_always_there(wrap.of)
-        m.add(f"fields = examine_{m.identifier}(bytes(data[start:{stop}]), ctx).fields")
+        m.add(f"fields = diagnose_{m.identifier}(bytes(data[start:{stop}]), ctx).fields")
         for name in names:
             there = f"[{quoted(name)}]" if name in always else f".get({quoted(name)})"
             m.set_value(name, scope, f"{m.path_of(scope)}{there}")

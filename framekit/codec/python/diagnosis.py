@@ -1,6 +1,6 @@
-"""`examine_…` of a frame: a careful function made of calls, one a segment, that finds the first fault and where all is.
+"""`diagnose_…` of a frame: a careful function made of calls, one a segment, that finds the first fault and all places.
 
-What the calls do is `examination`; here they are only put down in the order of the segments. The kinds of segments
+What the calls do is `runtime_diagnosis`; here they are only put down in the order of the segments. The kinds of segments
 write their own calls.
 """
 
@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 from framekit.codec.python import forms
 from framekit.codec.python.expressions import Scope, default_text, entries_read
+from framekit.codec.python.facts import names_asked_for
 from framekit.codec.python.function import FunctionWriter, on_the_wire, span_names
 from framekit.codec.python.module import Module
 from framekit.codec.python.registry import kind_of, write_docstring
-from framekit.codec.python.shape import names_asked_for
 from framekit.codec.python.source import Source, bytes_literal, literal, quoted
 from framekit.definition.expression import BIT_OR, PRODUCT, Expression, names_in
 from framekit.definition.model.frames import Frame, everything, flat, leaves, without_when
@@ -32,10 +32,10 @@ Behind = tuple[tuple[Segment, Scope], ...]
 """What follows a segment in its buffer, with the scopes of its names."""
 
 
-def write_examiner(
+def write_diagnosis(
     module: Module, identifier: str, name: str, segments: tuple[Segment, ...], frame: Frame | None
 ) -> Source:
-    """The source of `examine_…` of a frame or a layout."""
+    """The source of `diagnose_…` of a frame or a layout."""
     writer = DiagnosisWriter(module, segments)
     body = Source()
     surplus = frame.surplus if frame is not None else None
@@ -45,10 +45,10 @@ def write_examiner(
         writer.region(segments, Scope(), frame)
         writer.compare_late_checks()
     out = Source()
-    with out.block(f"def examine_{identifier}(data: bytes, ctx: Context) -> Examination:"):
+    with out.block(f"def diagnose_{identifier}(data: bytes, ctx: Context) -> Diagnosis:"):
         write_docstring(out, f"Read `{name}` carefully: all its places, and the first fault.", "")
         writer.write_hoisted(out)
-        out.add(f"n = {module.function('Examination')}(data, ctx)")
+        out.add(f"n = {module.function('Diagnosis')}(data, ctx)")
         if frame is not None and frame.most is not None:
             with out.block(f"if len(data) > {frame.most}:"):
                 most = quoted(f"at most {frame.most} bytes")

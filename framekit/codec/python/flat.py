@@ -16,10 +16,10 @@ from dataclasses import dataclass, replace
 from framekit.codec.python import forms
 from framekit.codec.python.encode import EncodeWriter, Given, as_bytes, tail_of
 from framekit.codec.python.expressions import ExpressionWriter, Scope, default_text
-from framekit.codec.python.joined import counting, is_plain, names_of, renamed
+from framekit.codec.python.facts import names_read
+from framekit.codec.python.fused import counting, is_plain, names_of, renamed
 from framekit.codec.python.module import Module
 from framekit.codec.python.registry import summary, write_docstring
-from framekit.codec.python.shape import names_read
 from framekit.codec.python.source import Code, Source, identifier, literal, quoted
 from framekit.definition.expression import BIT_OR, Binary, Bytes, Expression, Name, Node, Number, Text, names_in
 from framekit.definition.model.frames import Frame, StaticSizes, certain, everything, flat, without_when
@@ -70,7 +70,7 @@ def _put_in(segments: tuple[Segment, ...], inner: Inner, inside: tuple[Segment, 
     return tuple(found)
 
 
-class Together:
+class FusedFrames:
     """Some frames as one list of segments, and the sizes that have to come out: expression, names of what it counts.
 
     Raises NotPlain where they cannot be built so.
@@ -227,7 +227,7 @@ class FlatWriter(EncodeWriter):
 
     def __init__(self, module: Module, title: str, parameters: Parameters) -> None:
         self.parameters = parameters
-        self.together = Together(module.shapes, parameters.levels)
+        self.together = FusedFrames(module.shapes, parameters.levels)
         super().__init__(module, title, self.together.segments)
         self.keywords = {one.key: one.name for one in parameters.all}
         self.worked_out = {one.key for one in parameters.all if one.default == LEFT_OUT}

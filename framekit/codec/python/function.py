@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from framekit.codec.python.expressions import ExpressionWriter, Scope, entries_read
+from framekit.codec.python.facts import Target, is_followed, names_asked_for
 from framekit.codec.python.module import Module
-from framekit.codec.python.shape import Target, is_followed, names_asked_for
 from framekit.codec.python.source import Identifiers, Source, quoted
 from framekit.definition.expression import Call, Expression, Name, walk
 from framekit.definition.model.frames import everything, expressions_of, flat, leaves

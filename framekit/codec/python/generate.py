@@ -15,15 +15,15 @@ import framekit.codec.kinds
 from framekit.codec import errors
 from framekit.codec.evaluate import start_values
 from framekit.codec.python.choices import choice_text, tree_of
-from framekit.codec.python.diagnosis import write_examiner
+from framekit.codec.python.diagnosis import write_diagnosis
 from framekit.codec.python.encode import write_encoder
-from framekit.codec.python.examination import Examination
+from framekit.codec.python.facts import names_read
 from framekit.codec.python.flat import Level, inner_frames, levels_of, rows_of, write_builder, write_plain_builder
-from framekit.codec.python.joined import write_pairs
+from framekit.codec.python.fused import write_pairs
 from framekit.codec.python.measure import write_extent, write_measurer
 from framekit.codec.python.module import BUILT_IN, Module, pasted_names, used_methods
 from framekit.codec.python.reader import not_possible, write_decoder
-from framekit.codec.python.shape import names_read
+from framekit.codec.python.runtime_diagnosis import Diagnosis
 from framekit.codec.python.source import Source, identifier, literal, quoted
 from framekit.definition.expression import Conditional, Expression, Number
 from framekit.definition.model.frames import Frame, Layout, everything
@@ -75,13 +75,13 @@ def late_constants(module: Module) -> Source:
 
 
 def helpers(module: Module, methods: set[str]) -> list[Source]:
-    """The pasted helpers; `methods`: those that are used of what examines frames."""
+    """The pasted helpers; `methods`: those that are used of what diagnoses frames."""
     found = []
     for name in module.functions:
         if name == "Defaults":
             continue
         part = Source()
-        only = methods if name.startswith("Examination") else None
+        only = methods if name.startswith("Diagnosis") else None
         part.lines.extend(module.source_of(name, only).rstrip().splitlines())
         found.append(part)
     return found
@@ -185,7 +185,7 @@ def builder_name(frames: Iterable[str]) -> str:
     return f"build_{'_with_'.join(identifier(frame).strip('_') for frame in frames)}"
 
 
-_FUNCTIONS = ("encode", "decode", "measure", "examine")
+_FUNCTIONS = ("encode", "decode", "measure", "diagnose")
 """Every frame's; some have `extent_…` besides."""
 MOST_BUILDERS = 100
 """A frame has so many builders at most, one for every row of frames in it."""
@@ -211,7 +211,7 @@ class ModuleWriter:
         self.taken: set[str] = set()
         self.layouts: dict[str, str] = {}
         self.frames_part: list[Source] = []
-        self.examine_part: list[Source] = []
+        self.diagnose_part: list[Source] = []
         self.extents: set[str] = set()
         self.builders: dict[tuple[str, ...], str] = {}
 
@@ -225,13 +225,13 @@ class ModuleWriter:
             if self._stands_alone(layout):
                 self.layouts[name] = self._identifier(f"layout_{name}")
                 self._layout(name, layout)
-        for name in ("Frame", "Examination", "Defaults"):
+        for name in ("Frame", "Diagnosis", "Defaults"):
             self.module.function(name)
         folds = [self.module.fold(name, method) for name, method in list(self.module.folds.values())]
         tables = self._tables()
         helpers = self._helpers()
         parts = self._section("frames", self.frames_part)
-        parts += self._section("what is wrong with frames that do not fit", self.examine_part)
+        parts += self._section("what is wrong with frames that do not fit", self.diagnose_part)
         parts += self._section("check codes", folds) if folds else []
         parts += self._section("helpers", helpers)
         parts += self._section("tables", [tables])
@@ -256,9 +256,9 @@ class ModuleWriter:
         known, segments = self.identifiers[name], self.module.shapes.segments(frame)
         refuse_vague_checks(segments)
         self.frames_part.append(write_encoder(self.module, known, name, segments, frame))
-        pairs, at_once = write_pairs(self.module, known, frame)
+        pairs, fused = write_pairs(self.module, known, frame)
         self.frames_part.extend(pairs)
-        self.frames_part.append(write_decoder(self.module, known, name, segments, frame, at_once))
+        self.frames_part.append(write_decoder(self.module, known, name, segments, frame, fused))
         before = len(self.module.extra)
         self.frames_part.append(write_measurer(self.module, known, frame, segments))
         self.frames_part.extend(self.module.extra[before:])
@@ -266,7 +266,7 @@ class ModuleWriter:
         if extent is not None:
             self.extents.add(known)
             self.frames_part.append(extent)
-        self.examine_part.append(write_examiner(self.module, known, name, segments, frame))
+        self.diagnose_part.append(write_diagnosis(self.module, known, name, segments, frame))
 
     def _builders(self) -> None:
         """What builds the frames that stand in no other, each with what may stand in it."""
@@ -294,7 +294,7 @@ class ModuleWriter:
         refuse_vague_checks(segments)
         self.frames_part.append(write_encoder(self.module, known, name, segments, None))
         self.frames_part.append(write_decoder(self.module, known, name, segments, None))
-        self.examine_part.append(write_examiner(self.module, known, name, segments, None))
+        self.diagnose_part.append(write_diagnosis(self.module, known, name, segments, None))
 
     def _stands_alone(self, layout: Layout) -> bool:
         """Whether a layout reads nothing of a frame around it."""
@@ -380,13 +380,13 @@ class ModuleWriter:
         return out
 
     def _helpers(self) -> list[Source]:
-        calls = "".join(part.text() for part in self.examine_part)
-        return helpers(self.module, used_methods((Examination,), calls))
+        calls = "".join(part.text() for part in self.diagnose_part)
+        return helpers(self.module, used_methods((Diagnosis,), calls))
 
     def _tables(self) -> Source:
         out = Source()
         out.add(MISFITS)
-        if "Examination" in self.module.functions:
+        if "Diagnosis" in self.module.functions:
             out.add("EVALUATION_ERRORS = (ValueError, LookupError, TypeError, ArithmeticError, AttributeError)")
         out.extend(late_constants(self.module))
         for name, text in self.module.rule_tables.items():
@@ -405,7 +405,7 @@ class ModuleWriter:
         out.add(f"LAYOUTS: dict[str, tuple[Callable[..., bytes], Callable[..., dict[str, Any]]]] = {{{layouts}}}")
         for frames, name in self.module.choices.items():
             out.add(f"{name} = {choice_text(tree_of(self.module.shapes, frames))}")
-        for name, text in self.module.joined.items():
+        for name, text in self.module.fused_tables.items():
             out.add(f"{name} = {text}")
         return out
 

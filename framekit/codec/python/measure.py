@@ -18,10 +18,10 @@ from framekit.codec.python.expressions import (
     may_be_negative,
     may_fail,
 )
+from framekit.codec.python.facts import leading
 from framekit.codec.python.function import FunctionWriter, Place, between, index
 from framekit.codec.python.module import Module
 from framekit.codec.python.registry import kind_of, write_docstring
-from framekit.codec.python.shape import leading
 from framekit.codec.python.source import Source, bytes_literal, literal, quoted
 from framekit.definition.expression import SUM, Attribute, Expression, names_in, walk
 from framekit.definition.model.frames import Frame, bytes_of, everything, flat, without_when

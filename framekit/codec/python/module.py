@@ -19,7 +19,7 @@ from typing import Any
 
 from framekit.codec import support
 from framekit.codec.checks import FUNCTIONS, source_of
-from framekit.codec.python import examination, runtime
+from framekit.codec.python import runtime, runtime_diagnosis
 from framekit.codec.python.choices import in_order
 from framekit.codec.python.expressions import ExpressionWriter, NameEntry, Scope
 from framekit.codec.python.source import OWN_WORDS, Code, Identifiers, Source, literal, quoted, text_source
@@ -91,7 +91,7 @@ BUILT_IN = frozenset(
     {"station", "own", "role", "line", "now", "clock", "request", "buffer", "reply", "expected", "it", "part"}
 )
 _LONGEST_FORMAT_NAME = 30
-_PASTED: list[Any] = [support, runtime, examination]
+_PASTED: list[Any] = [support, runtime, runtime_diagnosis]
 OWN_HELPERS = len(_PASTED)
 
 
@@ -207,7 +207,7 @@ class Module:
         self.context: set[str] = set()
         self.rule_tables: dict[str, str] = {}
         self.choices: dict[tuple[str, ...], str] = {}
-        self.joined: dict[str, str] = {}
+        self.fused_tables: dict[str, str] = {}
         self.extra: list[Source] = []
         self._bcd = ""
 
@@ -347,11 +347,11 @@ class Module:
             self.choices[frames] = self.names.constant(*name)
         return self.choices[frames]
 
-    def at_once(self, identifier: str, frames: tuple[str, ...], readers: Mapping[str, str]) -> str:
+    def fused(self, identifier: str, frames: tuple[str, ...], readers: Mapping[str, str]) -> str:
         """The module constant with what reads a frame together with one of those inside it, by the deciding byte."""
-        name, choice = self.names.constant(identifier, "at_once"), self.choice(frames, identifier, "inside")
+        name, choice = self.names.constant(identifier, "fused"), self.choice(frames, identifier, "inside")
         entries = ", ".join(f"{literal(frame)}: {function}" for frame, function in readers.items())
-        self.joined[name] = f"{self.function('readers_at_once')}({choice}, {{{entries}}})"
+        self.fused_tables[name] = f"{self.function('fused_readers')}({choice}, {{{entries}}})"
         return name
 
     def embedded(self, wrap: Wrap) -> str:

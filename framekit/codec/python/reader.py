@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 from framekit.codec.checks import residue_of
 from framekit.codec.python import forms
 from framekit.codec.python.expressions import NameEntry, Scope, constant_of, default_text, may_be_negative
+from framekit.codec.python.facts import Target, comes_with, in_place_of_records, is_followed, is_plain_name, targets_of
 from framekit.codec.python.forms import code_text, is_call
 from framekit.codec.python.function import MISFIT, Fields, Function, Place, between, covers_later, index, span_names
 from framekit.codec.python.module import Module
 from framekit.codec.python.registry import kind_of, struct_order, summary, write_docstring
-from framekit.codec.python.shape import Target, comes_with, in_place_of_records, is_followed, is_plain_name, targets_of
 from framekit.codec.python.source import Source, bytes_literal, literal, quoted
 from framekit.definition.expression import AND, BIT_OR, SUM, Expression
 from framekit.definition.model.frames import Frame, bytes_of, everything, flat, without_when
@@ -862,11 +862,11 @@ def write_decoder(
     name: str,
     segments: tuple[Segment, ...],
     frame: Frame | None,
-    at_once: tuple[str, int] | None = None,
+    fused: tuple[str, int] | None = None,
 ) -> Source:
     """The source of `decode_…` of a frame, or of a layout if `frame` is None.
 
-    `at_once`: the table of what reads the frame together with the one inside it, and the place of the byte it goes by.
+    `fused`: the table of what reads the frame together with the one inside it, and the place of the byte it goes by.
     """
     function = Function(module, identifier, segments)
     fields = Fields(function.names.fresh("fields"))
@@ -893,15 +893,15 @@ def write_decoder(
         function.write_hoisted(out)
         for local in function.regions:
             out.add(f'{local} = b""')
-        if at_once is not None:
-            _try_at_once(out, *at_once)
+        if fused is not None:
+            _try_fused(out, *fused)
         with out.block("try:"):
             out.extend(function.out)
         with out.block("except MISFITS:"):
             if module.shapes.may_refuse(segments):
-                out.add(f"raise examine_{identifier}(data, ctx).error({quoted(name)}) from None")
+                out.add(f"raise diagnose_{identifier}(data, ctx).error({quoted(name)}) from None")
             else:
-                out.add(f"raise Misread({quoted(name)}, examine_{identifier}, data, ctx) from None")
+                out.add(f"raise Misread({quoted(name)}, diagnose_{identifier}, data, ctx) from None")
         out.add(f"return {result}")
     return out
 
@@ -922,12 +922,12 @@ def _ends_at_tail(function: Function, reader: BufferReader, frame: Frame, tail: 
     function.late.append(compare)
 
 
-def _try_at_once(out: Source, table: str, place: int) -> None:
+def _try_fused(out: Source, table: str, place: int) -> None:
     """Most frames are read in one go; whatever does not fit is looked at part by part."""
     with out.block("try:"):
-        out.add(f"at_once = {table}[data[{place}]]")
-        with out.block("if at_once is not None:"):
-            out.add("return at_once(data, ctx)")
+        out.add(f"fused = {table}[data[{place}]]")
+        with out.block("if fused is not None:"):
+            out.add("return fused(data, ctx)")
     with out.block("except MISFITS:"):
         out.add("pass")
 

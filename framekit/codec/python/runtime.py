@@ -180,7 +180,7 @@ def without_embedded(data: bytes, escape: int, embedded: tuple[bytes, ...]) -> b
     return b"".join(parts) + data[start:]
 
 
-def end_of_doubled(data: bytes | bytearray, at: int, escape: int, size: int, end: int | None = None) -> int:
+def end_of_stuffed(data: bytes | bytearray, at: int, escape: int, size: int, end: int | None = None) -> int:
     """The place behind `size` plain bytes. Raises ValueError for an escape byte not doubled, IndexError if too few."""
     end = len(data) if end is None else end
     for _ in range(size):
@@ -206,7 +206,7 @@ class Frame(NamedTuple):
     encode: Callable[..., bytes]
     decode: Callable[..., dict[str, Any]]
     measure: Callable[..., int]
-    examine: Callable[..., Any]
+    diagnose: Callable[..., Any]
     refuse: int | None = None
     extent: Callable[..., int] | None = None
 
@@ -265,7 +265,7 @@ def no_frame(data: bytes | bytearray, start: int, end: int, ctx: Context, seen: 
     return 0
 
 
-def readers_at_once(choice: Choice, readers: dict[str, Any]) -> list[Any]:
+def fused_readers(choice: Choice, readers: dict[str, Any]) -> list[Any]:
     """By the deciding byte: what reads the frame that is likely together with the one around it; None: nothing does."""
     return [None if one is None else readers.get(one[0]) for one in choice.likely]
 

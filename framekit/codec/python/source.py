@@ -266,7 +266,7 @@ OWN_WORDS = frozenset(
 """Parameters, locals and modules that generated functions use themselves."""
 
 _PYTHON = OWN_WORDS | {*dir(builtins), *keyword.kwlist, "match", "case", "type"}
-_OWN_PREFIXES = ("decode_", "encode_", "examine_", "measure_", "inner_", "pack_", "unpack_", "parse_", "build_")
+_OWN_PREFIXES = ("decode_", "encode_", "diagnose_", "measure_", "inner_", "pack_", "unpack_", "parse_", "build_")
 
 
 def identifier(name: str) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 from framekit.codec.errors import FrameError
 
 Ask = Callable[[Any], Any]
-"""A function of the examination that works something out from what was read."""
+"""A function of the diagnosis that works something out from what was read."""
 Span = tuple[str, int, int, Any]
 Opened = tuple[bytes, Sequence[int], str]
 """What is inside a wrap: the content, the place of each byte and of the end in the region, '' or the cause of a fault
@@ -48,7 +48,7 @@ class Notes:
         self.warnings: list[str] = []
 
 
-class Examination:
+class Diagnosis:
     """A frame being read carefully, one call a segment; `refuse` is the code of a fault there that is to be answered.
 
     `fields`, `spans` (path, first byte, byte behind the last, value) grow as it goes. `n["name"]` is a field by name,
@@ -541,7 +541,7 @@ class Examination:
             raise self.stop("value", name, "one of its frames", self.data[start : self.end].hex(" "))
         raw = self.take(name, room)
         for frame in choice.frames(raw):
-            one: Examination = frame.examine(raw, self.ctx)
+            one: Diagnosis = frame.diagnose(raw, self.ctx)
             fault = one.fault
             if fault is None or fault.refuse is not None:
                 fields = one.fields if fault is None else one.error(frame.name).fields
@@ -552,7 +552,7 @@ class Examination:
         self.scopes[-1][name] = {"unknown": {"data": raw}}
         self.show(name, start, raw)
 
-    def adopt(self, name: str, start: int, inner: Examination) -> None:
+    def adopt(self, name: str, start: int, inner: Diagnosis) -> None:
         """Takes over what was found out about a frame inside; its fault comes behind the frame itself."""
         for path, first, last, value in inner.spans:
             span = f"{self.path}{name}.{path}", self.wire(start + first), self.wire(start + last), value
@@ -592,7 +592,7 @@ def hex_content(raw: bytes) -> Opened:
     return bytes.fromhex(raw.decode("ascii")), range(0, len(raw) + 1, 2), ""
 
 
-def doubled_content(raw: bytes, escape: int, embedded: tuple[bytes, ...] = ()) -> Opened:
+def unstuffed(raw: bytes, escape: int, embedded: tuple[bytes, ...] = ()) -> Opened:
     """Content without the second ones of doubled escape bytes, and without what is embedded in it."""
     plain, places, place = bytearray(), [], 0
     while place < len(raw):

@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 
 from framekit.codec.python.choices import Leaf, Switch, in_order, tree_of
 from framekit.codec.python.expressions import Scope
+from framekit.codec.python.facts import Target, named, names_read
 from framekit.codec.python.function import Fields, Function
 from framekit.codec.python.module import Module
 from framekit.codec.python.reader import BufferReader, Item, limit
-from framekit.codec.python.shape import Target, named, names_read
 from framekit.codec.python.source import Source
 from framekit.definition.expression import BIT_OR, Expression
 from framekit.definition.model.frames import Frame, StaticSizes, everything
@@ -38,7 +38,7 @@ from framekit.definition.model.segments import (
 )
 
 MOST_PAIRS = 40
-"""A frame is joined with so many others at most: each pair is a function more, of ten lines or so."""
+"""A frame is fused with so many others at most: each pair is a function more, of ten lines or so."""
 MOST_SEGMENTS = 24
 """Frames with more segments than these have so much to do that a call more or less is no matter."""
 _PLAIN = (Bits, Const, Count, Data, Field, Length, Record, Repeat, Require, Skip, Value)
@@ -196,10 +196,10 @@ def write_pairs(module: Module, identifier: str, frame: Frame) -> tuple[list[Sou
     place, sources, readers = place_of(module.shapes, frame), [], {}
     for pair in pairs_of(module.shapes, frame):
         name = readers[pair.inside_name] = module.names.fresh(f"{identifier}_with_{pair.inside_name}")
-        sources.append(write_joined(module, name, identifier, frame, pair))
+        sources.append(write_fused(module, name, identifier, frame, pair))
     if place is None or not readers:
         return [], None
-    return sources, (module.at_once(identifier, place[0].frames, readers), place[1])
+    return sources, (module.fused(identifier, place[0].frames, readers), place[1])
 
 
 def function_of(module: Module, title: str, pair: Pair) -> Function:
@@ -221,7 +221,7 @@ def _parts(pair: Pair) -> dict[str, Target]:
     return named(segment for segment in pair.inside if segment.takes_bytes)
 
 
-def write_joined(module: Module, identifier: str, title: str, frame: Frame, pair: Pair) -> Source:
+def write_fused(module: Module, identifier: str, title: str, frame: Frame, pair: Pair) -> Source:
     """The source of a function that gives what `decode_…` of the frame does, if the frame inside is that of the pair.
 
     Raises whatever comes up if it is not.

@@ -12,8 +12,8 @@ from framekit.codec.ambiguity import sample_context
 from framekit.codec.codec import code_of, compile_protocol
 from framekit.codec.errors import EncodeError, FrameError
 from framekit.codec.functions import FrameFunctions, module_of
+from framekit.codec.python.fused import MOST_PAIRS, pairs_of
 from framekit.codec.python.generate import generate_source, normal_protocol
-from framekit.codec.python.joined import MOST_PAIRS, pairs_of
 from framekit.codec.samples import Sampler
 from framekit.definition.load import load_protocol, load_protocol_text
 from framekit.definition.model.frames import StaticSizes
@@ -41,7 +41,7 @@ class Both:
             table[:] = [None] * 256
 
     def tables(self, functions: FrameFunctions) -> dict[str, list[Any]]:
-        return {name: value for name, value in vars(functions.module).items() if name.endswith("_AT_ONCE")}
+        return {name: value for name, value in vars(functions.module).items() if name.endswith("_FUSED")}
 
     def compare(self, frame: str, inside: str) -> bool:
         """Samples and damaged bytes read alike both ways; whether the two were ever read at once."""
@@ -188,7 +188,7 @@ def test_the_longest_frame_is_not_longer() -> None:
 def test_frames_that_are_read_one_after_the_other(frame: str, head: str, tail: str) -> None:
     protocol = protocol_of(head, tail, frame)
     assert pairs(protocol) == []
-    assert "_AT_ONCE" not in generate_source(protocol)
+    assert "_FUSED" not in generate_source(protocol)
 
 
 def test_there_is_a_bound() -> None:
@@ -204,7 +204,7 @@ def test_a_module_that_stands_alone_reads_them_so() -> None:
     names: dict[str, Any] = {"__name__": "alone"}
     exec(compile(generate_source(load_protocol("modbus-rtu")), "alone", "exec"), names)
     data = names["encode_reply_adu"]({"station": 17, "pdu": {"read_holding_reply": {"values": b"\1\2"}}})
-    at_once = names["REPLY_ADU_AT_ONCE"][3]
-    assert at_once(data, names["DEFAULTS"]) == names["decode_reply_adu"](data)
+    fused = names["REPLY_ADU_FUSED"][3]
+    assert fused(data, names["DEFAULTS"]) == names["decode_reply_adu"](data)
     with pytest.raises(ValueError, match=r"^$"):
-        at_once(data[:-1], names["DEFAULTS"])
+        fused(data[:-1], names["DEFAULTS"])
