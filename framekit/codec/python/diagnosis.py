@@ -1,7 +1,7 @@
 """`diagnose_…` of a frame: a careful function made of calls, one a segment, that finds the first fault and all places.
 
-What the calls do is `runtime_diagnosis`; here they are only put down in the order of the segments. The kinds of segments
-write their own calls.
+What the calls do is `runtime_diagnosis`; here they are only put down in the order of the segments. The kinds of
+segments write their own calls.
 """
 
 from __future__ import annotations
