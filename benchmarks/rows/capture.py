@@ -20,7 +20,7 @@ from framekit.codec.batch import BatchDecoder
 from framekit.codec.codec import Codec
 from framekit.codec.columns import Cut
 from framekit.codec.errors import FrameError
-from framekit.service.capture import CaptureReader, PcapRecords, cut_of_capture, global_header
+from framekit.service.capture import GLOBAL_HEADER, CaptureReader, PcapRecords, cut_of_capture
 from framekit.transport.port import LineEvent
 
 NAME = "Decode of a capture of 1 million frames"
@@ -70,7 +70,7 @@ def _write(path: Path, codec: Codec) -> None:
         data = codec.encode(FRAME, {"station": choose.randrange(1, 248), "pdu": choose.choice(pdus)})
         made.append(data if choose.random() >= DAMAGED else data[:-1] + bytes((data[-1] ^ 1,)))
     with path.open("wb") as file:
-        file.write(global_header())
+        file.write(GLOBAL_HEADER)
         for number in range(FRAMES):
             file.write(records.of(LineEvent("data", number * 1_000_000, "in", choose.choice(made))))
 
@@ -78,7 +78,7 @@ def _write(path: Path, codec: Codec) -> None:
 def _requests_and_replies(codec: Codec) -> Iterator[bytes]:
     """A client polls: its requests go out, the replies come in."""
     choose, records = random.Random(3), PcapRecords(0)
-    yield global_header()
+    yield GLOBAL_HEADER
     for number in range(SHOWN // 2):
         station, count = choose.randrange(1, 5), choose.randrange(1, 20)
         asked = {"station": station, "pdu": {"read_holding": {"address": 1, "count": count}}}
