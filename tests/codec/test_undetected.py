@@ -12,7 +12,7 @@ from framekit.codec.errors import FrameError
 from framekit.definition.load import load_protocol
 from framekit.link.evaluate import Names
 
-FEW, TRIES = 4_000, pytest.param(20_000, marks=pytest.mark.long)
+FEW, TRIES = 2_000, pytest.param(20_000, marks=pytest.mark.long)
 """As many blocks are damaged; the bounds below are four standard deviations of so many."""
 
 
