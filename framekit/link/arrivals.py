@@ -101,7 +101,7 @@ class BadFrame:
 class EitherBad(BadFrame):
     """Bytes that may have been either of two frames: the one that got further, of two that got equally far the first.
 
-    How far they got is found out on demand, as all that is wrong with them.
+    How far they got is found out on demand, as all that is wrong with them. None gets further than a wrong check code.
     """
 
     __slots__ = ("_both",)
@@ -116,7 +116,7 @@ class EitherBad(BadFrame):
         if name not in _FOUND_OUT:
             raise AttributeError(name)
         first, second = self._both
-        further = second if second.place > first.place else first
+        further = second if first.cause != "check" and second.place > first.place else first
         for field in _FOUND_OUT:
             setattr(self, field, getattr(further, field))
         return object.__getattribute__(self, name)

@@ -18,7 +18,7 @@ from framekit.definition.expression import Expression, Name, names_in
 from framekit.definition.model import protocol as model
 from framekit.definition.model.frames import Frame, StaticSizes, by_value_name, everything, parts_of
 from framekit.definition.model.segments import Bits, BitsPart, Check, Const, Field, Inner, Segment, Wrap
-from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, compile_expression
+from framekit.link.evaluate import CODEC_ERRORS, EVALUATION_ERRORS, Evaluate, Names, compile_expression
 from framekit.link.values import FrameValue, plain
 
 
@@ -127,8 +127,8 @@ class FrameInfo:
 Intact = Callable[[bytes | bytearray], bool]
 """Whether these bytes may be good: false if they are surely no good frame, and none that is refused."""
 
-Ends = tuple[tuple[Callable[..., int], Callable[..., int], Intact], ...]
-"""Of candidates: `extent` and `measure` of several of them alike, and a quick look whether one of them may be good."""
+Ends = tuple[tuple[Callable[..., int], Callable[..., int], Intact, Sequence[FrameInfo]], ...]
+"""Of candidates: `extent` and `measure` of several of them alike, a quick look whether one may be good, and they."""
 
 
 def by_extent(infos: Sequence[FrameInfo]) -> Ends:
@@ -137,7 +137,7 @@ def by_extent(infos: Sequence[FrameInfo]) -> Ends:
     for info in infos:
         groups.setdefault(_does(info.extent), []).append(info)
     return tuple(
-        (group[0].extent, group[0].measure, any_intact([(one.frame, one.intact) for one in group]))
+        (group[0].extent, group[0].measure, any_intact([(one.frame, one.intact) for one in group]), group)
         for group in groups.values()
     )
 
@@ -415,6 +415,22 @@ def intact_of(frame: Frame) -> Intact | None:
         return check(raw)
 
     return intact
+
+
+def are_bad(infos: Sequence[FrameInfo], raw: bytes | bytearray, names: Names) -> bool:
+    """Whether these bytes are surely none of several frames, neither good nor to be refused."""
+    for info in infos:
+        if info.intact is not None and not info.intact(raw):
+            continue
+        try:
+            info.decode(bytes(raw), names)
+        except FrameError as error:
+            if error.refuse is None:
+                continue
+        except CODEC_ERRORS:
+            pass
+        return False
+    return True
 
 
 def any_intact(frames: Sequence[tuple[Frame, Intact | None]]) -> Intact:

@@ -17,7 +17,7 @@ from framekit.link.arrivals import Arrival, FrameArrived, Noise
 from framekit.link.candidates import Bad, Candidates, Complete, ExpectedFrames, Good, Left, Trouble, first_of, worse
 from framekit.link.evaluate import CODEC_ERRORS, Names
 from framekit.link.events import CharacterFault
-from framekit.link.frame_table import FrameInfo, FrameTable, ProtocolCodec, table_of
+from framekit.link.frame_table import FrameInfo, FrameTable, ProtocolCodec, are_bad, table_of
 from framekit.link.inside import InsideFinder
 from framekit.link.stream import LONGEST, NoiseRun, Pauses, Stream, scope_of
 
@@ -421,7 +421,7 @@ class Receiver:
                 if inside is not None and not (left.sure and inside.holders.isdisjoint(left.names)):
                     break
                 silent = bad = None
-                for extent, measure, look in left.ends or every.ends(left, buffer[place]):
+                for extent, measure, look, group in left.ends or every.ends(left, buffer[place]):
                     size = extent(buffer, place, total, names)
                     if size == 0:
                         continue
@@ -429,7 +429,7 @@ class Receiver:
                         break
                     if size == quiet:
                         silent = look
-                    elif size > 0 and look(buffer[place : place + size]):
+                    elif size > 0 and look(raw := buffer[place : place + size]) and not are_bad(group, raw, names):
                         break
                     else:
                         bad = measure

@@ -156,3 +156,15 @@ def test_of_a_crowd_of_bad_frames_the_first_are_told_and_then_one_for_many_bytes
     assert hearing.counters.noise_bytes == sum(len(one.raw) for one in seen if one.kind == "noise")
     assert 4000 - 2 * BAD_APART < told <= 4000
     assert "what a bad frame left" in {one.reason for one in seen if one.kind == "noise"}
+
+
+@pytest.mark.parametrize(
+    "block",
+    [b"\x0604Y" * 40 + b"\x03" * 4, b"\x0601rSB0102AAAA\x0300" * 8 + b"\x1504RSB0003\x03"],
+    ids=["frames without a check code", "good frames make up for bad ones"],
+)
+def test_frames_that_end_alike_are_not_all_read(block: bytes) -> None:
+    data = (block * 100)[:6000]
+    count, hearing = calls("mldp", "server", cut(data, 1500))
+    assert hearing.counters.bad
+    assert count / len(data) < 32
