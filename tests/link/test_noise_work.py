@@ -13,8 +13,9 @@ import pytest
 from shipped import PROTOCOLS
 
 from framekit.codec.codec import compile_protocol
+from framekit.codec.errors import FrameError
 from framekit.codec.samples import Sampler
-from framekit.definition.load import load_protocol
+from framekit.definition.load import load_protocol, load_protocol_text
 from framekit.link.engine import Engine
 from framekit.link.events import Monitor, Seen
 from framekit.link.receiver import BAD_APART, MOST_BAD
@@ -168,3 +169,36 @@ def test_frames_that_end_alike_are_not_all_read(block: bytes) -> None:
     count, hearing = calls("mldp", "server", cut(data, 1500))
     assert hearing.counters.bad
     assert count / len(data) < 32
+
+
+def test_of_many_frames_inside_only_those_that_may_be_so_short_are_read() -> None:
+    """One byte is left for the frame inside, and the second tells fifty of them apart: they all need it."""
+    frames = "\n".join(
+        f"  i{code}: {{from: none, body: [{{field: a, type: u8}}, {{field: code, type: u8, is: {code}}}]}}"
+        for code in range(50)
+    )
+    inside = ", ".join([*(f"i{code}" for code in range(50)), "single"])
+    text = f"""
+protocol: many-inside
+frames:
+{frames}
+  single: {{from: none, body: [{{const: 05}}]}}
+  outer:
+    body: [{{length: n, type: u8, of: [pdu]}}, {{inner: pdu, of: [{inside}]}}, {{check: sum8}}]
+"""
+    codec = compile_protocol(load_protocol_text(text, "many-inside"))
+    for data, value in ((b"\x01\x05\x06", {"single": {}}), (b"\x01\x07\x08", {"unknown": {"data": b"\x07"}})):
+        assert codec.frames["outer"].decode(data)["pdu"] == value
+        count = 0
+
+        def counted(frame: object, event: str, argument: object) -> None:
+            nonlocal count
+            count += event == "call"
+
+        sys.setprofile(counted)
+        try:
+            with pytest.raises(FrameError):
+                codec.frames["outer"].decode(data[:2] + b"\0")
+        finally:
+            sys.setprofile(None)
+        assert count < 60

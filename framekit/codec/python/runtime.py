@@ -215,13 +215,13 @@ class Choice:
     """Frames that may stand at one place, in the order they are tried, told apart by one byte.
 
     `named` holds them by name, `encoders` what builds them. `readers`: by the deciding byte, names with decoders in the
-    order they are tried, or another choice; `all_readers`: those for when that byte is not there. `likely`: by the
-    deciding byte, the first name and decoder where it leaves one or two; `sole`: how long the only frame is that it
-    allows, None where there are several.
+    order they are tried, or another choice; `absent`: those for when that byte is not there. `likely`: by the deciding
+    byte, the first name and decoder where it leaves one or two; `sole`: how long the only frame is that it allows,
+    None where there are several.
     """
 
     __slots__ = (
-        "all_readers", "at", "cases", "encoders", "everything", "likely", "named", "others", "readers", "sole",
+        "absent", "at", "cases", "encoders", "everything", "likely", "named", "others", "readers", "sole",
     )  # fmt: skip
 
     def __init__(self, everything: tuple[Frame, ...], at: int = 0, cases: Any = None, others: Any = None) -> None:
@@ -231,8 +231,8 @@ class Choice:
         self.others: Any = everything if others is None else others
         self.named = {frame.name: frame for frame in everything}
         self.encoders = {frame.name: frame.encode for frame in everything}
-        self.all_readers = readers_of(everything)
-        self.readers = [readers_of(self.others)] * 256
+        self.absent = readers_of(self.others)
+        self.readers = [self.absent] * 256
         self.sole = [measure_of(self.others)] * 256
         for byte, found in self.cases.items():
             self.readers[byte] = readers_of(found)
@@ -240,11 +240,11 @@ class Choice:
         self.likely = [found[0] if type(found) is tuple and 1 <= len(found) <= 2 else None for found in self.readers]
 
     def frames(self, data: bytes | bytearray, start: int = 0, end: int | None = None) -> tuple[Frame, ...]:
-        """The frames that the deciding byte allows; all, if it is not there."""
+        """The frames that the deciding byte allows; all, if it may still come, which it cannot without an `end`."""
         place = start + self.at
-        if place >= (len(data) if end is None else end):
+        if end is not None and place >= end:
             return self.everything
-        found = self.cases.get(data[place], self.others)
+        found = self.others if place >= len(data) else self.cases.get(data[place], self.others)
         return found if type(found) is tuple else found.frames(data, start, end)
 
 
@@ -272,13 +272,9 @@ def fused_readers(choice: Choice, readers: dict[str, Any]) -> list[Any]:
 
 def decode_first(choice: Choice, data: bytes, ctx: Context) -> dict[str, Any]:
     """The first frame that fits, as `{name: fields}`. Raises FrameError if that frame is to be refused."""
-    try:
-        found = choice.readers[data[choice.at]]
-        while type(found) is Choice:
-            choice = found
-            found = choice.readers[data[choice.at]]
-    except IndexError:
-        found = choice.all_readers
+    found: Any = choice
+    while type(found) is Choice:
+        found = found.readers[data[found.at]] if found.at < len(data) else found.absent
     for name, decode in found:
         try:
             return {name: decode(data, ctx)}
