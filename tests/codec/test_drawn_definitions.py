@@ -650,6 +650,11 @@ REFUSED: dict[str, tuple[str, str]] = {
         "[{field: a, type: i8, zero_means: 9}]",
         "'a' has a sign: its 0 stands between other numbers and cannot mean 9",
     ),
+    "a length over a wrap whose check covers what stands before it": (
+        "[{field: k, type: u8}, {wrap: {escape: DLE}, of: [{const: 10, name: c}, {check: sum8, over: [k, c]}],"
+        " name: w}, {const: 10 03}, {length: n, type: u8, of: [d, w]}, {data: d, size: rest}]",
+        "a length counts a check code that covers what stands before it – let it count what stands beside the check",
+    ),
     "a range that begins with what takes no bytes": (
         "[{field: k, type: u8}, {value: v, read: k}, {field: a, type: u8}, {check: sum8, over: v..here}]",
         "'v' takes no bytes – name segments that stand on the wire",
@@ -718,6 +723,20 @@ def test_what_could_not_be_read_again_is_not_sent(title: str) -> None:
     with pytest.raises(EncodeError) as caught:
         codec.encode("f", values)
     assert str(caught.value) == message
+
+
+def test_a_delimited_body_never_holds_what_ends_it() -> None:
+    """Of fixed size too, where all could be put together at once."""
+    text = """
+protocol: ended
+groups: {g: {head: [{text: '0'}], tail: [{const: 03}], delimited: yes}}
+frames: {f: {group: g, body: [{field: a, type: ascii, size: 2}]}}
+"""
+    codec = compile_protocol(load_protocol_text(text, "ended"))
+    assert codec.encode("f", {"a": "\x04\x05"}) == b"0\x04\x05\x03"
+    for held in ("\x04\x03", "\x03\x04"):
+        with pytest.raises(EncodeError, match="the body holds 03, which ends it"):
+            codec.encode("f", {"a": held})
 
 
 @pytest.mark.parametrize("title", REFUSED)

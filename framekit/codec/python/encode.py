@@ -36,7 +36,16 @@ from framekit.definition.expression import (
     children,
     walk,
 )
-from framekit.definition.model.frames import Frame, everything, expressions_of, flat, leaves, without_when
+from framekit.definition.model.frames import (
+    Frame,
+    bytes_of,
+    everything,
+    expressions_of,
+    flat,
+    leaves,
+    parts_of,
+    without_when,
+)
 from framekit.definition.model.segments import (
     Bits,
     Check,
@@ -141,8 +150,13 @@ def write_encoder(
 
 
 def tail_of(module: Module, frame: Frame | None) -> tuple[Const, int | Segment] | None:
-    """The constant that ends a delimited body; the size of the head before it, or where that varies what follows it."""
+    """The constant that ends a delimited body; the size of the head before it, or where that varies what follows it.
+
+    None where the body can't hold the first byte of that constant.
+    """
     if frame is None or not frame.delimited or not frame.tail or not isinstance(frame.tail[0], Const):
+        return None
+    if frame.tail[0].data[0] not in bytes_of(frame.body, module.shapes.frames):
         return None
     head = module.shapes.all(frame.head).fixed
     if head is not None:
@@ -718,6 +732,7 @@ class EncodeWriter(FunctionWriter):
         placed = self.placed(segments, scope)
         texts: list[str] = []
         waiting: list[tuple[str, Check, Scope]] = []
+        apart = [at for at, (one, _) in enumerate(placed) if any(one is mark for mark in tail or ())]
         place = 0
         while place < len(placed):
             segment, inside = placed[place]
@@ -743,7 +758,8 @@ class EncodeWriter(FunctionWriter):
                 names = tuple(leaf.name or "" for leaf in leaves((segment,)))
                 self.parts.append(KeptBytes(names, self.plains.get(segment.name or "", texts[-1])))
             else:
-                count = self.length_of_run(placed[place:])
+                end = next((one for one in apart if one > place), len(placed))
+                count = self.length_of_run(placed[place:end])
                 texts.append(self._kept(placed[place : place + count], self.run(placed[place : place + count])))
             place += count
         for mark, check, inside in waiting:
@@ -899,6 +915,11 @@ class EncodeWriter(FunctionWriter):
         self.complain(f"len({self.buffer}) > {most}", '""', message)
 
     def put_into_local(self, segment: Segment, scope: Scope) -> None:
+        inside = {leaf.name for leaf in leaves(flat((segment,)))}
+        for check in parts_of(segment, Check):
+            if check.name not in self.coverage.whole and not inside.issuperset(self.coverage.names(check) or ()):
+                what = "a length counts a check code that covers what stands before it"
+                raise not_possible(check, what, "let it count what stands beside the check")
         self.flush()
         local = self.names.fresh(f"{(segment.name or 'part').strip('_')}_bytes")
         if segment.is_record:
