@@ -196,6 +196,8 @@ def make_listener(url: str, clock: Clock, accepted: Accepted) -> PortListener:
     kind = scheme_of(url)
     if kind is None or kind.listen is None:
         raise ValueError(f"'{url}' does not listen – known are {', '.join(forms(listening=True))}")
+    if not _is_written_so(url, kind):
+        raise ValueError(f"'{url}' is no port – write {kind.form}")
     return kind.listen(url, real(url, clock), accepted)
 
 

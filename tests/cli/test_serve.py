@@ -181,6 +181,7 @@ def test_nobody_reads_the_output_any_more() -> None:
     [
         (("mldp", "--port", "/dev/no-such"), "there is no such device", 3),
         (("mldp", "--port", "tcp://127.0.0.1:none"), "is not HOST:PORT", 2),
+        (("mldp", "--port", "tcp-listen:127.0.0.1:502"), "is no port – write tcp-listen://HOST:PORT", 2),
         (("mldp", "--port", "tcp://192.0.2.1:4000"), "annot assign", 3),
         (("mldp", "--port", "what:"), "is no port", 2),
         (("modbus-pdu", "--port", "pty:"), "has no line of its own", 2),
