@@ -253,8 +253,8 @@ class Messages:
     def _nearest(self, keys: Iterable[str], kinds: list[str], schema: dict[str, Any]) -> str | None:
         """The key that is most like one of the kinds and is no key of any of them."""
         options = {*schema.get("properties", ())}
-        for branch in schema.get("allOf", ()):
-            options.update(self.known_keys(branch.get("then", {}).get("$ref", "")))
+        for branch in schema.get("dependentSchemas", {}).values():
+            options.update(self.known_keys(branch["$ref"]))
         strange = [key for key in keys if key not in options]
         near = [key for key in strange if difflib.get_close_matches(key, kinds, n=1, cutoff=0.6)]
         return near[0] if near else None
@@ -418,6 +418,7 @@ _NAMES: dict[Kind, str] = {
     "jobs": "a job profile",
 }
 _SUFFIX = ".schema.json"
+_DEFINITION = "#/$defs/"
 _NEARLY = 0.8
 
 
@@ -470,10 +471,15 @@ def _plain(node: Node) -> Any:
 def _schemas() -> dict[str, Any]:
     """The shipped schemas by file name."""
     files = sorted(shipped_folder("schemas").glob(f"*{_SUFFIX}"))
-    schemas = {file.name: json.loads(file.read_text(encoding="utf-8")) for file in files}
+    schemas = {file.name: _with_files(file.read_text(encoding="utf-8"), file.name) for file in files}
     for schema in schemas.values():
         del schema["$schema"]  # it would choose the plain validator, which does not know our keyword
     return schemas
+
+
+def _with_files(text: str, file: str) -> Any:
+    """A schema in which every `$ref` names the file that it leads to."""
+    return json.loads(text.replace(f'"$ref": "{_DEFINITION}', f'"$ref": "{file}{_DEFINITION}'))
 
 
 def add_keys(kind: Kind, definition: str, keys: dict[str, Any], module: str) -> None:
@@ -481,11 +487,12 @@ def add_keys(kind: Kind, definition: str, keys: dict[str, Any], module: str) -> 
 
     Raises ValueError for a key of another one, and for what is no schema.
     """
-    known = _definitions(kind)[definition]["properties"]
+    known, added = _definitions(kind)[definition]["properties"], {}
     for key, schema in keys.items():
-        _refuse_wrong(kind, key, schema)
+        whole = _sound(kind, key, schema)
         bring_word(f"key of a {definition}", key, module, key in known)
-    known.update(keys)
+        added[key] = whole
+    known.update(added)
 
 
 def add_segment_kind(key: str, schema: dict[str, Any], module: str) -> None:
@@ -494,7 +501,7 @@ def add_segment_kind(key: str, schema: dict[str, Any], module: str) -> None:
     Raises ValueError for a key that has a meaning in a segment already, and for what is no schema.
     """
     known, name = _definitions("protocol"), f"{key}_segment"
-    _refuse_wrong("protocol", key, schema)
+    schema = _sound("protocol", key, schema)
     both = next((one for one in schema["properties"] if one != key and f"{one}_segment" in known), None)
     if both is not None:
         raise ValueError(f"the key '{both}' of '{key}' is a kind of segment itself – take another word")
@@ -503,7 +510,7 @@ def add_segment_kind(key: str, schema: dict[str, Any], module: str) -> None:
     bring_word("key of a segment", key, module, there)
     if name not in known:
         known["segment"]["oneOf"].append({"required": [key]})
-        known["segment"]["allOf"].append({"if": {"required": [key]}, "then": {"$ref": f"#/$defs/{name}"}})
+        known["segment"]["dependentSchemas"][key] = {"$ref": f"protocol{_SUFFIX}{_DEFINITION}{name}"}
     known[name] = schema
 
 
@@ -514,8 +521,8 @@ def add_word(kind: str, definition: str, word: str) -> None:
         known.append(word)
 
 
-def _refuse_wrong(kind: str, key: str, schema: Any) -> None:
-    """Raises ValueError where the schema of a key is none, or refers to one that is not there."""
+def _sound(kind: str, key: str, schema: Any) -> Any:
+    """The schema of a key, as `_with_files` has it. Raises ValueError where it is none, or refers to none."""
     from jsonschema import Draft202012Validator, SchemaError
 
     try:
@@ -523,9 +530,10 @@ def _refuse_wrong(kind: str, key: str, schema: Any) -> None:
     except SchemaError as error:
         raise ValueError(f"the schema of '{key}' is wrong: {error.message} – mend it") from None
     for reference in _references(schema):
-        file, _, name = reference.partition("#/$defs/")
+        file, _, name = reference.partition(_DEFINITION)
         if name not in _schemas().get(file or kind + _SUFFIX, {}).get("$defs", ()):
             raise ValueError(f"the schema of '{key}' refers to '{reference}', which is not there – mend it")
+    return _with_files(json.dumps(schema), kind + _SUFFIX)
 
 
 def _references(schema: Any) -> Iterator[str]:
@@ -549,16 +557,26 @@ def _definitions(kind: str) -> dict[str, Any]:
 
 @cache
 def _validator(kind: Kind) -> Any:
-    """The validator of a kind of file, made once a process; the libraries are loaded only now."""
+    """The validator of a kind of file, made once a process; the library is loaded only now."""
     from jsonschema import Draft202012Validator, validators
-    from referencing import Registry
-    from referencing.jsonschema import DRAFT202012
 
-    resources = [(name, DRAFT202012.create_resource(schema)) for name, schema in _schemas().items()]
-    registry: Registry[Any] = Registry().with_resources(resources)
     extend: Any = validators.extend  # it has no types
-    validator = extend(Draft202012Validator, {OWN_KEYS: _own_keys, "pattern": _pattern})
-    return validator({"$ref": kind + _SUFFIX}, registry=registry)
+    keywords = {OWN_KEYS: _own_keys, "oneOf": _exactly_one, "pattern": _pattern, "$ref": _referred}
+    return extend(Draft202012Validator, keywords)(_schemas()[kind + _SUFFIX])
+
+
+def _referred(validator: Any, wanted: str, instance: Any, schema: Any) -> Iterator[Any]:
+    """Keyword `$ref`: as ours all name a file and a definition, nothing has to be worked out."""
+    file, _, name = wanted.partition(_DEFINITION)
+    yield from validator.descend(instance, _schemas()[file]["$defs"][name])
+
+
+def _exactly_one(validator: Any, wanted: Any, instance: Any, schema: Any) -> Iterator[Any]:
+    """Keyword `oneOf`, which our schemas have for keys only: exactly one of them is there."""
+    from jsonschema import ValidationError
+
+    if sum(branch["required"][0] in instance for branch in wanted) != 1:
+        yield ValidationError("not exactly one")
 
 
 def _pattern(validator: Any, wanted: str, instance: Any, schema: Any) -> Iterator[Any]:

@@ -9,7 +9,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from framekit.definition.keys import properties_of, ref, required_of
+from framekit.definition.keys import here, properties_of, ref, required_of
 from framekit.definition.kinds.base import KINDS
 from framekit.definition.model import segments
 from framekit.definition.model.procedure import Action, Row, Step
@@ -35,17 +35,13 @@ def with_tables(schemas: Schemas) -> Schemas:
     protocol, common = schemas["protocol.schema.json"]["$defs"], schemas["common.schema.json"]["$defs"]
     names = {f"{key}_segment": kind.schema() for key, kind in KINDS.items()}
     protocol["segment"]["oneOf"] = [{"required": [key]} for key in KINDS]
-    protocol["segment"]["allOf"] = [_of_kind(key) for key in KINDS]
+    protocol["segment"]["dependentSchemas"] = {key: here(f"{key}_segment") for key in KINDS}
     common["type_name"]["enum"] = list(TYPES)
     protocol.update(names)
     for name, part, doc in PARTS:
         protocol[name]["properties"] = {**properties_of(part), "doc": {**ref("text"), "description": doc}}
         assert set(required_of(part)) <= {*protocol[name].get("required", ())}, f"{name} has other required keys"
     return schemas
-
-
-def _of_kind(key: str) -> dict[str, Any]:
-    return {"if": {"required": [key]}, "then": {"$ref": f"#/$defs/{key}_segment"}}
 
 
 def read_files(folder: Path) -> Schemas:

@@ -30,7 +30,7 @@ from framekit.definition.load import load_protocol, load_protocol_text
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.nodes import Mapping, Node, Scalar, read_text
 from framekit.definition.problems import DefinitionError, Position
-from framekit.definition.schema import _validator
+from framekit.definition.schema import _schemas, _validator
 from framekit.definition.sources import shipped_folder
 from framekit.link.evaluate import Names, compile_expression
 from framekit.link.frame_table import FrameTable
@@ -149,29 +149,24 @@ def documents() -> tuple[Any, ...]:
 # ---- places of the schema -----------------------------------------------------------------------------------------
 
 
-@cache
-def schemas() -> dict[str, Any]:
-    return {file.name: json.loads(file.read_text()) for file in shipped_folder("schemas").glob("*.schema.json")}
-
-
 def schema_at(place: str) -> tuple[str, Any]:
     """The schema at `FILE#/PATH`, behind all references, and where it stands itself."""
     while True:
         file, _, path = place.partition("#")
-        schema = schemas()[file]
+        schema = _schemas()[file]
         for step in path.strip("/").split("/") if path else ():
             schema = schema[int(step)] if isinstance(schema, list) else schema[step]
         if "$ref" not in schema:
             return place, schema
-        place = schema["$ref"] if schema["$ref"][0] != "#" else file + schema["$ref"]
+        place = schema["$ref"]
 
 
 def spots(value: Any, place: str, path: tuple[Any, ...] = ()) -> Iterator[tuple[str, str, tuple[Any, ...], str]]:
     """What stands, or might stand, in the value: the schema around it, its name there, its path, its schema."""
     place, schema = schema_at(place if "#" in place else f"{place}#")
-    for number, part in enumerate(schema.get("allOf", ())):
-        if "if" not in part or (isinstance(value, dict) and set(part["if"].get("required", ())) <= set(value)):
-            yield from spots(value, f"{place}/allOf/{number}" + ("/then" if "if" in part else ""), path)
+    for key in schema.get("dependentSchemas", ()):
+        if isinstance(value, dict) and key in value:
+            yield from spots(value, f"{place}/dependentSchemas/{key}", path)
     if isinstance(value, dict):
         known = schema.get("properties", {})
         for key in known:
@@ -280,7 +275,7 @@ def shapes(document: Any, section: str = "") -> list[list[str]] | None:
 @pytest.mark.parametrize("around", sorted(tried()))
 def test_text_of_a_key_gives_the_same_source_whatever_it_holds(around: str) -> None:
     for document, path, place in tried()[around].values():
-        fits = _validator("protocol").evolve(schema={"$ref": place})
+        fits = _validator("protocol").evolve(schema=schema_at(place)[1])
         for wrongs, rights in zip(
             zip(*map(variants, TEXTS), strict=True), zip(*map(variants, HARMLESS), strict=True), strict=True
         ):
@@ -292,11 +287,11 @@ def test_text_of_a_key_gives_the_same_source_whatever_it_holds(around: str) -> N
 
 
 def test_every_key_of_the_schema_is_tried_but_those_of_sections_that_no_generator_reads() -> None:
-    known = schemas()["protocol.schema.json"]
+    known = _schemas()["protocol.schema.json"]
     assert known["properties"].keys() - NOT_READ == tried()["protocol.schema.json#"].keys()
-    segments = {part["then"]["$ref"] for part in known["$defs"]["segment"]["allOf"]}
-    others = {f"#/$defs/{name}" for name in ("frame", "group", "check_method", "where", "echo", "announces")}
-    assert segments | others <= {place.removeprefix("protocol.schema.json") for place in tried()}
+    segments = {part["$ref"] for part in known["$defs"]["segment"]["dependentSchemas"].values()}
+    names = ("frame", "group", "check_method", "where", "echo", "announces")
+    assert segments | {f"protocol.schema.json#/$defs/{name}" for name in names} <= tried().keys()
 
 
 @pytest.mark.parametrize("name", ["third-party-plc", "modbus-rtu"])
