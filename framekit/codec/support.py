@@ -268,11 +268,11 @@ def parse_bcd(data: bytes | bytearray) -> int:
     if len(data) == 1:  # by far the most frequent
         number = data[0]
         if number > 0x99 or number & 0x0F > 9:
-            raise Unfit(f"{number:02x} is not BCD")
+            raise Unfit(f"{number:02X} is not BCD")
         return number - 6 * (number >> 4)
     digits = data.hex()
     if not digits.isdecimal():
-        raise Unfit(f"{digits} is not BCD")
+        raise Unfit(f"{digits.upper()} is not BCD")
     return int(digits)
 
 

@@ -238,10 +238,10 @@ def test_the_nearest_frame_is_one_of_which_all_but_the_check_fits(
         file.write_text(f"protocol: near\nframes: {{{text}}}\n", encoding="utf-8")
         _, _, err = call(capsys, "decode", str(file), "2B 00 00 AB")
         assert (
-            err == "framekit decode: no frame fits; nearest is 'two': check at byte 3: check, expected 2b, found ab\n"
+            err == "framekit decode: no frame fits; nearest is 'two': check at byte 3: check, expected 2B, found AB\n"
         )
         _, _, err = call(capsys, "decode", str(file), "--frame", "one", "2B 00 00 AB")
-        assert err.endswith("expected 2b, found ab; also const at byte 0: constant, expected 1a, found 2b\n")
+        assert err.endswith("expected 2B, found AB; also const at byte 0: constant, expected 1A, found 2B\n")
 
 
 def test_decode_as_a_table(capsys: pytest.CaptureFixture[str]) -> None:

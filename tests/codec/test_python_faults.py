@@ -37,6 +37,18 @@ def refused(codec: Codec, values: dict[str, Any], ctx: dict[str, Any] | None = N
     return caught.value.field
 
 
+def test_bytes_are_shown_in_capitals() -> None:
+    body = "[{const: AB}, {wrap: hex, of: [{field: a, type: u8}]}, {field: t, type: ascii, end: CD}, {check: sum8}]"
+    shown = {
+        "EF 30 31 CD 1D": "const at byte 0: constant, expected AB, found EF",
+        "AB FA FB CD 6D": "wrap at byte 1: digits, expected wrapped content, found FA FB",
+        "AB 30 31 EF FB": "t at byte 3: short, expected the end CD, found none",
+        "AB 30 31 CD EF": "check at byte 4: check, expected D9, found EF",
+    }
+    codec = codec_of(body)
+    assert {data: str(fault(codec, data)).split("f.")[-1] for data in shown} == shown
+
+
 # ---- which fault counts -------------------------------------------------------------------------------------
 
 
@@ -56,6 +68,22 @@ def refused(codec: Codec, values: dict[str, Any], ctx: dict[str, Any] | None = N
         ),
         ("[{field: a, type: u8}, {data: d, size: a}, {field: e, type: u8}]", "05 01 02", "short", "d", 1),
         ("[{field: a, type: u8}, {data: d, size: a - 3}]", "01", "length", "d", 1),
+        (
+            "[{field: a, type: i8}, {data: d, size: a}, {field: b, type: u8}, {field: c, type: u8}]",
+            "FF 05",
+            "length",
+            "d",
+            1,
+        ),
+        ("[{field: a, type: u8, plus: 1}, {repeat: r, times: a, of: u8}, {const: 05}]", "00 05", "length", "r", 1),
+        ("[{value: v, read: 2 * a}, {field: a, type: i8}, {field: b, type: hex, size: v}]", "FF", "length", "b", 1),
+        (
+            "[{count: n, type: i8, of: r}, {repeat: r, times: n, of: [{field: a, type: u8}]}, {const: 05}]",
+            "FF 05",
+            "length",
+            "r",
+            1,
+        ),
         ("[{field: a, type: u8, values: {1: one}, only: values}, {require: a > 5}]", "02", "value", "a", 0),
         ("[{field: a, type: u8}, {require: a > 5}]", "02", "require", "require", 1),
         ("[{bits: {a: 0-3, b: 4-7}, of: u8, is: {b: 2}}]", "31", "value", "b", 0),

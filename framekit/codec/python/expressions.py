@@ -278,17 +278,6 @@ def may_fail(node: Node) -> bool:
     return False
 
 
-def may_be_negative(node: Node) -> bool:
-    """Whether a size can come out below zero although every field is at least zero."""
-    for part in walk(node):
-        match part:
-            case Binary(operator="-") | Unary(operator="-" | "~"):
-                return True
-            case Number(value=value) if value < 0:
-                return True
-    return False
-
-
 def default_text(text: str, field: Field) -> str:
     """A default given by a name of `values` is its number."""
     if field.values is not None:

@@ -6,20 +6,36 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from framekit.codec.python.expressions import ExpressionWriter, Scope, entries_read
 from framekit.codec.python.facts import Target, is_followed, names_asked_for
+from framekit.codec.python.forms import value_range, wire_range
 from framekit.codec.python.module import Module
 from framekit.codec.python.source import Identifiers, Source, quoted
-from framekit.definition.expression import Call, Expression, Name, walk
+from framekit.definition.expression import (
+    Attribute,
+    Binary,
+    Call,
+    Expression,
+    Name,
+    Node,
+    Number,
+    Unary,
+    children,
+    walk,
+)
 from framekit.definition.model.frames import everything, expressions_of, flat, leaves
 from framekit.definition.model.segments import (
     Check,
+    Count,
     Data,
+    Field,
+    FieldType,
     Length,
     Repeat,
     Segment,
+    Value,
 )
 
 MISFIT = "raise Misfit"
@@ -66,6 +82,45 @@ class FunctionWriter:
 
     def writer(self, scope: Scope) -> ExpressionWriter:
         return ExpressionWriter(self.module, scope, self.context)
+
+    def may_be_negative(self, node: Node, asked: frozenset[str] = frozenset()) -> bool:
+        """Whether a size can come out below zero. `asked`: names that are being asked about already."""
+        match node:
+            case Number(value=value):
+                return value < 0
+            case Binary(operator="-") | Unary(operator="-" | "~"):
+                return True
+            case Call(function="len" | "abs"):
+                return False
+            case Name(name=name) | Attribute(name=name) if name not in asked and self._holds_negative(name, asked):
+                return True
+        return any(self.may_be_negative(child, asked) for child in children(node))
+
+    def _holds_negative(self, name: str, asked: frozenset[str]) -> bool:
+        """Whether a value of that name may be below zero."""
+        found = [one for one in everything(self.segments) if name in one.value_names]
+        if not found:
+            return self._given_negative(name)
+        for one in found:
+            if isinstance(one, Field | Length | Count):
+                least = value_range(replace(one, limits=None)).least
+            else:
+                least = wire_range(one.of).least if isinstance(one, Repeat) and isinstance(one.of, FieldType) else 0
+            given = one.read if isinstance(one, Value) else one.default if isinstance(one, Field) else None
+            if least is None or least < 0 or (given and self.may_be_negative(given.root, asked | {name})):
+                return True
+        return False
+
+    def _given_negative(self, name: str) -> bool:
+        """Whether a table, a parameter or state may be below zero."""
+        protocol = self.module.protocol
+        parameter, state, table = protocol.params.get(name), protocol.state.get(name), protocol.tables.get(name)
+        if parameter is not None:
+            return parameter.limits is None or parameter.limits[0] < 0
+        if table is not None:
+            held = (*table.entries.items(), *table.ranges)
+            return any(isinstance(one, int) and one < 0 for row in held for one in row)
+        return state is None or not state.type.startswith("u")
 
 
 class Function(FunctionWriter):

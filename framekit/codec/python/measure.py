@@ -15,7 +15,6 @@ from framekit.codec.python.expressions import (
     Scope,
     default_text,
     entries_read,
-    may_be_negative,
     may_fail,
 )
 from framekit.codec.python.facts import leading
@@ -143,7 +142,7 @@ class MeasureWriter(FunctionWriter):
     def size_text(self, expression: Expression, scope: Scope, level: int = SUM) -> str:
         """Text of a size that is not negative. Below 0 without any field of the frame, the frame fits nothing."""
         text = self.text(expression, scope, level)
-        if not may_be_negative(expression.root):
+        if not self.may_be_negative(expression.root):
             return text
         local = self.names.fresh("length")
         self.add(f"{local} = {self.text(expression, scope)}")

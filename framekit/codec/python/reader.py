@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 from framekit.codec.checks import residue_of
 from framekit.codec.python import forms
-from framekit.codec.python.expressions import NameEntry, Scope, constant_of, default_text, may_be_negative
+from framekit.codec.python.expressions import NameEntry, Scope, constant_of, default_text
 from framekit.codec.python.facts import Target, comes_with, in_place_of_records, is_followed, is_plain_name, targets_of
 from framekit.codec.python.forms import code_text, is_call
 from framekit.codec.python.function import MISFIT, Fields, Function, Place, between, covers_later, index, span_names
@@ -269,7 +269,7 @@ class BufferReader:
     def size_text(self, expression: Expression, scope: Scope, level: int = SUM) -> str:
         """Text of a size; one that can come out negative is kept in a local and looked at."""
         text = self.function.writer(scope).text(expression, level)
-        if not may_be_negative(expression.root):
+        if not self.function.may_be_negative(expression.root):
             return text
         local = self.function.names.fresh("length")
         self.function.add(f"{local} = {self.function.writer(scope).text(expression)}")

@@ -250,6 +250,8 @@ class Diagnosis:
         self.scopes[-1][name] = items
         outer, index = self.path, 0
         count = None if times is None else self.ask(times, "length", name)
+        if count is not None and count < 0:
+            raise self.stop("length", name, "at least 0 items", str(count))
         whole = self.end
         if count is None:
             self.end = start + self.rest(behind, name)
@@ -282,7 +284,7 @@ class Diagnosis:
         plain, places, cause = open_up(raw)
         if cause:
             bad = start + places[-1]
-            self.note(cause, name, bad, "wrapped content", raw[places[-1] :][:2].hex(" "))
+            self.note(cause, name, bad, "wrapped content", hex_text(raw[places[-1] :][:2]))
         whole = self.data, self.at, self.end, self.places
         self.places = [self.wire(start + place) for place in places]
         self.data, self.at, self.end = plain, 0, len(plain)
@@ -298,7 +300,7 @@ class Diagnosis:
         start = self.begin(name)
         found = self.take(name, len(data), refuse)
         if found != data:
-            self.note("constant", name, start, data.hex(" "), found.hex(" "), refuse)
+            self.note("constant", name, start, hex_text(data), hex_text(found), refuse)
         self.show(name, start, found)
 
     def skip(self, name: str, size: int) -> None:
@@ -378,7 +380,7 @@ class Diagnosis:
         start = self.begin(name)
         stop = self.data.find(end, start, self.end)
         if stop < 0:
-            raise self.stop("short", name, f"the end {end.hex(' ')}", "none", refuse)
+            raise self.stop("short", name, f"the end {hex_text(end)}", "none", refuse)
         raw = self.take(name, stop - start)
         self.at = stop + len(end)
         self.bounds[name] = (self.data, start, self.at)
@@ -524,7 +526,7 @@ class Diagnosis:
             return
         if found == wanted or (digits and found.upper() == wanted.upper()):
             return
-        fault = FrameError("check", self.path + shown(name), self.wire(start), wanted.hex(" "), found.hex(" "))
+        fault = FrameError("check", self.path + shown(name), self.wire(start), hex_text(wanted), hex_text(found))
         if not verify:
             self.notes.warnings.append(str(fault))
         elif self.notes.check is None:
@@ -538,7 +540,7 @@ class Diagnosis:
         start = self.begin(name)
         room = self.rest(behind, name) if size is None else self.ask(size, "length", name)
         if found and room <= 0:
-            raise self.stop("value", name, "one of its frames", self.data[start : self.end].hex(" "))
+            raise self.stop("value", name, "one of its frames", hex_text(self.data[start : self.end]))
         raw = self.take(name, room)
         for frame in choice.frames(raw):
             one: Diagnosis = frame.diagnose(raw, self.ctx)
@@ -582,6 +584,11 @@ class Diagnosis:
 def shown(segment: str) -> str:
     """A segment's name, or its kind when it has none of its own."""
     return segment.split("_")[1] if segment.startswith("_") else segment
+
+
+def hex_text(data: bytes) -> str:
+    """Bytes as messages show them: `10 03`."""
+    return data.hex(" ").upper()
 
 
 def hex_content(raw: bytes) -> Opened:
