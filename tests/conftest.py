@@ -1,4 +1,4 @@
-"""What holds for every test: none is timed, generated examples included; what was loaded and compiled is kept long."""
+"""What holds for every test: none is timed, and the short ones have few generated examples; what was loaded is kept."""
 
 import gc
 from contextlib import ExitStack
@@ -14,8 +14,8 @@ from framekit.definition.load import protocol as library
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.sources import Sources, kept_by
 
-settings.register_profile("untimed", deadline=None)
-settings.load_profile("untimed")
+settings.register_profile("long", deadline=None)
+settings.register_profile("short", deadline=None, max_examples=30)
 
 gc.set_threshold(
     100_000, 50, 100
@@ -37,6 +37,7 @@ class ShippedKeeper(LibraryKeeper):
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    settings.load_profile("short" if "not long" in config.option.markexpr else "long")
     cache = cache_folder()
     if cache is not None:
         keeping = ExitStack()

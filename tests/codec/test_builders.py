@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 from random_bodies import RandomBody
 from shipped import APPLICATIONS, PROTOCOLS
+from spread import spread
 
 from framekit.codec.ambiguity import sample_context
 from framekit.codec.codec import Builders, compile_protocol
@@ -134,7 +135,7 @@ def result(build: Any) -> Any:
         return str(error), vars(error)
 
 
-@pytest.mark.parametrize("name", [*PROTOCOLS, *(name for name in APPLICATIONS if name not in CARRIED)])
+@pytest.mark.parametrize("name", spread([*PROTOCOLS, *(name for name in APPLICATIONS if name not in CARRIED)], 3))
 def test_shipped_frames_are_built_alike(name: str) -> None:
     both = Both(load_protocol(name))
     built = {frames: both.compare(frames) for frames in both.chains()}

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from construct_oracle import ConstructCodec, compile_construct
 from shipped import vectors_of
+from spread import spread
 from strategies import base_context
 
 from framekit.codec.errors import FrameError
@@ -20,7 +21,7 @@ from framekit.definition.vectors import FrameVector
 VECTORS = sorted(shipped_folder("frames").glob("*.vectors.yaml"))
 
 
-@pytest.mark.parametrize("name", [path.name.removesuffix(".vectors.yaml") for path in VECTORS])
+@pytest.mark.parametrize("name", spread((path.name.removesuffix(".vectors.yaml") for path in VECTORS), 2))
 def test_frames_of_vectors(name: str) -> None:
     protocol = load_protocol(name)
     codec = compile_construct(protocol)

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from definition_trial import Trial
 from drawn_definitions import DRAWN, DrawnDefinition
+from spread import spread
 
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import EncodeError, FrameError
@@ -699,7 +700,7 @@ def protocol_of(body: str) -> str:
     return f"protocol: found\n{layouts}\n{groups}\nframes: {{f: {{body: {body}}}, {FRAMES}}}"
 
 
-@pytest.mark.parametrize("title", FOUND)
+@pytest.mark.parametrize("title", spread(FOUND, 3))
 def test_definitions_that_once_went_wrong(title: str) -> None:
     body, values, data = FOUND[title]
     assert Trial(protocol_of(body), values).run() == bytes.fromhex(data)

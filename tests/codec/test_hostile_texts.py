@@ -14,11 +14,13 @@ from collections.abc import Iterator
 from dataclasses import fields, replace
 from functools import cache
 from inspect import signature
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import pytest
 from segment_cases import SECTIONS
+from spread import spread
 
 from framekit.codec.codec import Builders, compile_protocol
 from framekit.codec.python import generate
@@ -43,9 +45,8 @@ HOSTILE = (
     "\u2028\x85\\N{BULLET}(boom).x boom()\n\"; boom(); '"
 )
 SHORT = '"""{x}\\\'#'
-TEXTS = (HOSTILE, SHORT)
-"""The second is tried where the first is refused."""
-HARMLESS = tuple(("harmless" * 20)[: len(text)] for text in TEXTS)
+TEXTS = {text: ("harmless" * 20)[: len(text)] for text in (HOSTILE, SHORT)}
+"""Each with a harmless one; the second is tried where the first is refused."""
 LARGE = 3000
 """Larger definitions are tried with one text and one module, since they take a second each."""
 READ = {"name", "about", "kind", "params", "state", "tables", "layouts", "frames", "sources", "receiver"}
@@ -204,13 +205,11 @@ def changed(value: Any, path: tuple[Any, ...], new: Any) -> Any:
     return {**value, step: changed(value.get(step), tuple(others), new)}
 
 
-def variants(text: str) -> Iterator[Any]:
+def variants(text: str) -> list[Any]:
     """A text as it may come into a definition."""
     inside = "'" + re.sub(r"([\\'])", r"\\\1", text) + "'"
-    yield text
-    yield inside
-    yield f"1 if {inside} != 'a' else 2"
-    yield from ([text], [Bare("1"), text], {"1": text}, {text: Bare("1")}, {"build": inside})
+    lists, mappings = [[text], [Bare("1"), text]], [{"1": text}, {text: Bare("1")}, {"build": inside}]
+    return [text, inside, f"1 if {inside} != 'a' else 2", *lists, *mappings]
 
 
 # ---- generated source ---------------------------------------------------------------------------------------------
@@ -272,18 +271,15 @@ def shapes(document: Any, section: str = "") -> list[list[str]] | None:
         return None
 
 
-@pytest.mark.parametrize("around", sorted(tried()))
-def test_text_of_a_key_gives_the_same_source_whatever_it_holds(around: str) -> None:
+@pytest.mark.parametrize(("around", "form"), spread(product(sorted(tried()), range(len(variants("")))), 3))
+def test_text_of_a_key_gives_the_same_source_whatever_it_holds(around: str, form: int) -> None:
     for document, path, place in tried()[around].values():
         fits = _validator("protocol").evolve(schema=schema_at(place)[1])
-        for wrongs, rights in zip(
-            zip(*map(variants, TEXTS), strict=True), zip(*map(variants, HARMLESS), strict=True), strict=True
-        ):
-            for wrong, right in zip(wrongs, rights, strict=True):
-                found = shapes(changed(document, path, wrong), path[0]) if fits.is_valid(wrong) else None
-                if found is not None:
-                    assert found == shapes(changed(document, path, right), path[0]), (path, wrong)
-                    break
+        for wrong, right in ((variants(text)[form], variants(harmless)[form]) for text, harmless in TEXTS.items()):
+            found = shapes(changed(document, path, wrong), path[0]) if fits.is_valid(wrong) else None
+            if found is not None:
+                assert found == shapes(changed(document, path, right), path[0]), (path, wrong)
+                break
 
 
 def test_every_key_of_the_schema_is_tried_but_those_of_sections_that_no_generator_reads() -> None:

@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 from small_protocol import small_protocol
+from spread import spread
 
 import framekit
 from framekit.codec import codec as keeping
@@ -93,7 +94,7 @@ def test_the_text_is_the_same_every_time() -> None:
         assert generate_source(load_protocol(name)) == generate_source(load_protocol(name))
 
 
-@pytest.mark.parametrize("name", SHIPPED)
+@pytest.mark.parametrize("name", spread(SHIPPED, 3))
 def test_shipped_definitions_make_clean_modules(name: str) -> None:
     source = generate_source(load_protocol(name))
     with warnings.catch_warnings():

@@ -15,6 +15,7 @@ from types import CodeType
 
 import pytest
 import shipped
+from spread import spread
 
 from framekit.cli import check_verb, main, serve_verb
 from framekit.codec import codec as codecs
@@ -77,7 +78,7 @@ def test_what_was_kept_decodes_as_what_was_compiled(cache: Path, made: list[str]
     assert compile_protocol(again.protocol).encode("request_adu", fields) == REQUEST
 
 
-@pytest.mark.parametrize("name", shipped.PROTOCOLS)
+@pytest.mark.parametrize("name", spread(shipped.PROTOCOLS, 3))
 def test_the_catalogue_and_the_start_values_are_those_of_the_definition(cache: Path, name: str) -> None:
     codec = stored_codec(name, Path.cwd())
     protocol = codec.protocol

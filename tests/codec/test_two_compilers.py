@@ -16,6 +16,7 @@ from hypothesis import HealthCheck, Phase, assume, given, settings
 from hypothesis import strategies as st
 from segment_cases import CASES, Case
 from shipped import APPLICATIONS, PROTOCOLS
+from spread import spread
 from strategies import FrameValues
 
 from framekit.codec.codec import compile_protocol
@@ -75,7 +76,7 @@ def read(decode: Any) -> Any:
         return error.cause, error.refuse, error.offset, error.fields
 
 
-@pytest.mark.parametrize("name", [*PROTOCOLS, *APPLICATIONS])
+@pytest.mark.parametrize("name", spread([*PROTOCOLS, *APPLICATIONS], 2))
 def test_both_compilers_agree(name: str) -> None:
     """On every frame; those of an application count there, not again in its protocols."""
     both = Pair(load_protocol(name))
@@ -85,7 +86,7 @@ def test_both_compilers_agree(name: str) -> None:
             agree(both, frame.name)
 
 
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.title)
+@pytest.mark.parametrize("case", spread(CASES, 2), ids=lambda case: case.title)
 def test_both_compilers_agree_on_every_kind_of_segment(case: Case) -> None:
     if case.top:
         agree(Pair(load_protocol_text(case.yaml)), "f")

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from construct_oracle import compile_construct
 from small_protocol import small_protocol
+from spread import spread
 
 from framekit.api.check import check_file
 from framekit.codec.ambiguity import ALIKE
@@ -136,11 +137,14 @@ def work(path: Path, frames: int, body: str) -> int:
 
 @pytest.mark.parametrize(
     "body",
-    [
-        "{{const: {high:02X} {low:02X}}}, {{field: a, type: u8}}",
-        "{{field: a, type: u8}}, {{const: {low:02X}}}, {{field: b, type: u16, is: {high}}}",
-        "{{field: a, type: u8}}",
-    ],
+    spread(
+        [
+            "{{field: a, type: u8}}, {{const: {low:02X}}}, {{field: b, type: u16, is: {high}}}",
+            "{{const: {high:02X} {low:02X}}}, {{field: a, type: u8}}",
+            "{{field: a, type: u8}}",
+        ],
+        3,
+    ),
 )
 def test_a_check_of_twice_as_many_frames_is_twice_the_work(tmp_path: Path, body: str) -> None:
     path = tmp_path / "many.protocol.yaml"

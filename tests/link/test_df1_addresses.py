@@ -8,6 +8,7 @@ import pytest
 from link.link_world import SECOND
 from link.test_df1_commands import NODE
 from link.test_df1_commands import Pair as Commands
+from spread import spread
 
 from framekit.link.addresses import AddressError
 from framekit.link.services.client import TransferResult
@@ -105,7 +106,7 @@ READS = [
 ]
 
 
-@pytest.mark.parametrize(("processor", "address", "count", "params", "requests"), READS)
+@pytest.mark.parametrize(("processor", "address", "count", "params", "requests"), spread(READS, 3))
 def test_a_read_sends_the_right_command(
     processor: str, address: str, count: int, params: dict[str, Any], requests: list[str]
 ) -> None:
@@ -155,7 +156,7 @@ BOTH_WAYS = [
 ]
 
 
-@pytest.mark.parametrize(("processor", "params", "address", "values"), BOTH_WAYS)
+@pytest.mark.parametrize(("processor", "params", "address", "values"), spread(BOTH_WAYS, 3))
 def test_what_is_written_is_read(processor: str, params: dict[str, Any], address: str, values: list[int]) -> None:
     pair = Pair(processor, **params)
     result = pair.write(address, values)

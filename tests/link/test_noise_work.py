@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 from shipped import PROTOCOLS
+from spread import spread
 
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import FrameError
@@ -82,7 +83,7 @@ def test_a_byte_of_random_noise_takes_few_calls(name: str) -> None:
         assert counters.noise_bytes or counters.bad or hearing.receiver.stream.buffer or hearing.receiver.broken
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", spread(NAMES, 3))
 def test_the_work_a_byte_does_not_grow_with_the_noise(name: str) -> None:
     data = Random(2).randbytes(8 * SIZE)
     for role in roles_of(name):
@@ -100,6 +101,8 @@ def test_frames_that_silence_ends_hold_nothing_up_for_longer_than_their_greatest
     assert hearing.counters.bad > SIZE // (2 * most)
 
 
+PARTS = 4
+"""The worst bytes are tried in so many tests."""
 WORST = 45
 """Calls for each byte of the worst bytes that `benchmarks/noise.py` has found: the dearest need about 30."""
 
@@ -124,22 +127,23 @@ def worst(name: str) -> Iterator[bytes]:
         yield (part * SIZE)[:SIZE]
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_the_worst_bytes_take_few_calls_too(name: str) -> None:
+@pytest.mark.parametrize(("name", "part"), spread(product(NAMES, range(PARTS)), PARTS + 1))
+def test_the_worst_bytes_take_few_calls_too(name: str, part: int) -> None:
     watched = (False, True) if name.endswith("rtu") else (False,)
-    for role, data, is_watched in product(roles_of(name), worst(name), watched):
+    for role, data, is_watched in product(roles_of(name), [*worst(name)][part::PARTS], watched):
         seen: list[Seen] = []
         count, hearing = calls(name, role, cut(data[:1500], 750), seen.append if is_watched else None)
         if hearing.counters.received * 200 < 1500:
             assert count / 1500 < WORST, (role, data[:40].hex())
 
 
-def test_small_pieces_with_pauses_take_few_calls() -> None:
+@pytest.mark.parametrize("part", spread(range(PARTS), PARTS))
+def test_small_pieces_with_pauses_take_few_calls(part: int) -> None:
     """Where reading goes on after a bad frame: elsewhere a piece costs what the silence or the connection does."""
     names = [name for name in NAMES if compiled(name)[0].receiver.resync == "next_start"]
     assert len(names) > 3
     for name in names:
-        for role, data in product(roles_of(name), (Random(1).randbytes(1500), *worst(name))):
+        for role, data in product(roles_of(name), [Random(1).randbytes(1500), *worst(name)][part::PARTS]):
             count, hearing = calls(name, role, cut(data[:1500], 64), pause=2_000_000)
             if hearing.counters.received * 200 < 1500:
                 assert count / 1500 < MOST, (name, role, data[:40].hex())

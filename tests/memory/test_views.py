@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 import struct
+from itertools import product
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from spread import spread
 
 from framekit.memory.memory import MemoryValueError
 from framekit.memory.views import ORDERS, VIEWS, NumberView, TextView, view_of
@@ -24,8 +26,7 @@ def in_order(value: bytes, order: str) -> bytes:
     return b"".join(words if order in ("ABCD", "BADC") else words[::-1])
 
 
-@pytest.mark.parametrize("order", ORDERS)
-@pytest.mark.parametrize("name", NUMBERS)
+@pytest.mark.parametrize(("name", "order"), spread(product(NUMBERS, ORDERS), 3))
 @given(data=st.data())
 def test_numbers_against_struct(name: str, order: str, data: st.DataObject) -> None:
     view = view_of(name, order)

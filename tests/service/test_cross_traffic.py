@@ -14,6 +14,7 @@ from random import Random
 from typing import Any
 
 import pytest
+from spread import spread
 
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.codec.errors import FrameError
@@ -158,7 +159,7 @@ def run(wrong_bytes: int, params: dict[str, Any], exchanges: int) -> tuple[list[
     return stations, damage
 
 
-@pytest.mark.parametrize("embedded", ["no", "yes"])
+@pytest.mark.parametrize("embedded", spread(["yes", "no"], 2))
 def test_every_exchange_is_done_or_reported_and_executed_once(embedded: str) -> None:
     stations, damage = run(3, {"check_kind": "crc", "embedded": embedded, "ack_timeout": "500 ms"}, EXCHANGES)
     for station in stations:

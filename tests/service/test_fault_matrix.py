@@ -5,10 +5,12 @@ With parity or a CRC on the line no damage may pass. What 8-bit checks alone let
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Any
 
 import pytest
 from service.fault_world import LINKS, MS, SECOND, FaultWorld, Link
+from spread import spread
 
 from framekit.definition.load import load_protocol
 from framekit.run.model import FaultPlan, FaultRule
@@ -43,8 +45,7 @@ def fits(kind: str, link: Link) -> bool:
     return not list(misfits(plan, load_protocol(link.protocol), line=True)) and (kind, str(link)) not in NEVER_SENT
 
 
-@pytest.mark.parametrize("link", LINKS, ids=str)
-@pytest.mark.parametrize("kind", SINGLE)
+@pytest.mark.parametrize(("kind", "link"), spread(product(SINGLE, LINKS), 3), ids=str)
 def test_one_frame_is_hit_and_the_next_exchange_succeeds(kind: str, link: Link) -> None:
     if not fits(kind, link):
         pytest.skip(f"{link} has nothing that {kind} could be done to")
@@ -88,8 +89,7 @@ def assert_shown(kind: str, world: FaultWorld, outcome: str) -> None:
         assert lost > 0 or outcome != "ok"
 
 
-@pytest.mark.parametrize("link", LINKS, ids=str)
-@pytest.mark.parametrize("kind", LASTING)
+@pytest.mark.parametrize(("kind", "link"), spread(product(LASTING, LINKS), 3), ids=str)
 def test_what_lasts_stores_nothing_wrong_and_is_over_when_it_is_over(kind: str, link: Link) -> None:
     if (kind, str(link)) in UNCHECKED:
         pytest.skip(f"{link} cannot see {kind}")

@@ -6,10 +6,12 @@
 from __future__ import annotations
 
 import os
+from itertools import product
 from typing import Any
 
 import pytest
 from service.late_world import LINES, MS, LateWorld, protocol_of
+from spread import spread
 
 from framekit.run.model import FaultRule
 
@@ -50,8 +52,7 @@ def check(world: LateWorld, count: int) -> None:
     assert sum(world.injected.values()) >= count / 400
 
 
-@pytest.mark.parametrize("plan", PLANS)
-@pytest.mark.parametrize("name", SIX)
+@pytest.mark.parametrize(("name", "plan"), spread(product(SIX, PLANS), 3))
 def test_no_value_is_that_of_another_request(name: str, plan: str) -> None:
     world = world_of(name, plan)
     check(world, 700)
@@ -59,7 +60,7 @@ def test_no_value_is_that_of_another_request(name: str, plan: str) -> None:
         assert world.late > 0, "some came late, and were counted"
 
 
-@pytest.mark.parametrize("name", ALIKE)
+@pytest.mark.parametrize("name", spread(ALIKE, 2))
 def test_late_lost_and_damaged_ones_together(name: str) -> None:
     """Up to nearly two reply times late, on both sides of the line; a monitor looks on."""
     rules = (

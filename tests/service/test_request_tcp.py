@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from link.link_world import Side, compiled
 from near_run import started
+from spread import TRANSFERS
 from transfer_world import TransferWorld
 
 import framekit
@@ -151,11 +152,12 @@ def test_strangers_do_no_harm(device: Any) -> None:
 # ---- virtual time ----------------------------------------------------------------------------------------------
 
 
-def test_a_thousand_transfers_up_to_2_kb() -> None:
+@pytest.mark.parametrize("count", TRANSFERS)
+def test_transfers_up_to_2_kb(count: int) -> None:
     there = TransferWorld(PROTOCOL, "client", "server", params={"allow": "writes"})
-    there.mixed(1000, {"R1": 1024, "R1501": 40, "I1": 256, "Q17": 64, "M35": 77}, longest=1024)
+    there.mixed(count, {"R1": 1024, "R1501": 40, "I1": 256, "Q17": 64, "M35": 77}, longest=1024)
     assert there.wrong == []
-    assert there.outcomes == {"ok": 1000}
+    assert there.outcomes == {"ok": count}
 
 
 def test_task_and_block_memory_of_the_large_family() -> None:
