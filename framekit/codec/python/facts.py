@@ -80,10 +80,10 @@ def names_asked_for(segments: Iterable[Segment]) -> set[str]:
     """Every name that something in these segments reads, also of a record or a list, or counts before conversion."""
     segments = tuple(segments)
     nodes = (node for expression in expressions_of(segments) for node in walk(expression.root))
-    attributes = {node.name for node in nodes if isinstance(node, Attribute)}
+    read = {node.name for node in nodes if isinstance(node, (Name, Attribute))}
     counted = {one.of for one in everything(segments) if isinstance(one, Count)}
     plain = {name for one in everything(segments) if isinstance(one, Length) and one.plain for name in one.of}
-    return names_read(segments) | attributes | counted | plain
+    return read | counted | plain
 
 
 def comes_with(name: str | None, number: Segment, segments: tuple[Segment, ...]) -> bool:

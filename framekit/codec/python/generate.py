@@ -435,4 +435,5 @@ _ALIASES = {
 
 def aliases_used(text: str) -> list[str]:
     """The lines that define the names of types in a module's text."""
-    return [f"{name} = {meaning}" for name, meaning in _ALIASES.items() if re.search(rf"\b{name}\b", text)]
+    used = {*re.findall(rf"\b(?:{'|'.join(_ALIASES)})\b", text)}
+    return [f"{name} = {meaning}" for name, meaning in _ALIASES.items() if name in used]

@@ -147,23 +147,16 @@ def _packed(items: list[str], indent: str) -> list[str]:
 
 def _outermost(line: str) -> tuple[int, int] | None:
     """The places of the bracket pair in no other that holds most; of calls in a sum, so, the largest is broken."""
-    found, stack, quote, place = None, [], "", 0
-    while place < len(line):
-        sign = line[place]
-        if quote:
-            place += sign == "\\"
-            quote = "" if sign == quote else quote
-        elif sign in "\"'":
-            quote = sign
-        elif sign == "#":
+    found, stack = None, []
+    for sign, place in _outside_texts(line, "#"):
+        if sign == "#":
             break
-        elif sign in _OPENING:
+        if sign in _OPENING:
             stack.append(place)
-        elif sign in _CLOSING and stack:
+        elif stack:
             opening = stack.pop()
             if not stack and place - opening > 1 and (found is None or place - opening >= found[1] - found[0]):
                 found = opening, place
-        place += 1
     return found
 
 
@@ -176,23 +169,29 @@ def _signs(separator: str) -> re.Pattern[str]:
     return re.compile("[" + re.escape(f"\"'{_OPENING}{_CLOSING}") + "]|" + re.escape(separator))
 
 
-def _split(text: str, separator: str) -> list[str]:
-    """`text` cut where `separator` stands outside brackets and quotes."""
-    if separator not in text:
-        return [text] if text.strip() else []
-    parts, depth, start, place = [], 0, 0, 0
-    signs = _signs(separator)
+def _outside_texts(text: str, separator: str) -> Iterator[tuple[str, int]]:
+    """Each bracket and separator outside quotes, with its place."""
+    signs, place = _signs(separator), 0
     while found := signs.search(text, place):
         sign, place = found[0], found.end()
         if sign in _ENDS_OF_TEXT:
             end = _ENDS_OF_TEXT[sign].match(text, place)
             place = len(text) if end is None else end.end()
-        elif sign == separator:
-            if depth == 0:
-                parts.append(text[start : found.start()])
-                start = place
         else:
+            yield sign, found.start()
+
+
+def _split(text: str, separator: str) -> list[str]:
+    """`text` cut where `separator` stands outside brackets and quotes."""
+    if separator not in text:
+        return [text] if text.strip() else []
+    parts, depth, start = [], 0, 0
+    for sign, place in _outside_texts(text, separator):
+        if sign != separator:
             depth += 1 if sign in _OPENING else -1
+        elif depth == 0:
+            parts.append(text[start:place])
+            start = place + len(separator)
     parts.append(text[start:])
     return [part for part in parts if part.strip()]
 
