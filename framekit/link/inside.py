@@ -19,6 +19,9 @@ from framekit.link.stream import Stream
 DONE = -1
 """The region has ended: there is nothing more to look for."""
 
+NEAR = 512
+"""So many bytes are searched at once for the beginning of a frame inside another."""
+
 
 @dataclass(slots=True)
 class InsideRule:
@@ -87,6 +90,14 @@ class InsideFinder:
     def nothing_in(self, buffer: bytes | bytearray, start: int = 0) -> bool:
         """Whether from `start` on there is surely no frame that may stand inside another."""
         return self._marks is not None and self._marks.search(buffer, start) is None
+
+    def first_mark(self, buffer: bytes | bytearray, start: int, end: int) -> int:
+        """Up to where there is surely no frame inside another, of the next bytes from `start` on, up to `end`."""
+        if self._marks is None or self.places:
+            return start
+        end = min(end, start + NEAR)
+        match = self._marks.search(buffer, start, end)
+        return end if match is None else match.start()
 
     def end_for(self, outer: str, limit: int, base: int) -> int:
         """How far `outer` may be measured: not over what has not been looked through."""

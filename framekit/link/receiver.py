@@ -27,6 +27,9 @@ MOST_BAD, BAD_TIME, BAD_APART = 16, 10_000_000, 256
 Of those that come faster, one is told for so many bytes; what is between is what a bad frame left.
 """
 
+GOES_ON = ("next_start", "after_frame")
+"""Where reading goes on at once after a bad frame: there are crowds of them."""
+
 MADE_GOOD = 4
 """For so many bad frames a good one makes up."""
 
@@ -82,7 +85,7 @@ class Receiver:
         self._declined: list[str] = []
         self._needs_silence = False
         self._skipping = False
-        self._bad_until = 0
+        self._bad_end = self._bad_until = 0
         self._bad_busy = 0
         self._good_since = False
 
@@ -296,10 +299,10 @@ class Receiver:
                     size = info.measure(buffer, place, end, names, seen)
                 else:
                     size = info.extent(buffer, place, end, names)
-                if size < 0:
+                if size < 0 and (size != self._lost or stream.base + place >= self._bad_until):
                     stream.position = place
                     return self._is_begun(left, size)
-                if info is not None and size:
+                if info is not None and size > 0:
                     part = buffer[place : place + size]
                     raw = part if type(part) is bytes else bytes(part)
                     try:
@@ -406,11 +409,13 @@ class Receiver:
             return
         end = min(end, place + LONGEST - (len(self._noise.data) if goes_on else 0))
         stop: int | None = None
+        whole = self._bad_end - stream.base if self._rules.resync == "after_frame" else end
         if is_skipped:
             end = min(end, self._bad_until - stream.base)
             stop = self.pauses.silence_behind(place, self._now)
         names, quiet, every, stops = self._names, self._quiet, frames.every, frames.stops
         first, starting = place, every.starting
+        mark = 0
         try:
             while place < end:
                 start = starting[buffer[place]] or every.start(buffer[place])
@@ -418,24 +423,32 @@ class Receiver:
                 if at >= total:
                     break
                 left = start.left[buffer[at]]
+                reach = total
                 if inside is not None and not (left.sure and inside.holders.isdisjoint(left.names)):
-                    break
+                    if mark <= place:
+                        mark = inside.first_mark(buffer, place, total)
+                    reach = mark
                 silent = bad = None
                 for extent, measure, look, group in left.ends or every.ends(left, buffer[place]):
-                    size = extent(buffer, place, total, names)
+                    size = extent(buffer, place, reach, names)
                     if size == 0:
                         continue
-                    if not is_skipped or (quiet < size < 0 and not is_cut):
+                    if not is_skipped or (quiet < size < 0 and not (is_cut and reach == total)):
                         break
                     if size == quiet:
                         silent = look
+                    elif size > 0 and place >= whole:
+                        break
                     elif size > 0 and look(raw := buffer[place : place + size]) and not are_bad(group, raw, names):
                         break
                     else:
                         bad = measure
                 else:
-                    is_silent = silent is not None and (bad is None or bad(buffer, place, total, names) in (0, quiet))
-                    if silent is not None and is_silent and (stop is None or silent(buffer[place:stop])):
+                    if (
+                        silent is not None
+                        and (stop is None or silent(buffer[place:stop]))
+                        and (bad is None or bad(buffer, place, total, names) in (0, quiet))
+                    ):
                         break
                     step = 1
                     if buffer[place] == symbol:
@@ -569,11 +582,13 @@ class Receiver:
         stream = self.stream
         start = stream.base + stream.position
         if start < self._bad_until:
-            return self._unusable()
+            is_whole = self._rules.resync == "after_frame" and worst.known_end and start >= self._bad_end
+            return self._unusable(worst.size if is_whole else 0)
         before = self._noise_before()
         if before is not None:
             return before
         bad, size, mode = worst.bad, worst.size, self._rules.resync
+        self._bad_end = start + size
         self._bad_until = start + self._bad_reach(size, bad.started_at)
         if mode == "never":
             self._break_off()
@@ -593,7 +608,7 @@ class Receiver:
         most = came + MOST_BAD * BAD_TIME
         self._good_since = False
         self._bad_busy = min(busy, most)
-        return max(size, BAD_APART) if busy > most and self._rules.resync == "next_start" else size
+        return max(size, BAD_APART) if busy > most and self._rules.resync in GOES_ON else size
 
     def _break_off(self) -> None:
         self.broken = True
@@ -618,8 +633,8 @@ class Receiver:
             return self._noise.take() if self._noise else None
         return None
 
-    def _unusable(self) -> Arrival | Again | None:
-        """Rule 5: the bytes here begin nothing."""
+    def _unusable(self, whole: int = 0) -> Arrival | Again | None:
+        """Rule 5: the bytes here begin nothing, or a frame of `whole` bytes that is bad but not told."""
         stream = self.stream
         skipped = stream.base + stream.position < self._bad_until
         if self._noise and self._noise.skipped != skipped:
@@ -629,7 +644,7 @@ class Receiver:
             self._break_off()
             return self._noise.take()
         symbols = self._rules.symbols
-        count = self._to_next_start(skipped) if symbols is None else self._symbol()
+        count = whole or (self._to_next_start(skipped) if symbols is None else self._symbol())
         if count == 1 and stream.buffer[stream.position] == symbols and not self.pauses.is_quiet(self._now):
             return None
         self._collect(count, skipped)
