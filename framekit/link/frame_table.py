@@ -13,11 +13,11 @@ from typing import Any, Protocol, TypeVar
 
 from framekit.codec.checks import function_of, residue_of
 from framekit.codec.errors import FrameError, Misread
-from framekit.codec.python.choices import fixed_bytes
+from framekit.codec.python.choices import Leaf, Switch, fixed_bytes, in_order, tree_of
 from framekit.definition.expression import Expression, Name, names_in
 from framekit.definition.model import protocol as model
 from framekit.definition.model.frames import Frame, StaticSizes, by_value_name, everything, parts_of
-from framekit.definition.model.segments import Bits, BitsPart, Check, Const, Field, Inner, Segment, Wrap
+from framekit.definition.model.segments import Bits, BitsPart, Check, Const, Data, Field, Inner, Segment, Wrap
 from framekit.link.evaluate import CODEC_ERRORS, EVALUATION_ERRORS, Evaluate, Names, compile_expression
 from framekit.link.values import FrameValue, plain
 
@@ -53,19 +53,21 @@ class FrameInfo:
     `extent`: as `measure` if the frame is good and, where it `guesses`, the frame inside is one that is known.
     `inner`: the field with the only frame inside; `behind`: the most that stands behind it. `intact`: a quick look at
     its check code, where there is one; what fails it is bad, never refused. The table of all frames sets `make`.
-    `carries`: frames that may be put into this one when `insert` holds. `value_names`: its fields.
+    `carries`: frames that may be put into this one when `insert` holds. `value_names`: its fields. `sizes`: what
+    `extent` says by one byte, as `sizes_by_byte` has them.
     """
 
     __slots__ = (
         "_diagnose", "announces", "behind", "carries", "computed", "decode", "echo",
         "encode", "extent", "first", "flat", "frame", "guesses", "inner", "insert", "intact", "known", "make",
-        "measure", "most", "name", "numbers", "on_line", "refuse", "shape", "value_names",
+        "measure", "most", "name", "numbers", "on_line", "refuse", "shape", "sizes", "value_names",
     )  # fmt: skip
 
     def __init__(self, frame: Frame, codec: FrameCodec) -> None:
         self.frame = frame
         self.name = frame.name
         self.make: Make
+        self.sizes: tuple[int, Sequence[int | None]] = (0, NO_SIZES)
         self.encode, self.decode, self.measure = codec.encode, codec.decode, codec.measure
         self.first = first_byte(frame.segments)
         self.shape = shape_of(frame.segments)
@@ -127,8 +129,13 @@ class FrameInfo:
 Intact = Callable[[bytes | bytearray], bool]
 """Whether these bytes may be good: false if they are surely no good frame, and none that is refused."""
 
-Ends = tuple[tuple[Callable[..., int], Callable[..., int], Intact, Sequence[FrameInfo]], ...]
-"""Of candidates: `extent` and `measure` of several of them alike, a quick look whether one may be good, and they."""
+NO_SIZES: Sequence[int | None] = [None] * 256
+
+Ends = tuple[
+    tuple[int, Sequence[int | None], Callable[..., int], Callable[..., int], Intact, Sequence[FrameInfo]], ...
+]
+"""Of candidates: `sizes_by_byte` and `extent` and `measure` of several of them alike, a quick look whether one may be
+good, and they."""
 
 
 def by_extent(infos: Sequence[FrameInfo]) -> Ends:
@@ -137,7 +144,10 @@ def by_extent(infos: Sequence[FrameInfo]) -> Ends:
     for info in infos:
         groups.setdefault(_does(info.extent), []).append(info)
     return tuple(
-        (group[0].extent, group[0].measure, any_intact([(one.frame, one.intact) for one in group]), group)
+        (
+            *group[0].sizes, group[0].extent, group[0].measure,
+            any_intact([(one.frame, one.intact) for one in group]), group,
+        )  # fmt: skip
         for group in groups.values()
     )
 
@@ -230,8 +240,11 @@ class FrameTable:
         self.infos = {name: FrameInfo(frame, codec.frames[name]) for name, frame in protocol.frames.items()}
         every = (segment for frame in protocol.frames.values() for segment in everything(frame.segments))
         inner = {name for segment in every if isinstance(segment, Inner) for name in segment.frames}
+        shapes = StaticSizes(protocol.frames)
         for info in self.infos.values():
             info.make = self._maker(info)
+            if info.guesses:
+                info.sizes = sizes_by_byte(info.frame, shapes)
             info.on_line = not info.frame.inner and info.name not in inner
         outer = [info for info in self.infos.values() if info.on_line and info.frame.side != "none"]
         self.on_line = tuple(info.name for info in sorted(outer, key=lambda info: info.refuse is not None))
@@ -399,6 +412,65 @@ def echoed(plain_name: str | None, evaluate: Evaluate, request: FrameValue, name
 
 
 # ---- a quick look at frames ----------------------------------------------------------------------------------
+
+
+def sizes_by_byte(frame: Frame, shapes: StaticSizes) -> tuple[int, Sequence[int | None]]:
+    """How long a frame is by the byte that tells which frame stands inside: the place of that byte, and by its value
+    the size, 0 for no frame, minus the most where only silence ends it, or None where more has to be looked at.
+    """
+    place = next((place for place, one in enumerate(frame.segments) if isinstance(one, Inner)), 0)
+    inner, around = frame.segments[place], (*frame.segments[:place], *frame.segments[place + 1 :])
+    if not isinstance(inner, Inner) or inner.size is not None or inner.when is not None:
+        return 0, NO_SIZES
+    if frame.size is not None or frame.most is None:
+        return 0, NO_SIZES
+    tree = tree_of(shapes, in_order(shapes, inner.frames))
+    if not isinstance(tree, Switch) or not all(_is_any(one, shapes) for one in around):
+        return 0, NO_SIZES
+    more, most = shapes.all(around).least, frame.most
+
+    def size_of(branch: Leaf | Switch) -> int | None:
+        size = _size_inside(branch, tree.at, shapes)
+        if not size or size == UNKNOWN:
+            return -most if size else size
+        return size + more if size + more <= most else None
+
+    sizes = [size_of(tree.others)] * 256
+    for byte, branch in tree.cases:
+        sizes[byte] = size_of(branch)
+    return shapes.all(frame.segments[:place]).least + tree.at, sizes
+
+
+def _is_any(segment: Segment, shapes: StaticSizes) -> bool:
+    """Whether it is always there, of one size, whatever its bytes are."""
+    if segment.when is not None or shapes.present(segment).fixed is None:
+        return False
+    if isinstance(segment, Field):
+        return segment.constants is None and segment.is_ is None and segment.limits is None and segment.long is None
+    return isinstance(segment, Check | Data)
+
+
+def _size_inside(branch: Leaf | Switch, at: int, shapes: StaticSizes) -> int | None:
+    """How long the only frame is that the byte at `at` leaves: `UNKNOWN` if only silence ends it, None for no telling.
+    """
+    if isinstance(branch, Switch) or len(branch.frames) > 1:
+        return None
+    if not branch.frames:
+        return 0
+    frame = shapes.frames[branch.frames[0]]
+    if frame.size is not None or frame.most is not None or frame.delimited:
+        return None
+    size = 0
+    for number, segment in enumerate(frame.segments, 1):
+        is_last = number == len(frame.segments)
+        if is_last and isinstance(segment, Data) and segment.size == "rest" and segment.when is None:
+            return UNKNOWN if size and not segment.least else None
+        if not _is_any(segment, shapes):
+            is_telling = size == at and isinstance(segment, Field | Bits) and shapes.present(segment).fixed == 1
+            if not is_telling or segment.when is not None:
+                return None
+        size += shapes.present(segment).least
+    return size
 
 
 def intact_of(frame: Frame) -> Intact | None:

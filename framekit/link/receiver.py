@@ -429,10 +429,18 @@ class Receiver:
                         mark = inside.first_mark(buffer, place, total)
                     reach = mark
                 silent = bad = None
-                for extent, measure, look, group in left.ends or every.ends(left, buffer[place]):
-                    size = extent(buffer, place, reach, names)
-                    if size == 0:
+                for at, sizes, extent, measure, look, group in left.ends or every.ends(left, buffer[place]):
+                    known = sizes[buffer[place + at]] if place + at < reach else None
+                    if known == 0:
                         continue
+                    if known is None:
+                        size = extent(buffer, place, reach, names)
+                        if size == 0:
+                            continue
+                    elif known < 0:
+                        size = quiet if reach - place <= -known else self._lost
+                    else:
+                        size = known if place + known <= reach else reach - place - known
                     if not is_skipped or (quiet < size < 0 and not (is_cut and reach == total)):
                         break
                     if size == quiet:
