@@ -398,7 +398,7 @@ class Receiver:
         """
         stream, inside, symbol = self.stream, self._inside, self._rules.symbols
         buffer, place = stream.buffer, stream.position
-        if self._skipping or place >= len(buffer) or self._rules.resync == "never" or self._candidates.said:
+        if self._skipping or place >= len(buffer) or self._rules.resync == "never":
             return
         is_skipped = stream.base + place < self._bad_until
         goes_on = bool(self._noise.data) and self._noise.skipped is is_skipped
@@ -413,6 +413,8 @@ class Receiver:
         if is_skipped:
             end = min(end, self._bad_until - stream.base)
             stop = self.pauses.silence_behind(place, self._now)
+        if self._candidates.said and not (is_skipped and (is_cut or (self._needs_silence and stop is not None))):
+            return
         names, quiet, every, stops = self._names, self._quiet, frames.every, frames.stops
         first, starting = place, every.starting
         mark = 0
@@ -429,6 +431,7 @@ class Receiver:
                         mark = inside.first_mark(buffer, place, total)
                     reach = mark
                 silent = bad = None
+                jump = 0
                 for at, sizes, extent, measure, look, group in left.ends or every.ends(left, buffer[place]):
                     known = sizes[buffer[place + at]] if place + at < reach else None
                     if known == 0:
@@ -445,12 +448,14 @@ class Receiver:
                         break
                     if size == quiet:
                         silent = look
-                    elif size > 0 and place >= whole:
-                        break
                     elif size > 0 and look(raw := buffer[place : place + size]) and not are_bad(group, raw, names):
                         break
-                    else:
+                    elif place < whole:
                         bad = measure
+                    elif (size > 0 or jump) and (bad is not None or group[0].guesses or place + size > end):
+                        break
+                    else:
+                        bad, jump = measure, max(size, 0)
                 else:
                     if (
                         silent is not None
@@ -458,8 +463,8 @@ class Receiver:
                         and (bad is None or bad(buffer, place, total, names) in (0, quiet))
                     ):
                         break
-                    step = 1
-                    if buffer[place] == symbol:
+                    step = jump or 1
+                    if not jump and buffer[place] == symbol:
                         if place + 1 == total:
                             break
                         step = 2

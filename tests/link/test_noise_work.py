@@ -163,6 +163,37 @@ def test_of_a_crowd_of_bad_frames_the_first_are_told_and_then_one_for_many_bytes
     assert "what a bad frame left" in {one.reason for one in seen if one.kind == "noise"}
 
 
+BAD_TEXT = bytes.fromhex("10 02 01 02 06 00 01 00 10 03 ff ff")
+"""A DF1 message whose check code is wrong; the next byte begins after it."""
+
+
+@pytest.mark.parametrize(
+    ("unit", "size", "most"),
+    [(b"\x10\x01", 1, 400), (b"\x10\x01", 1500, 20), (BAD_TEXT, 7, 95), (BAD_TEXT, 1500, 90)],
+    ids=str,
+)
+def test_of_a_crowd_of_frames_broken_off_or_damaged_only_some_are_told(unit: bytes, size: int, most: int) -> None:
+    """Where reading goes on after a damaged frame (`after_frame`); no byte is lost, and a good frame is found."""
+    seen: list[Seen] = []
+    data = unit * (3000 // len(unit))
+    count, hearing = calls("df1", "full", cut(data + b"\x10\x06", size), seen.append)
+    bad = [one for one in seen if one.kind == "bad"]
+    assert MOST_BAD <= len(bad) == hearing.counters.bad <= MOST_BAD + len(data) // BAD_APART + 1
+    told = [one.raw for one in seen if one.kind in ("bad", "noise")]
+    assert sum(map(len, told)) == len(data)
+    assert [one.frame for one in seen if one.kind == "frame" and one.direction == "in"] == ["ack"]
+    assert count / len(data) < most
+
+
+def test_a_damaged_frame_that_is_not_told_is_passed_over_whole() -> None:
+    """Two bytes of its check code look like an ACK: with `after_frame` they are none."""
+    unit = BAD_TEXT[:-2] + b"\x10\x06"
+    for size in (1, 5, 1500):
+        _, hearing = calls("df1", "full", cut(unit * 40, size))
+        assert hearing.counters.received == 0
+        assert hearing.counters.bad < 25
+
+
 @pytest.mark.parametrize(
     "block",
     [b"\x0604Y" * 40 + b"\x03" * 4, b"\x0601rSB0102AAAA\x0300" * 8 + b"\x1504RSB0003\x03"],
