@@ -18,7 +18,7 @@ from framekit.definition.model.segments import Const
 from framekit.link.arrivals import BadFrame, EitherBad, Fault
 from framekit.link.evaluate import CODEC_ERRORS, Names
 from framekit.link.events import LineFault
-from framekit.link.frame_table import Ends, FrameInfo, FrameTable, by_extent
+from framekit.link.frame_table import Ends, FrameInfo, FrameTable
 from framekit.link.inside import InsideFinder
 from framekit.link.stream import Stream
 
@@ -373,12 +373,13 @@ class ExpectedFrames:
     """
 
     __slots__ = (
-        "_found", "_rest", "_starts", "_wanted", "every", "expected", "others", "starting", "starts", "stops"
+        "_found", "_rest", "_starts", "_table", "_wanted", "every", "expected", "others", "starting", "starts", "stops"
     )  # fmt: skip
 
     def __init__(
         self, table: FrameTable, expected: tuple[str, ...], others: tuple[str, ...] = (), symbol: int | None = None
     ) -> None:
+        self._table = table
         self.expected = expected
         self.others = others
         self._wanted = _on_line(table, expected)
@@ -412,7 +413,7 @@ class ExpectedFrames:
 
     def ends(self, left: Left, byte: int) -> Ends:
         """What finds the ends of the expected candidates behind `byte`: those left, if that is sure."""
-        left.ends = by_extent(left.infos if left.sure else self.at(byte)[0])
+        left.ends = self._table.ends(left.infos if left.sure else self.at(byte)[0])
         return left.ends
 
     def start(self, byte: int) -> Start:

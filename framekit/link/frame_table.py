@@ -131,9 +131,7 @@ Intact = Callable[[bytes | bytearray], bool]
 
 NO_SIZES: Sequence[int | None] = [None] * 256
 
-Ends = tuple[
-    tuple[int, Sequence[int | None], Callable[..., int], Callable[..., int], Intact, Sequence[FrameInfo]], ...
-]
+Ends = tuple[tuple[int, Sequence[int | None], Callable[..., int], Callable[..., int], Intact, Sequence[FrameInfo]], ...]
 """Of candidates: `sizes_by_byte` and `extent` and `measure` of several of them alike, a quick look whether one may be
 good, and they."""
 
@@ -143,13 +141,11 @@ def by_extent(infos: Sequence[FrameInfo]) -> Ends:
     groups: dict[Any, list[FrameInfo]] = {}
     for info in infos:
         groups.setdefault(_does(info.extent), []).append(info)
-    return tuple(
-        (
-            *group[0].sizes, group[0].extent, group[0].measure,
-            any_intact([(one.frame, one.intact) for one in group]), group,
-        )  # fmt: skip
-        for group in groups.values()
-    )
+    found = []
+    for group in groups.values():
+        look = any_intact([(one.frame, one.intact) for one in group])
+        found.append((*group[0].sizes, group[0].extent, group[0].measure, look, group))
+    return tuple(found)
 
 
 def _does(function: Callable[..., int]) -> Any:
@@ -237,6 +233,7 @@ class FrameTable:
 
     def __init__(self, protocol: model.Protocol, codec: ProtocolCodec) -> None:
         self.codec = codec
+        self._ends: dict[tuple[FrameInfo, ...], Ends] = {}
         self.infos = {name: FrameInfo(frame, codec.frames[name]) for name, frame in protocol.frames.items()}
         every = (segment for frame in protocol.frames.values() for segment in everything(frame.segments))
         inner = {name for segment in every if isinstance(segment, Inner) for name in segment.frames}
@@ -248,6 +245,13 @@ class FrameTable:
             info.on_line = not info.frame.inner and info.name not in inner
         outer = [info for info in self.infos.values() if info.on_line and info.frame.side != "none"]
         self.on_line = tuple(info.name for info in sorted(outer, key=lambda info: info.refuse is not None))
+
+    def ends(self, infos: tuple[FrameInfo, ...]) -> Ends:
+        """What finds the ends of these candidates; made once for all receivers."""
+        found = self._ends.get(infos)
+        if found is None:
+            found = self._ends[infos] = by_extent(infos)
+        return found
 
     def received(self, name: str, fields: dict[str, Any], raw: bytes | None, refusal: int | None) -> FrameValue:
         """The frame value of decoded fields; a refusal holds for the frame and for what it carries."""
@@ -451,8 +455,7 @@ def _is_any(segment: Segment, shapes: StaticSizes) -> bool:
 
 
 def _size_inside(branch: Leaf | Switch, at: int, shapes: StaticSizes) -> int | None:
-    """How long the only frame is that the byte at `at` leaves: `UNKNOWN` if only silence ends it, None for no telling.
-    """
+    """How long the only frame is that the byte at `at` leaves: `UNKNOWN` if only silence ends it, None for no telling."""
     if isinstance(branch, Switch) or len(branch.frames) > 1:
         return None
     if not branch.frames:
