@@ -455,7 +455,7 @@ def _is_any(segment: Segment, shapes: StaticSizes) -> bool:
 
 
 def _size_inside(branch: Leaf | Switch, at: int, shapes: StaticSizes) -> int | None:
-    """How long the only frame is that the byte at `at` leaves: `UNKNOWN` if only silence ends it, None for no telling."""
+    """How long the only frame is that the byte at `at` leaves: `UNKNOWN` if only silence ends it; None: not told."""
     if isinstance(branch, Switch) or len(branch.frames) > 1:
         return None
     if not branch.frames:
