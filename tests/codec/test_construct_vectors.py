@@ -21,7 +21,7 @@ from framekit.definition.vectors import FrameVector
 VECTORS = sorted(shipped_folder("frames").glob("*.vectors.yaml"))
 
 
-@pytest.mark.parametrize("name", spread((path.name.removesuffix(".vectors.yaml") for path in VECTORS), 2))
+@pytest.mark.parametrize("name", spread((path.name.removesuffix(".vectors.yaml") for path in VECTORS), 3))
 def test_frames_of_vectors(name: str) -> None:
     protocol = load_protocol(name)
     codec = compile_construct(protocol)

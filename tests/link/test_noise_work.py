@@ -73,7 +73,7 @@ def roles_of(name: str) -> list[str | None]:
     return [*compiled(name)[0].roles] or [None]
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", spread(NAMES, 2))
 def test_a_byte_of_random_noise_takes_few_calls(name: str) -> None:
     data = Random(1).randbytes(SIZE)
     for role, size in product(roles_of(name), (64, 1500, SIZE)):

@@ -1,6 +1,6 @@
 """The module guide's four examples for 24 simulated hours each: every count by arithmetic, every word of every memory.
 
-Two of these days are long tests; otherwise they are minutes or an hour.
+Four of these days are long tests; otherwise they are minutes or an hour.
 
 A program would set and clear the bits that start blocks; where an example needs that, the test does it.
 """
@@ -20,6 +20,7 @@ from framekit.transport.clock import VirtualClock
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SECOND = 1_000_000_000
 DAY = 24 * 3600
+TIMES = [3600, pytest.param(DAY, marks=pytest.mark.long)]
 SETTLE = SECOND // 2
 """After the last start of the day: time for what is under way then to end."""
 
@@ -94,11 +95,12 @@ def test_example_1_mldp_flags_set_once() -> None:
     assert words(day.device("mldp-station-5").memory, "F") == {"P101": 201, "P102": 202, "P103": 203}
 
 
-def test_example_1_mldp_flags_every_minute() -> None:
+@pytest.mark.parametrize("seconds", TIMES)
+def test_example_1_mldp_flags_every_minute(seconds: int) -> None:
     """The program sets both bits at the begin of each minute and clears them half a minute later."""
     day = Day("mldp-flags")
     memory, source = day.service.memory, day.device("mldp-station-2").memory
-    for minute in range(DAY // 60):
+    for minute in range(seconds // 60):
         day.run_for(30 * SECOND)
         memory.write("M", "word", 0, [0])
         memory.write("P", "word", 10, [0])
@@ -108,9 +110,9 @@ def test_example_1_mldp_flags_every_minute() -> None:
         memory.write("M", "word", 0, [1])
         memory.write("P", "word", 10, [1])
     day.run_for(SETTLE)
-    starts = 1 + DAY // 60
+    starts = 1 + seconds // 60
     assert day.counts() == {0: (starts, starts, 0, 0), 1: (starts, starts, 0, 0)}
-    last = DAY // 60 - 1
+    last = seconds // 60 - 1
     assert memory.read("P", "word", 100, 4) == [last, 1110, 1120, 1130]
     assert words(day.device("mldp-station-5").memory, "F") == {"P101": last + 1, "P102": 202, "P103": 203}
 
@@ -128,11 +130,12 @@ def test_example_2_mldp_two_channels_set_once() -> None:
     assert words(day.device("mldp-station-2").memory, "F") == written, "the WRITE puts ten words from P200 on there"
 
 
-def test_example_2_mldp_two_channels_every_minute() -> None:
+@pytest.mark.parametrize("seconds", TIMES)
+def test_example_2_mldp_two_channels_every_minute(seconds: int) -> None:
     """Both bits rise each minute, at different times; the channels do not wait for each other."""
     day = Day("mldp-two-channels")
     memory = day.service.memory
-    for minute in range(DAY // 60):
+    for minute in range(seconds // 60):
         day.run_for(20 * SECOND)
         memory.write("M", "word", 10, [0])
         day.run_for(20 * SECOND)
@@ -142,9 +145,9 @@ def test_example_2_mldp_two_channels_every_minute() -> None:
         day.run_for(20 * SECOND)
         memory.write("T", "word", 1, [1])
     day.run_for(SETTLE)
-    starts = 1 + DAY // 60
+    starts = 1 + seconds // 60
     assert day.counts() == {0: (starts, starts, 0, 0), 1: (starts, starts, 0, 0)}
-    assert day.device("mldp-station-2").memory.read("P", "word", 200, 11) == [DAY // 60 - 1] * 10 + [0]
+    assert day.device("mldp-station-2").memory.read("P", "word", 200, 11) == [seconds // 60 - 1] * 10 + [0]
 
 
 def test_example_3_modbus_remote_io_for_ten_minutes() -> None:
