@@ -6,6 +6,7 @@ at bytes at fixed places passes over candidates that cannot be good; what it can
 
 from __future__ import annotations
 
+from binascii import unhexlify
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -477,8 +478,8 @@ def _size_inside(branch: Leaf | Switch, at: int, shapes: StaticSizes) -> int | N
 
 
 def intact_of(frame: Frame) -> Intact | None:
-    """For a frame that ends in a check code over everything before it; None for every other."""
-    check = _check_of(frame)
+    """For a frame that ends in a check code over all before it, or is hex digits of that; None for every other."""
+    check = _check_of(frame) or _check_in_digits(frame)
     restricted = _restricted(frame)
     if check is None or not restricted:
         return check
@@ -562,6 +563,32 @@ def _check_of(frame: Frame) -> Intact | None:
         return None
     intact = _code_of(last) if last.form == "raw" else _digits_of(last)
     return intact if last.when is None or intact is None else _where_there(last.when, frame.segments, intact)
+
+
+def _check_in_digits(frame: Frame) -> Intact | None:
+    """For digits between constants that hold a check code over all before it; None for every other frame."""
+    place = next((place for place, one in enumerate(frame.segments) if isinstance(one, Wrap)), 0)
+    wrap, around = frame.segments[place], (*frame.segments[:place], *frame.segments[place + 1 :])
+    if not isinstance(wrap, Wrap) or wrap.how != "hex" or wrap.when is not None or frame.size is not None:
+        return None
+    if not all(isinstance(one, Const) and one.when is None and one.refuse is None for one in around):
+        return None
+    first, last = wrap.of[0], wrap.of[-1]
+    if not isinstance(last, Check) or last.form != "raw" or last.verify != "error" or last.when is not None:
+        return None
+    is_over_all = last.span is not None and last.span[0] in first.value_names and last.span[1] == "here"
+    if last.method.kind == "fold" or last.over is not None or first.when is not None or not is_over_all:
+        return None
+    sizes, code = StaticSizes({}), _code_of(last)
+    before, behind = sizes.all(frame.segments[:place]).least, sizes.all(frame.segments[place + 1 :]).least
+
+    def intact(raw: bytes | bytearray) -> bool:
+        try:
+            return code(unhexlify(raw[before : len(raw) - behind]))
+        except ValueError:
+            return False
+
+    return intact
 
 
 def _code_of(check: Check) -> Intact:

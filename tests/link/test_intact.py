@@ -22,7 +22,7 @@ def test_some_shipped_frames_have_it() -> None:
     found = {
         name for name in NAMES for frame in load_protocol(name).frames.values() if intact_of(frame) is not None
     }  # fmt: skip
-    assert {"modbus-rtu", "ge-rtu"} <= found
+    assert {"modbus-rtu", "ge-rtu", "modbus-ascii"} <= found
     assert "mldp" in found, "its check code is digits that are there where one character says so"
 
 
