@@ -34,7 +34,6 @@ class _ActionChecker:
     def __init__(self, protocol: Protocol, broken: Collection[str]) -> None:
         self.protocol = protocol
         self.broken = broken
-        self.delivers = protocol.delivers
         self.found: list[Problem] = []
 
     def _note(self, at: Position, what: str, todo: str = "") -> None:
@@ -110,7 +109,7 @@ class _ActionChecker:
         for key, name in (("queue", row.queue), ("room", row.room)):
             if name is not None:
                 self._queue(name, row.places.get(key, row.at))
-        if self.delivers:
+        if self.protocol.delivers:
             return
         for name in row.frames:
             frame = self.protocol.frames.get(name)
