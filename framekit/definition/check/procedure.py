@@ -109,11 +109,9 @@ class _ActionChecker:
         for key, name in (("queue", row.queue), ("room", row.room)):
             if name is not None:
                 self._queue(name, row.places.get(key, row.at))
-        if self.protocol.delivers:
-            return
         for name in row.frames:
             frame = self.protocol.frames.get(name)
-            if frame is not None and frame.inner:
+            if frame is not None and frame.inner and not self.protocol.delivers:
                 what = f"'{name}' never comes by itself: it stands inside other frames"
                 self._note(row.places.get("frame", row.at), what, "wait for a frame that carries it")
                 return
