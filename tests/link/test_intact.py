@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from random import Random
 
 import pytest
 
@@ -11,7 +12,7 @@ from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import FrameError
 from framekit.codec.samples import Sampler
 from framekit.definition.load import load_protocol, load_protocol_text
-from framekit.link.frame_table import intact_of
+from framekit.link.frame_table import intact_of, table_of
 from framekit.link.scope import Scope
 
 FRAMES = Path(__file__).parents[2] / "frames"
@@ -94,3 +95,23 @@ def test_a_check_code_before_what_fills_a_frame_up_is_not_at_its_end() -> None:
     intact, data = intact_of(codec.protocol.frames["f"]), codec.encode("f", {"n": 1, "d": b"a"})
     assert data == b"\x01a\x62***"
     assert intact is None or intact(data)
+
+
+@pytest.mark.parametrize("name", ["modbus-rtu", "ge-rtu"])
+def test_sizes_told_by_one_byte_are_those_that_measuring_finds(name: str) -> None:
+    protocol = load_protocol(name)
+    codec, choose, told = compile_protocol(protocol), Random(1), 0
+    names = Scope(protocol)
+    for info in table_of(protocol, codec).infos.values():
+        at, sizes = info.sizes
+        for byte, size in enumerate(sizes if info.guesses else ()):
+            for length in (at + 1, 4, 8, 30, 300):
+                raw = bytearray(choose.randbytes(length))
+                raw[at] = byte
+                found = info.extent(raw, 0, length, names)
+                if size is not None and size < 0:
+                    assert found == (codec.QUIET if length <= -size else codec.LOST)
+                elif size is not None:
+                    assert found == (size if size <= length else length - size)
+                told += size is not None
+    assert told > 256
