@@ -48,7 +48,7 @@ class Trial:
         data = self.built()
         if data is None:
             return None
-        if not self.is_read_as_sent(data) and self.told("is always taken for"):
+        if not self.is_read_as_sent(data) and self.told("is always taken for", "may be the beginning of"):
             return None
         if not self.goes_round:
             self.built_by_keywords(data)
@@ -60,9 +60,10 @@ class Trial:
         self.together(data)
         return data
 
-    def told(self, what: str) -> bool:
-        """Whether `check` has this error to tell of the frames together."""
-        return any(what in problem.what for problem in check_matrices(self.protocol) if not problem.warning)
+    def told(self, *what: str) -> bool:
+        """Whether `check` has one of these errors to tell of the frames together."""
+        problems = [problem.what for problem in check_matrices(self.protocol) if not problem.warning]
+        return any(one in problem for one in what for problem in problems)
 
     # ---- building -----------------------------------------------------------------------------------------
 

@@ -201,6 +201,29 @@ FOUND: dict[str, tuple[str, dict[str, Any], str]] = {
         {"r": [{"a": b"x\x10"}, {"a": b""}]},
         "02 78 10 10 10 03 10 03",
     ),
+    "what `where` fixes has its default where it is not there": (
+        "[{field: a, type: u8, when: x == 3}, {field: b, type: u8, when: y == none()}],"
+        " group: maybe, where: {x: [1, 2], y: 1}",
+        {"t": 0, "a": 8, "b": 9},
+        "00 08 09",
+    ),
+    "what `where` fixes is nothing where it is not there": (
+        "[{field: a, type: u8, when: y == none()}], group: maybe, where: {x: 1, y: [1, 2]}",
+        {"t": 0, "a": 8},
+        "00 08",
+    ),
+    "what `where` builds has its default where it is not there": (
+        "[{field: a, type: u8, when: x == 3}, {field: b, type: u8, when: y == none()}],"
+        " group: maybe, where: {x: {build: 5}, y: {build: 6}}",
+        {"t": 0, "a": 8, "b": 9},
+        "00 08 09",
+    ),
+    "a time is fixed by `where`": ("[], group: timed, where: {t: [20 ms, 0 ms]}", {}, "02"),
+    "a length in any number of digits, where 0 means another": (
+        "[{field: k, type: u8}, {length: n, type: hex, size: k, of: [d], zero_means: 2}, {data: d, size: rest}]",
+        {"k": 2, "d": b"abc"},
+        "02 30 33 61 62 63",
+    ),
     "a frame inside may be empty data": (
         "[{field: k, type: u8}, {inner: i, of: [open]}]",
         {"k": 3, "i": {"open": {"d": b""}}},
@@ -631,6 +654,24 @@ REFUSED: dict[str, tuple[str, str]] = {
         "[{field: k, type: u8}, {wrap: {escape: DLE}, of: [{data: a, size: k}]}, {const: 10 03, when: k}, {text: ab}]",
         "nothing shows where the wrap part ends: no 10 need follow it",
     ),
+    "a region in an item that no escape byte need end in this item": (
+        "[{count: n, type: u8, of: r}, {repeat: r, times: n, of: [{wrap: {escape: DLE}, of: [{data: a, size: rest}]}]},"
+        " {const: 10 03}]",
+        "nothing shows where the wrap part ends: no 10 need follow it",
+    ),
+    "a region in a case that no escape byte need end": (
+        "[{field: k, type: u8}, {choose: k, cases: {1: [{wrap: {escape: DLE}, of: [{data: a, size: k}]}]}, else: []},"
+        " {text: ab}]",
+        "nothing shows where the wrap part ends: no 10 need follow it",
+    ),
+    "a time that the unit cannot count": (
+        "[{field: a, type: u8}], group: timed, where: {t: 25 ms}",
+        "25 ms is between two values of 't', which counts 10 ms",
+    ),
+    "a time that is too long": (
+        "[{field: a, type: u8}], group: timed, where: {t: 1 h}",
+        "1 h does not fit: 't' holds 0 ms to 2550 ms",
+    ),
     "a range in another case": (
         "[{field: k, type: u8}, {choose: k, cases: {1: [{field: a, type: u8}], 2: [{check: sum8, over: a..here}]}}]",
         "the range of a check ends in a case: 'a'",
@@ -695,6 +736,9 @@ def protocol_of(body: str) -> str:
         " ended: {tail: [{const: 03}], delimited: yes},"
         " behind_frame: {head: [{inner: i, of: [counted]}], tail: [{const: 03}], delimited: yes},"
         " behind_list: {head: [{repeat: r, times: rest, of: dec, size: 1}], tail: [{const: 03}], delimited: yes},"
+        " maybe: {head: [{field: t, type: u8}, {field: x, type: u8, default: 3, when: t},"
+        " {field: y, type: u8, when: t}]},"
+        " timed: {head: [{field: t, type: u8, unit: 10 ms}]},"
         " maybe_ended: {tail: [{const: 03, when: 1 == 1}], delimited: yes}}"
     )
     return f"protocol: found\n{layouts}\n{groups}\nframes: {{f: {{body: {body}}}, {FRAMES}}}"
@@ -758,6 +802,13 @@ def test_a_frame_inside_that_is_broken_itself_is_all_that_is_told() -> None:
 def test_a_size_may_go_by_a_length_with_more_conditions() -> None:
     body = "[{field: k, type: u8}, {length: n, type: u8, of: [d], when: k}, {data: d, size: n, when: k and k > 3}]"
     assert Trial(protocol_of(body), {"k": 4, "d": b"ab"}).run() == b"\x04\x02ab"
+
+
+def test_a_frame_inside_that_check_calls_the_beginning_of_another_need_not_be_read_as_sent() -> None:
+    frames = "long: {body: [{field: a, type: u16}, {text: XY, refuse: 4}]}, short: {body: [{field: b, type: u8}]}"
+    body = "[{inner: i, of: [long, short]}, {field: c, type: u16}, {data: d, size: rest}, {const: 03}]"
+    values = {"i": {"short": {"b": 1}}, "c": 2, "d": b"a"}
+    assert Trial(f"protocol: p\nframes: {{f: {{body: {body}}}, {frames}}}", values).run() is None
 
 
 def test_what_is_missing_is_named_with_its_record() -> None:

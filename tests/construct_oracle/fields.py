@@ -105,9 +105,10 @@ class FieldConstruct(ValueSegment):
         echo = filling.echo_of(name)
         if echo is not MISSING and (field.constants is None or echo in field.constants):
             return self._meant(echo, filling)
-        if field.constants is not None:
+        there = field.default is None or filling.is_there(name)
+        if field.constants is not None and there:
             return field.constants[0]
-        if field.build is not None and (field.default is None or filling.is_there(name)):
+        if field.build is not None and there:
             return self._meant(filling.compute(field.build, name), filling)
         if field.default is not None:
             return self._meant(filling.compute(field.default, name), filling)

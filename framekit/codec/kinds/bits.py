@@ -111,7 +111,7 @@ def _put_part(
             numbers = w.module.numbers(part.values, f"{w.title} {part.name}")
             w.add(f"{local} = {numbers}.get({local}, {local})")
         if part.constants is not None:
-            w.refuse_others(part.name, local, part.constants)
+            w.refuse_others(part.name, local, part.constants, when, scope)
     if text == local:
         most = (1 << part.high - part.low + 1) - 1
         condition = f"{local} not in (0, 1)" if most == 1 else f"not 0 <= {local} <= {most}"

@@ -142,8 +142,11 @@ def _put_number(w: EncodeWriter, number: Length | Count, text: str, scope: Scope
     else:
         limits = forms.value_range(number)
         path = *given.path, number.name
-        found = "' is computed as ", Code(local), f", it must be {limits.least}..{limits.most}"
-        condition = f"not {limits.least} <= {local} <= {limits.most}"
+        allowed = f"at least {limits.least}" if limits.most is None else f"{limits.least}..{limits.most}"
+        found = "' is computed as ", Code(local), f", it must be {allowed}"
+        condition = f"{local} < {limits.least}"
+        if limits.most is not None:
+            condition = f"not {limits.least} <= {local} <= {limits.most}"
         if number.when is not None:
             condition = f"{w.text(number.when, scope, AND)} and {condition}"
         w.complain(condition, text_source(*path), text_source("'", *path, *found))

@@ -8,6 +8,7 @@ from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import EncodeWriter, Given
 from framekit.codec.python.encode_plan import Lengths, Rules, RuleWriter, Task
 from framekit.codec.python.expressions import NameEntry, Scope, constant_of, default_text
+from framekit.codec.python.facts import is_fixed
 from framekit.codec.python.function import Place, between, index
 from framekit.codec.python.reader import BufferReader, Item
 from framekit.codec.python.registry import type_text
@@ -34,14 +35,16 @@ class FieldKind(TypedValueKind[Field]):
 
     def tasks(self, w: EncodeWriter, segment: Field, scope: Scope, given: Given) -> list[Task]:
         needed = segment.build is None and segment.default is None and segment.is_ is None and segment.constants is None
-        waits = w.waits(
-            segment.is_ or segment.build or segment.default, segment.when if segment.default is None else None
-        )
+        waits = w.waits(segment.is_ or segment.build or segment.default)
+        if segment.default is None or segment.build is not None or segment.constants is not None:
+            waits |= w.waits(segment.when)
+        if segment.when is not None:
+            waits |= w.waits(segment.default)
         may_be_given = not needed and segment.is_ is None
         first = Task(
             (segment.name,), waits, lambda missing: _value(w, segment, scope, given, needed, missing), may_be_given
         )
-        if segment.is_ is not None or (segment.constants is not None and len(segment.constants) == 1):
+        if segment.is_ is not None or is_fixed(segment):
             return [first]
         waits = w.waits(segment.when) | {segment.name}
         tasks = [first, Task((), waits, lambda _: _judge(w, segment, scope, scope.entries[segment.name].text))]
@@ -143,7 +146,7 @@ def _value(w: EncodeWriter, item: Field, scope: Scope, given: Given, needed: boo
     local = w.local(item.name, given)
     sized = item.type.kind in ("ascii", "bytes")
     entry = NameEntry(local, sized=sized, wire=None)
-    if item.constants is not None and len(item.constants) == 1:
+    if item.constants is not None and is_fixed(item):
         entry.text = literal(item.constants[0])
         given.computed[item.name] = entry.text
     elif item.is_ is not None:
@@ -173,17 +176,16 @@ def _given(w: EncodeWriter, item: Field, scope: Scope, given: Given, needed: boo
             return given.value(item.name)
         key = w.wanted(item.name, given)
         return f"{key} if {w.text(item.when, scope, OR)} else None"
+    writer = w.writer(w.with_missing(scope, given, missing))
+    default = "None" if item.default is None else default_text(writer.value(item.default), item)
+    chosen = item.build or item.default
+    text = default if item.build is None else default_text(writer.value(item.build), item)
     if item.constants is not None:
-        return given.value_or(item.name, literal(item.constants[0]))
-    expression = item.build or item.default
-    assert expression is not None
-    with_missing = w.with_missing(scope, given, missing)
-    text = default_text(w.writer(with_missing).value(expression), item)
-    if isinstance(expression.root, (Number, Text, Bytes)):
+        chosen, text = None, literal(item.constants[0])
+    if text != default and item.when is not None:
+        text = f"({w.if_there(text, item.when, scope, default)})"
+    elif chosen is None or isinstance(chosen.root, (Number, Text, Bytes)):
         return given.value_or(item.name, text)
-    text = w.writer(with_missing).value(expression)
-    if item.default is None and item.when is not None:
-        text = f"({w.if_there(text, item.when, scope)})"
     return given.value_or_worked_out(item.name, text)
 
 
@@ -192,7 +194,7 @@ def _judge(w: EncodeWriter, item: Field, scope: Scope, local: str) -> None:
     if item.values is not None and item.only and item.constants is None:
         w.refuse(item, scope, f"{local} not in {w.module.value_names(item.values, item.name)}")
     if item.constants is not None:
-        w.refuse_others(item.name, local, item.constants)
+        w.refuse_others(item.name, local, item.constants, item.when, scope)
     limits = forms.value_range(item)
     by_type = item.type.kind == "int" and item.limits is None and item.zero_means is None and item.long is None
     if item.type.kind in ("ascii", "bytes"):

@@ -382,9 +382,9 @@ class EncodeWriter(FunctionWriter):
             return text
         return f"({text} if {self.text(when, scope, OR)} else None)"
 
-    def if_there(self, text: str, when: Expression | None, scope: Scope) -> str:
+    def if_there(self, text: str, when: Expression | None, scope: Scope, otherwise: str = "None") -> str:
         """Text of what is worked out only for a segment that is there."""
-        return text if when is None else f"({text}) if {self.text(when, scope, OR)} else None"
+        return text if when is None else f"({text}) if {self.text(when, scope, OR)} else {otherwise}"
 
     def computed(
         self, name: str, expression: Expression, local: str, scope: Scope, given: Given, when: Expression | None
@@ -429,10 +429,13 @@ class EncodeWriter(FunctionWriter):
             condition = f"({self.text(item.when, scope, AND)} and {condition})"
         self.refuse_if(condition)
 
-    def refuse_others(self, name: str, local: str, constants: tuple[int | str | bytes, ...]) -> None:
+    def refuse_others(
+        self, name: str, local: str, constants: tuple[int | str | bytes, ...], when: Expression | None, scope: Scope
+    ) -> None:
+        there = "" if when is None else f"{self.text(when, scope, AND)} and "
         shown = ", ".join(repr(constant) for constant in constants)
         message = text_source(f"'{name}' is one of {shown}, not ", Code(f"repr({local})"))
-        self.complain(f"{local} not in {literal(constants)}", quoted(name), message)
+        self.complain(f"{there}{local} not in {literal(constants)}", quoted(name), message)
 
     # ---- data ---------------------------------------------------------------------------------------------
 

@@ -178,6 +178,12 @@ def wrapped(wrap: Wrap, plain: bytes) -> bytes:
     return plain.replace(single, single * 2)
 
 
+def is_fixed(field: Field) -> bool:
+    """Whether a field has one value wherever it is there, and none elsewhere."""
+    one = field.constants is not None and len(field.constants) == 1
+    return one and (field.when is None or field.default is None)
+
+
 def is_plain_name(expression: object, name: str) -> bool:
     """Whether a size or number is nothing but the value of that name."""
     return isinstance(expression, Expression) and is_name(expression.root, name)

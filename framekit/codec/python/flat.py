@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from framekit.codec.python import forms
 from framekit.codec.python.encode import EncodeWriter, Given, as_bytes, tail_of
 from framekit.codec.python.expressions import ExpressionWriter, Scope, default_text
-from framekit.codec.python.facts import names_read
+from framekit.codec.python.facts import is_fixed, names_read
 from framekit.codec.python.fused import counting, is_plain, names_of, renamed
 from framekit.codec.python.module import Module
 from framekit.codec.python.registry import summary, write_docstring
@@ -444,7 +444,7 @@ class Parameters:
 
     def _of(self, segment: Segment, is_certain: bool, segments: tuple[Segment, ...]) -> Iterator[Keyword]:
         match segment:
-            case Field(name=name, is_=None, constants=constants) if constants is None or len(constants) > 1:
+            case Field(name=name, is_=None) if not is_fixed(segment):
                 default = self._default_of(segment) if is_certain else LEFT_OUT
                 yield Keyword("", name, 0, default, _type_of(segment), _note_of(segment))
             case Bits(parts=parts):
@@ -551,7 +551,7 @@ def _note_of(item: Field) -> str:
         parts.append(f"whole nanoseconds, a multiple of {format_time(item.unit)}")
     elif item.limits is not None or item.zero_means is not None or item.plus:
         limits = forms.value_range(item)
-        parts.append(f"{limits.least}..{limits.most}")
+        parts.append(f"at least {limits.least}" if limits.most is None else f"{limits.least}..{limits.most}")
     return "; ".join(parts)
 
 

@@ -222,8 +222,8 @@ def value_range(field: Numbered) -> Range:
     if isinstance(field, Field):
         least = None if least is None else (least - field.plus) * (field.unit or 1)
         most = None if most is None else (most - field.plus) * (field.unit or 1)
-    if field.zero_means is not None:
-        most = field.zero_means if most is None else max(most, field.zero_means)
+    if field.zero_means is not None and most is not None:
+        most = max(most, field.zero_means)
     if field.limits is not None:
         least = field.limits[0] if least is None else max(least, field.limits[0])
         most = field.limits[1] if most is None else min(most, field.limits[1])

@@ -262,7 +262,9 @@ class _Ends:
 
     def check(self, frame: Frame) -> Iterator[Problem]:
         """Such a part must have an end: a region's, a constant behind it, or the end of the frame."""
-        yield from self._region(frame.body if frame.delimited else frame.segments)
+        segments = frame.body if frame.delimited else frame.segments
+        yield from self._escapes(segments, ())
+        yield from self._region(segments)
         for wrap in parts_of(frame.segments, Wrap):
             yield from self._region(wrap.of)
         for repeat in parts_of(frame.segments, Repeat):
@@ -271,13 +273,24 @@ class _Ends:
                 what = f"nothing shows where {inner.title} ends in an item of '{repeat.name}'"
                 yield Problem(inner.at, what, "give it a size, or put a constant behind it")
 
+    def _escapes(self, segments: Segments, behind: Segments) -> Iterator[Problem]:
+        """Wraps that nothing ends, wherever they stand; one in an item has to end in this item."""
+        segments = tuple(_in_records(segments))
+        for place, segment in enumerate(segments):
+            after = (*segments[place + 1 :], *behind)
+            if isinstance(segment, Wrap):
+                if segment.how == "escape" and self.sizes.all(segment.of).fixed is None:
+                    yield from _end_of_escape(segment, after)
+                after = ()
+            for block in segment.blocks:
+                yield from self._escapes(block, after)
+            if segment.is_list:
+                yield from self._escapes(segment.members, (segment,))
+
     def _region(self, segments: Segments) -> Iterator[Problem]:
         """The parts of one region."""
         open_part: Segment | None = None
-        segments = tuple(_in_records(segments))
-        for place, segment in enumerate(segments):
-            if isinstance(segment, Wrap) and segment.how == "escape" and self.sizes.all(segment.of).fixed is None:
-                yield from _end_of_escape(segment, segments[place + 1 :])
+        for segment in _in_records(segments):
             if open_part is not None and isinstance(segment, Const) and _is_end_of(segment, open_part):
                 open_part = None
             elif self._reaches_on(segment):

@@ -39,6 +39,7 @@ from framekit.definition.kinds.base import (
 )
 from framekit.definition.load.reader import Reader, literal_bytes
 from framekit.definition.problems import Position, Problem
+from framekit.definition.times import format_time
 from framekit.definition.tree import Node, Scalar
 from framekit.definition.wire_types import EVERY_BYTE, FieldType, Sizes, type_keys
 
@@ -210,6 +211,9 @@ class Field(Segment):
     def _constant(self, reader: Reader, scalar: Scalar) -> int | str | bytes:
         if self.type.value_kind == "text":
             return scalar.text
+        named = scalar.text in (self.values or {}).values()
+        if self.unit is not None and not named and not scalar.text.isdigit():
+            return reader.time(scalar)
         return reader.bytes(scalar) if self.type.value_kind == "bytes" else number_written(reader, self, scalar)
 
     def _fits(self, reader: Reader, scalar: Scalar, constant: int | str | bytes) -> None:
@@ -224,12 +228,17 @@ class Field(Segment):
             reader.note(scalar.at, what, "shorten it" if padded else "correct it, or add pad: to the field")
 
     def _number_fits(self, reader: Reader, scalar: Scalar, number: int) -> None:
-        bounds = self.type.bounds if self.long is None else None
-        if bounds is not None and not bounds[0] <= number + self.plus <= bounds[1]:
-            what = f"{number} does not fit: '{self.name}' holds {bounds[0] - self.plus} to {bounds[1] - self.plus}"
+        bounds, unit = self.type.bounds if self.long is None else None, self.unit or 1
+        if number % unit:
+            what = f"{scalar.text} is between two values of '{self.name}', which counts {format_time(unit)}"
+            reader.note(scalar.at, what, "correct one of them")
+        elif bounds is not None and not bounds[0] <= number // unit + self.plus <= bounds[1]:
+            write = str if self.unit is None else format_time
+            low, high = (write((one - self.plus) * unit) for one in bounds)
+            what = f"{scalar.text} does not fit: '{self.name}' holds {low} to {high}"
             reader.note(scalar.at, what, "use a wider type, or correct it")
-            return
-        reader.problems.extend(islice(self._allowed(number, scalar.at), 1))
+        else:
+            reader.problems.extend(islice(self._allowed(number, scalar.at), 1))
 
     def _allowed(self, number: int, at: Position) -> Iterator[Problem]:
         """Whether a constant respects what the field says about its values."""
