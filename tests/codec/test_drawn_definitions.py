@@ -224,6 +224,11 @@ FOUND: dict[str, tuple[str, dict[str, Any], str]] = {
         {"k": 2, "d": b"abc"},
         "02 30 33 61 62 63",
     ),
+    "a text that its end marks before a body that its tail ends": (
+        "[{field: a, type: dec, size: 2}], group: behind_text",
+        {"t": "abc", "a": 7},
+        "61 62 63 00 30 37 03",
+    ),
     "a frame inside may be empty data": (
         "[{field: k, type: u8}, {inner: i, of: [open]}]",
         {"k": 3, "i": {"open": {"d": b""}}},
@@ -735,6 +740,7 @@ def protocol_of(body: str) -> str:
         "groups: {filled: {head: [{field: k, type: u8}], tail: [{check: sum8, over: c..here}]},"
         " ended: {tail: [{const: 03}], delimited: yes},"
         " behind_frame: {head: [{inner: i, of: [counted]}], tail: [{const: 03}], delimited: yes},"
+        " behind_text: {head: [{field: t, type: ascii, end: 00}], tail: [{const: 03}], delimited: yes},"
         " behind_list: {head: [{repeat: r, times: rest, of: dec, size: 1}], tail: [{const: 03}], delimited: yes},"
         " maybe: {head: [{field: t, type: u8}, {field: x, type: u8, default: 3, when: t},"
         " {field: y, type: u8, when: t}]},"

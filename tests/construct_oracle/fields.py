@@ -105,10 +105,11 @@ class FieldConstruct(ValueSegment):
         echo = filling.echo_of(name)
         if echo is not MISSING and (field.constants is None or echo in field.constants):
             return self._meant(echo, filling)
-        there = field.default is None or filling.is_there(name)
-        if field.constants is not None and there:
-            return field.constants[0]
-        if field.build is not None and there:
+        chosen = field.constants is not None or field.build is not None
+        if chosen and (field.default is None or filling.is_there(name)):
+            if field.constants is not None:
+                return field.constants[0]
+            assert field.build is not None
             return self._meant(filling.compute(field.build, name), filling)
         if field.default is not None:
             return self._meant(filling.compute(field.default, name), filling)

@@ -377,9 +377,9 @@ def _measure_records(m: MeasureWriter, repeat: Repeat, of: Segments, scope: Scop
         before = m.names.fresh("before")
         if empty:
             m.add(f"{before} = at")
-        outside, m.in_list = m.in_list, True
+        outside, m.anew = m.anew, True
         finished = m.branch(m.pairs(of, inside), ())
-        m.in_list = outside
+        m.anew = outside
         if finished:
             raise Finished
         if empty:

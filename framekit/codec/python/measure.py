@@ -77,7 +77,7 @@ def write_extent(module: Module, identifier: str, frame: Frame, segments: tuple[
 class MeasureWriter(FunctionWriter):
     """Writes one measuring function. `place` counts from `start` as long as that is fixed, then it is in `at`.
 
-    `asks_inside`: a frame inside decides on the size.
+    `asks_inside`: a frame inside decides on the size. `anew`: it is not told how much was looked through behind a part.
     """
 
     kind = "measure"
@@ -93,7 +93,7 @@ class MeasureWriter(FunctionWriter):
         self.needed = needed_names(segments)
         self.maybe_absent: set[str] = set()
         self.paths: dict[int, str] = {}
-        self.in_list = False
+        self.anew = False
         self.in_digits = False
         self.looks_for_end = False
 
@@ -210,7 +210,7 @@ class MeasureWriter(FunctionWriter):
         An earlier call may have found the end and wanted what follows it, so that much is looked through again.
         """
         most = self.shapes.all(segment for segment, _ in after).most
-        if most is None or self.in_list:
+        if most is None or self.anew:
             return None
         return f"start + seen - {most + overlap}" if most + overlap else "start + seen"
 
@@ -425,7 +425,9 @@ class MeasureWriter(FunctionWriter):
         self._compare_start()
         try:
             if frame is not None and frame.delimited and frame.tail:
+                self.anew = True
                 self.list(self.pairs(frame.head, scope), ())
+                self.anew = False
                 tail = self.pairs(frame.tail, scope)
                 self._to_tail(tail)
                 self.list(tail, ())
