@@ -229,6 +229,12 @@ FOUND: dict[str, tuple[str, dict[str, Any], str]] = {
         {"t": "abc", "a": 7},
         "61 62 63 00 30 37 03",
     ),
+    "an optional part of a record before a constant that may stand in what follows": (
+        "[{include: perhaps, as: r}, {text: '0'}, {count: n, type: u8, of: l}, {repeat: l, times: rest, of: dec,"
+        " size: 1}, {const: 7E}]",
+        {"r": {}, "l": [0, 0, 5]},
+        "30 03 30 30 35 7E",
+    ),
     "a frame inside may be empty data": (
         "[{field: k, type: u8}, {inner: i, of: [open]}]",
         {"k": 3, "i": {"open": {"d": b""}}},
@@ -726,6 +732,7 @@ def protocol_of(body: str) -> str:
         " default: [{field: a, type: u8, default: 3}], inner: [{field: a, type: u8}], outer: [{include: inner, as: i}],"
         " sized: [{field: m, type: u8}, {data: d, size: m}],"
         " maybe_bits: [{field: k, type: u8}, {bits: {x: 0-3}, of: u8, when: k}],"
+        " perhaps: [{optional: [{field: a, type: u8}, {check: sum8, over: [a]}]}],"
         " checked: [{check: xor8}], digits: [{check: xor8, as: HEX}], by_later: [{field: a, type: u8, is: t + 1}],"
         " counted: [{length: n, type: u8, of: [d]}, {data: d, size: rest}],"
         " nothing: [{skip: 1}], hollow: [{text: x}, {include: nothing, as: e}, {field: a, type: u8}],"

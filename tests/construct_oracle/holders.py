@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import nullcontext
 from io import BytesIO
 from typing import Any
 
@@ -115,7 +116,8 @@ class RecordConstruct(ValueSegment):
 
     def read(self, stream: BytesIO, context: Container, path: str, place: Place) -> None:
         reading: Reading = context._state
-        with reading.within(reading.room(context)):
+        room = reading.room(context)
+        with reading.within(room) if room.exact else nullcontext():  # else what follows may show where its rest ends
             inner = self.fields.open(stream, context)
             reading.store(context, self.name, inner._values, place)
             self.fields.segments._parse(stream, inner, path)
