@@ -824,6 +824,18 @@ def test_a_frame_inside_that_check_calls_the_beginning_of_another_need_not_be_re
     assert Trial(f"protocol: p\nframes: {{f: {{body: {body}}}, {frames}}}", values).run() is None
 
 
+@pytest.mark.parametrize(
+    "wrap", ["{wrap: hex, of: [%s]}, {const: 03}", "{wrap: {escape: DLE}, of: [%s]}, {const: 10 03}"]
+)
+def test_an_end_that_stands_behind_the_longest_frame_is_none(wrap: str) -> None:
+    """However the bytes come: whole or in pieces."""
+    body = f"[{{field: k, type: u8}}, {wrap % '{field: a, type: u8, when: k}'}]"
+    codec = compile_protocol(load_protocol_text(f"protocol: p\nframes: {{f: {{body: {body}, max: 7}}}}", "p"))
+    assert codec.measure("f", b"\x0130\x10\x03") > 0
+    assert codec.measure("f", b"\x01" + b"30" * 4 + b"\x10\x03") == codec.LOST
+    assert codec.measure("f", b"\x01" + b"30" * 4) == codec.LOST
+
+
 def test_what_is_missing_is_named_with_its_record() -> None:
     hop = "layouts: {hop: [{field: a, type: u8}, {field: b, type: u8, when: a == 1}, {data: c, size: 1, when: a == 2}]}"
     records = "[{include: hop, as: one}, {include: hop, as: two}, {repeat: r, times: 2, of: [{include: hop}]}]"

@@ -221,6 +221,7 @@ class MeasureWriter(FunctionWriter):
 
     def not_found(self, least: int) -> None:
         """What to say when an end is not there yet; `least` bytes come with it."""
+        self.looks_for_end = True
         self.add(f"return -{least} if end - start + {least} <= {self.most} else LOST")
 
     def return_total(self) -> None:
@@ -480,7 +481,6 @@ class MeasureWriter(FunctionWriter):
         self.add(f"at = {self.search(f'{first.data[0]:#04x}', place, tail)}")
         with self.out.block("if at < 0:"):
             self.not_found(self.least(tail))
-        self.looks_for_end = True
         self.place = Place("at", 0)
 
     # ---- lists --------------------------------------------------------------------------------------------
