@@ -428,6 +428,11 @@ FOUND: dict[str, tuple[str, dict[str, Any], str]] = {
         {"k": 1, "r": {"n": 2, "d": b"ab"}},
         "01 02 10 03 61 62 D9",
     ),
+    "a size behind a record by what is in a wrap in it": (
+        "[{include: stuffed, as: r}, {data: e, size: r.n}, {const: 7E}]",
+        {"r": {"n": 1, "d": b"a"}, "e": b"b"},
+        "01 61 10 03 62 7E",
+    ),
     "a size by what is in a wrap in an item": (
         "[{count: n, type: u8, of: r}, {repeat: r, times: n, of: [{include: doubled}]}, {check: sum8}]",
         {"r": [{"n": 1, "d": b"a"}, {"n": 2, "d": b"aa"}]},
@@ -732,6 +737,7 @@ def protocol_of(body: str) -> str:
         " default: [{field: a, type: u8, default: 3}], inner: [{field: a, type: u8}], outer: [{include: inner, as: i}],"
         " sized: [{field: m, type: u8}, {data: d, size: m}],"
         " maybe_bits: [{field: k, type: u8}, {bits: {x: 0-3}, of: u8, when: k}],"
+        " stuffed: [{wrap: {escape: DLE}, of: [{field: n, type: u8}, {data: d, size: rest}]}, {const: 10 03}],"
         " perhaps: [{optional: [{field: a, type: u8}, {check: sum8, over: [a]}]}],"
         " checked: [{check: xor8}], digits: [{check: xor8, as: HEX}], by_later: [{field: a, type: u8, is: t + 1}],"
         " counted: [{length: n, type: u8, of: [d]}, {data: d, size: rest}],"

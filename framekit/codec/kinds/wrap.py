@@ -183,7 +183,7 @@ def _unstuff(r: BufferReader, item: Item, wrap: Wrap, fixed: int | None, after: 
 
 def _measure_content(m: MeasureWriter, wrap: Wrap, scope: Scope, after: Pairs, further: int = 0) -> None:
     """Values of a wrap that sizes behind it depend on; the careful function reads them, now that they are there."""
-    needed = m.needed & needed_names(tuple(segment for segment, _ in after))
+    needed = m.needed & needed_names(tuple(segment for segment, _ in after), m.segments)
     names = [name for one in flat(wrap.of) for name in one.value_names if name in needed]
     if names and m.in_digits:
         what = f"only '{names[0]}' in a wrap tells how many digits there are around it"

@@ -548,11 +548,11 @@ def _names_of(expression: Expression) -> set[str]:
     return names_in(expression.root) | fields
 
 
-def needed_names(segments: tuple[Segment, ...]) -> set[str]:
-    """Names that sizes, counts and conditions depend on, and those these depend on."""
+def needed_names(segments: tuple[Segment, ...], before: tuple[Segment, ...] = ()) -> set[str]:
+    """Names that sizes, counts and conditions depend on, and those these depend on; also of records `before`."""
     found: set[str] = set()
     values: dict[str, set[str]] = {}
-    records = {segment.name for segment in everything(segments) if segment.is_record}
+    records = {segment.name for segment in everything((*before, *segments)) if segment.is_record}
     for segment in everything(segments):
         if isinstance(segment, Value):
             values[segment.name] = _names_of(segment.read)
