@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from datetime import datetime
+from functools import partial
 from typing import Any
 
 from framekit.codec.shown import explain
@@ -89,7 +90,7 @@ class Engine:
         self.scope.update({name: name for name in protocol.queues})
         self.scope["functions"] = EngineFunctions(machine)
         model = None if role is None else protocol.roles[role]
-        machine.late.replies = program.replies_of(role)
+        machine.late.expected = program.replies_of(role)
         machine.session = SessionState(protocol.sessions.get(model.session or "") if model else None, self.scope)
         self.lanes = Lanes(model.lanes if model else (), machine)
         self.shutdown = Shutdown(machine, self.lanes, self.output)
@@ -234,18 +235,26 @@ class Engine:
         info = table.infos[frame if isinstance(frame, str) else frame.frame]
         given = table.completed(info, dict(fields or {}), scope) if value is None else value.fields
         data = info.encode(given if info.flat else plain(given), scope)
-        if info.announces or machine.monitor is not None:
-            value = value or FrameValue(info.name, given)
-            table.mark_sent(value, data, scope)
-            machine.announce(value)
-            machine.show_sent(value, data)
-        self.counters.sent += 1
-        item = Send(data, 0, False, None, info, on_sent)
-        if machine.late.until > scope.now:
-            machine.late.items.append(item)
-        else:
-            self.output.put(item)
+
+        def put_out() -> None:
+            if info.announces or machine.monitor is not None:
+                shown = value or FrameValue(info.name, given)
+                table.mark_sent(shown, data, scope)
+                machine.announce(shown)
+                machine.show_sent(shown, data)
+            self.counters.sent += 1
+            self.output.put(Send(data, 0, False, None, info, on_sent))
+
+        self._send_in_turn(info.name, put_out)
         return self._finish()
+
+    def _send_in_turn(self, frame: str, put_out: Callable[[], None]) -> None:
+        """Puts a frame out that is sent by itself, or keeps it while a reply is due that its own could be taken for."""
+        late = self.machine.late
+        if late.items or late.asked(frame, any(run.asked is not None for run in self.lanes.order)):
+            late.items.append(partial(self._send_in_turn, frame, put_out))
+        else:
+            put_out()
 
     @property
     def has_session(self) -> bool:

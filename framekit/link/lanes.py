@@ -155,11 +155,14 @@ class Lanes:
         machine, late = self.machine, self.machine.late
         late.clear()
         items, late.items = late.items, []
-        for item in items:
-            machine.output.put(item)
+        for send in items:
+            send()
         for run in self.order:
             if run.state is State.HELD:
-                machine.go_on(run)
+                if late.until > machine.scope.now:
+                    run.deadline = late.until
+                else:
+                    machine.go_on(run)
 
     def hold_over(self, run: Run) -> None:
         """A time for which a run was to be held back is over."""

@@ -178,7 +178,7 @@ class Reception:
         self.on_bad: Callable[[BadFrame], None] | None = None
         self.cutting = False
         self._told = ToldBytes()
-        replies = self.machine.late.replies  # first, for the bytes of one may be those of a request too
+        replies = self.machine.late.expected.frames  # first, for the bytes of one may be those of a request too
         self._all = tuple(sorted(receiver.table.on_line, key=lambda name: name not in replies))
         self.expected: tuple[tuple[str, ...], tuple[str, ...]] | None = (self._all, ())
         infos = receiver.table.infos.values()
@@ -277,7 +277,7 @@ class Reception:
         if machine.monitor is not None:
             machine.show_received(value, event.raw, event.times[0])
         late = machine.late
-        if late.lost and late.was_kept(value.frame, self.receiver.is_followed_by(late.replies)):
+        if late.lost and late.was_kept(value.frame, self.receiver.is_followed_by(late.expected.frames)):
             self.unsolicited(value, True)
             return
         reading: FrameArrived | None = event
@@ -288,10 +288,11 @@ class Reception:
             if self.dispatcher.offer(value):
                 return
             reading = self.receiver.other_reading()
-        is_late = late.came(event.value.frame)
+        was_due = late.came(event.value.frame)
+        is_late = was_due and not late.by_itself
         if is_late or not self.lanes.order or not self.dispatcher.offer_other(event.value):
             self.unsolicited(event.value, is_late)
-        if is_late and not late.until:
+        if was_due and not late.until:
             self.lanes.release()
 
     def _announce(self, value: FrameValue) -> None:

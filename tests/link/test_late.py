@@ -248,14 +248,71 @@ def test_frames_by_themselves_wait_too() -> None:
     fields = {"station": 3, "address": 5, "count": 1}
     side.do(side.engine.send_frame("read", side.now, fields))
     assert len(side.sent) == 1
+    assert [one.frame for one in side.seen if one.kind == "frame" and one.direction == "out"] == ["read"], "not yet"
     side.until(1500 * MS)
     side.reply(0)
     assert len(side.sent) == 2
-    side.read("R1", 12)
-    side.until(5 * SECOND // 2 + SECOND)
-    side.do(side.engine.send_frame("read", side.now, fields))
+    assert [one.at for one in side.seen if one.kind == "frame" and one.direction == "out"] == [0, 1500 * MS]
+
+
+ASKED = {"station": 3, "address": 5, "count": 1}
+
+
+def test_the_reply_to_a_frame_by_itself_is_no_reply_to_the_next_request() -> None:
+    """A SEND of a service's request, and a READ right behind it: the values of the one are not those of the other."""
+    side = Side()
+    side.do(side.engine.send_frame("read", side.now, ASKED))
+    side.read("R1", 11)
+    assert len(side.sent) == 1, "the reply to what was sent is due"
+    side.until(500 * MS)
+    side.reply(0)
+    assert [one.frame for one in side.unasked] == ["values"] and side.late == 0, "it came, and for who wants it"
+    assert len(side.sent) == 2
+    side.reply(1)
+    assert side.values == [[11]]
+
+
+def test_frames_by_themselves_go_out_one_after_the_other() -> None:
+    side = Side()
+    for address in range(3):
+        side.do(side.engine.send_frame("read", side.now, ASKED | {"address": address}))
+    for number in range(3):
+        assert len(side.sent) == number + 1
+        side.until(side.now + 10 * MS)
+        side.reply(number)
+    assert len(side.unasked) == 3
+
+
+@pytest.mark.parametrize(("params", "free"), [({}, 2000), ({"late_reply": 300 * MS}, 1300)])
+def test_a_frame_by_itself_that_gets_no_reply_holds_the_line_as_long_as_a_request(params: Any, free: int) -> None:
+    side = Side(**params)
+    side.do(side.engine.send_frame("read", side.now, ASKED))
+    side.read("R1", 11)
+    side.until((free - 1) * MS)
+    assert len(side.sent) == 1
+    side.until(free * MS)
+    assert len(side.sent) == 2
+    side.reply(1)
+    assert side.values == [[11]]
+
+
+def test_a_frame_by_itself_that_asks_waits_for_the_reply_under_way() -> None:
+    side = Side(retries=0)
+    side.read("R1", 11)
+    side.do(side.engine.send_frame("read", side.now, ASKED))
+    assert len(side.sent) == 1
+    side.until(500 * MS)
+    side.reply(0)
+    assert side.values == [[11]]
     side.until(5 * SECOND)
-    assert len(side.sent) == 4
+    assert len(side.sent) == 2
+
+
+def test_where_no_reply_is_late_frames_by_themselves_hold_nothing() -> None:
+    side = Side(late_reply=0)
+    for _ in range(2):
+        side.do(side.engine.send_frame("read", side.now, ASKED))
+    assert len(side.sent) == 2
 
 
 def test_a_server_answers_whatever_is_due() -> None:
@@ -269,7 +326,7 @@ def test_a_server_answers_whatever_is_due() -> None:
         now += SECOND
         assert any(isinstance(one, Send) for one in device.receive(client.sent[0], now))
         device.sent(now)
-    assert device.machine.late.until == 0 and device.machine.late.replies == frozenset()
+    assert device.machine.late.until == 0 and device.machine.late.expected.frames == frozenset()
 
 
 def test_replies_with_a_number_are_never_waited_for() -> None:

@@ -22,7 +22,7 @@ from framekit.definition.sources import current_keeper
 from framekit.link.construct_values import EACH, read_as
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.frame_table import FrameTable, ProtocolCodec, made_once, table_of
-from framekit.link.late import is_numbered, replies_of
+from framekit.link.late import Replies, is_numbered, replies_of
 from framekit.link.sequences import runtime
 from framekit.link.sequences.state import NOT_TAKEN, CallFrame, CompiledSequence, CompiledStep, Rows, State, begin_clock
 from framekit.link.sequences.writing import (
@@ -55,10 +55,10 @@ class Program:
         make = partial(sequence_code, protocol, table)
         code = make() if keeper is None else keeper.code(protocol, "sequences", make)
         self.sequences, self.need_names, self.shown_later = load_sequences(code, protocol, table)
-        self._replies: dict[str | None, frozenset[str]] = {}
+        self._replies: dict[str | None, Replies] = {}
 
-    def replies_of(self, role: str | None) -> frozenset[str]:
-        """The frames that exchanges of a role wait for, and that repeat no number of their request."""
+    def replies_of(self, role: str | None) -> Replies:
+        """What exchanges of a role wait for."""
         found = self._replies.get(role)
         if found is None:
             found = self._replies[role] = replies_of(self.protocol, None if role is None else self.protocol.roles[role])
