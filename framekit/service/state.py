@@ -6,6 +6,7 @@ import logging
 import os
 import secrets
 import sqlite3
+import stat
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing, contextmanager
@@ -88,10 +89,15 @@ class StateFile:
         self.shape = shape
         self._written: dict[str, bytes] = {}
         with self._errors():
-            if not path.exists() or path.stat().st_size == 0:
-                self._create()
+            real = Path(os.path.realpath(path))
+            if not os.path.lexists(real):
+                self._create(real)
+            elif not stat.S_ISREG(real.stat().st_mode):
+                raise StateError(f"{path} is no plain file – name another file")
+            elif real.stat().st_size == 0:
+                self._create(real)
             self._check_head()
-            self._base = sqlite3.connect(path, isolation_level=None, check_same_thread=False, timeout=0)
+            self._base = sqlite3.connect(real, isolation_level=None, check_same_thread=False, timeout=0)
         try:
             with self._errors():
                 self._open()
@@ -106,15 +112,18 @@ class StateFile:
 
     # ---- opening ------------------------------------------------------------------------------------------
 
-    def _create(self) -> None:
-        """Makes the file beside its place and puts it there whole, so that no half file is ever found."""
-        beside = self.path.with_name(f".{self.path.name}.{secrets.token_hex(4)}")
+    def _create(self, place: Path) -> None:
+        """Makes the file beside its place and puts it there whole, so that no half file is ever found.
+
+        `place` is behind all symlinks, so that a link stays one.
+        """
+        beside = place.with_name(f".{place.name}.{secrets.token_hex(4)}")
         try:
             with closing(sqlite3.connect(beside, isolation_level=None)) as base:
                 base.executescript(_TABLES)
                 base.execute("INSERT INTO about VALUES ('run', ?)", (self.run,))
                 base.execute("PRAGMA journal_mode = WAL")
-            os.replace(beside, self.path)
+            os.replace(beside, place)
         finally:
             for name in (beside, Path(f"{beside}-wal"), Path(f"{beside}-shm"), Path(f"{beside}-journal")):
                 name.unlink(missing_ok=True)

@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import signal
 import sqlite3
+import stat
 import subprocess
 import sys
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
@@ -163,6 +165,44 @@ def test_a_file_in_use(tmp_path: Path) -> None:
         file.save(kept(79))
     with closing(StateFile(path, "plant", SHAPE)) as file:
         assert file.kept.areas == kept(79).areas
+
+
+def device(path: Path) -> None:
+    try:
+        os.mknod(path, stat.S_IFCHR | 0o600, os.makedev(1, 7))
+    except PermissionError:
+        pytest.skip("only root makes devices")
+
+
+@pytest.mark.parametrize("make", [device, os.mkfifo, Path.mkdir])
+@pytest.mark.parametrize("linked", [False, True])
+def test_what_is_no_plain_file_is_left_alone(tmp_path: Path, make: Callable[[Path], None], linked: bool) -> None:
+    path = tmp_path / "odd"
+    make(path)
+    kind = stat.S_IFMT(path.stat().st_mode)
+    if linked:
+        (tmp_path / "link").symlink_to(path)
+    assert refused(tmp_path / "link" if linked else path) == "FILE is no plain file – name another file"
+    assert stat.S_IFMT(path.stat().st_mode) == kind
+
+
+@pytest.mark.parametrize("empty", [False, True])
+def test_a_link_stays_a_link_to_the_state(tmp_path: Path, empty: bool) -> None:
+    (tmp_path / "far").mkdir()
+    place, link = tmp_path / "far" / "state", tmp_path / "link"
+    link.symlink_to(Path("far") / "state")
+    if empty:
+        place.touch()
+    written(link)
+    assert link.is_symlink() and [one.name for one in place.parent.iterdir()] == ["state"]
+    with closing(StateFile(place, "plant", SHAPE)) as file:
+        assert file.kept.areas == kept(77).areas
+
+
+def test_links_in_a_circle(tmp_path: Path) -> None:
+    (tmp_path / "one").symlink_to(tmp_path / "two")
+    (tmp_path / "two").symlink_to(tmp_path / "one")
+    assert "symbolic links" in refused(tmp_path / "one")
 
 
 def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
