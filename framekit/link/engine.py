@@ -272,6 +272,11 @@ class Engine:
         """When the last good frame came or went (ns); at first when the engine was made."""
         return self.machine.last_frame
 
+    @property
+    def held_until(self) -> int:
+        """Until when nothing is asked for because a reply is due (ns)."""
+        return self.machine.late.until
+
     def status(self) -> dict[str, Any]:
         """Published variables."""
         return self.scope.published()

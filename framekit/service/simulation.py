@@ -131,6 +131,7 @@ class SimulatedChannel:
         """One exchange, from the end of the one before it to its own end."""
         ended: list[Failure | None] = []
         line, clock, counters = self.line, self.clock, self.service.engine.counters
+        clock.run_for(max(0, self.service.engine.held_until - clock.now()))  # what is due of the one before
         began, carried, frames = clock.now(), line.bytes_carried, line.transmissions
         heard = counters.received
         self._sent.clear()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from service.late_world import REGISTERS
 
 from framekit.link.events import Seen
 from framekit.run.feasibility import Cost
@@ -65,6 +66,16 @@ def test_a_connection_has_only_the_answer_time(tmp_path: Path) -> None:
     channel = "port: tcp://h:502, protocol: modbus-tcp, station: 1, answer: 30 ms"
     found = costs(tmp_path, channel, 'read: "40001", into: M100, once: yes')[0]
     assert found.duration == 30 * MS
+
+
+def test_a_reply_that_is_due_does_not_count_for_the_next_block(tmp_path: Path) -> None:
+    """A frame sent by itself that a service asks with holds the line until its reply has come: here none does."""
+    (tmp_path / "registers.yaml").write_text(REGISTERS, encoding="utf-8")
+    channel = "port: /dev/null, protocol: registers, speed: 19200, station: 1"
+    send = "send: read, values: {station: 1, address: 1, count: 1}, every: 300 ms"
+    found = costs(tmp_path, channel, send, "read: R1, into: M100, every: 1 s")
+    assert found[0].duration == pytest.approx(8 * 10 / 19200 * SECOND, rel=1e-4)
+    assert found[1].duration == pytest.approx((8 + 8) * 10 / 19200 * SECOND, rel=0.2)
 
 
 def test_user_frames_count_their_bytes() -> None:
