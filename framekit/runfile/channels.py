@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 from framekit.definition.expression import names_in
 from framekit.definition.load.protocol import load_protocol
@@ -17,7 +17,18 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import WITHOUT_NUMBER, Parameter, StationType
 from framekit.definition.nodes import Entry, Mapping, Node, Sequence
 from framekit.definition.problems import DefinitionError, did_you_mean, parted, plural
-from framekit.definition.times import FAST, NEVER, SPEEDS, Direction, LineFormat, LineSettings, Modem, parse_format
+from framekit.definition.times import (
+    FAST,
+    NEVER,
+    SPEEDS,
+    Direction,
+    Handshake,
+    Interface,
+    LineFormat,
+    LineSettings,
+    Modem,
+    parse_format,
+)
 from framekit.link.addresses import AddressGrammar
 from framekit.link.parameters import ParameterError, given_item, given_value
 from framekit.link.scope import LineTimes
@@ -112,7 +123,7 @@ class ChannelLoader:
         if clients is not None and not channel.listens:
             what = f"channel {entry.key.text} does not listen, so it has no clients"
             reader.note(clients.at, what, "leave clients out, or listen with an answering role at tcp-listen://")
-        if channel.listens and channel.asks:
+        if channel.listens and channel.asks and not self.attempts.spoilt:
             what = f"channel {entry.key.text} listens for connections, and nothing it does begins on one"
             reader.note(port_node.at, what, "give it an answering role, or write tcp:// to connect to the other side")
         if self.attempts.spoilt:
@@ -197,6 +208,7 @@ class ChannelLoader:
             hint = did_you_mean(role, protocol.roles)
             self.reader.note(node.at, f"'{protocol.name}' has no role '{role}'", hint)
             self.attempts.spoilt = True
+            return None
         return role
 
     # ---- line ---------------------------------------------------------------------------------------------
@@ -409,13 +421,13 @@ class LineLoader:
         """The settings; a setting that is wrong is noted and left out."""
         reader, keys = self.reader, self.keys
         self._without_wires()
-        kind = self._word("type")
+        kind = self._word("type", get_args(Interface))
         settings = LineSettings(
             type=kind,  # type: ignore[arg-type]  # the schema knows them
-            half_duplex=(self._word("duplex") or ("half" if kind == "rs485" else "full")) == "half",
+            half_duplex=(self._word("duplex", ("half", "full")) or ("half" if kind == "rs485" else "full")) == "half",
             echo=reader.tried(reader.flag, keys.get("echo")) or False,
             direction=reader.tried(self._direction, keys.get("direction")),
-            handshake=self._word("handshake") or "none",  # type: ignore[arg-type]
+            handshake=self._word("handshake", get_args(Handshake)) or "none",  # type: ignore[arg-type]
             connect_within=reader.tried(partial(self._time, "connect_timeout"), keys.get("connect_timeout")),
             reconnect=reader.tried(partial(self._time, "reconnect"), keys.get("reconnect")),
             modem=reader.tried(self._modem, keys.get("modem")),
@@ -426,9 +438,11 @@ class LineLoader:
 
     # ---- single keys --------------------------------------------------------------------------------------
 
-    def _word(self, key: str) -> str | None:
+    def _word(self, key: str, words: Collection[str]) -> str | None:
+        """One of these words; None for another, which the schema has told."""
         node = self.keys.get(key)
-        return None if node is None else self.reader.text(node)
+        text = None if node is None else self.reader.text(node)
+        return text if text in words else None
 
     def _time(self, key: str, node: Node) -> int:
         time = self.reader.time(node)

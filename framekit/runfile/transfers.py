@@ -84,6 +84,8 @@ class TransferLoader:
         if unit is not None and not is_unit(unit):
             raise Broken("the schema has told what is wrong with the unit")
         nodes = reader.items(keys.get(instruction))
+        if not nodes:
+            raise Broken("the schema has told that nothing is read or written")
         count = self._count(keys.get("count")) if len(nodes) == 1 else 1
         protocol = channel.protocol
         if instruction not in protocol.services:
@@ -214,7 +216,7 @@ class FrameBlockLoader:
                 data[entry.key.text] = place
         values = self._values(keys.get("values"), frame, fields) if instruction == "send" else {}
         sizes = self._sizes(keys.get("size"), frame, fields)
-        sized_by = self._sized_by(keys.get("size"), fields, protocol) if instruction == "send" else {}
+        sized_by = self._sized_by(keys.get("size"), sizes, fields, protocol) if instruction == "send" else {}
         if instruction == "send" and not self.attempts.spoilt:
             self._missing(frame, {*data, *values}, data.keys() - values.keys() - sizes.keys(), keys)
         return {"frame": name, "data": data, "values": values, "sizes": sizes, "sized_by": sized_by}
@@ -284,17 +286,18 @@ class FrameBlockLoader:
                 found[entry.key.text] = size
         return found
 
-    def _sized_by(self, node: Node | None, fields: MappingOf[str, FramePart], protocol: Protocol) -> dict[str, str]:
-        """Fields whose size the block says and the frame takes from a parameter, with that."""
+    def _sized_by(
+        self, node: Node | None, sizes: MappingOf[str, int], fields: MappingOf[str, FramePart], protocol: Protocol
+    ) -> dict[str, str]:
+        """Fields whose size the block says, as `sizes`, and the frame takes from a parameter, with that."""
         found = {}
         for entry in self.reader.entries(node):
             size = getattr(fields.get(entry.key.text), "size", None)
             name = size.root.name if isinstance(size, Expression) and isinstance(size.root, Name) else ""
-            if name in protocol.params and name not in fields:
-                with self.attempts.going_on():
+            if entry.key.text in sizes and name in protocol.params and name not in fields:
+                with self.attempts.going_on(), self.reader.refusing(entry.value.at):
+                    given_value(protocol.params[name], sizes[entry.key.text])
                     found[entry.key.text] = name
-                    with self.reader.refusing(entry.value.at):
-                        given_value(protocol.params[name], self.reader.number(entry.value))
         return found
 
     def _missing(self, frame: Frame, given: set[str], unsized: set[str], keys: MappingNode) -> None:
