@@ -185,6 +185,8 @@ def no_number(part: FramePart | None, value: Any) -> str | None:
     if not isinstance(value, int):
         return f"'{part.name}' is a number, not {value!r}"
     least, most = bounds[0] - part.plus, bounds[1] - part.plus
+    if part.limits is not None:
+        least, most = max(least, part.limits[0]), min(most, part.limits[1])
     if least <= value <= most:
         return None
     return f"'{part.name}' is {value}, " + (f"more than {most}" if value > most else f"less than {least}")

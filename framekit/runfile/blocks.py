@@ -125,8 +125,7 @@ class BlockLoader:
         elif instruction == "command":
             found = self.attempts.to(lambda: self.commands.read(keys, channel))
         else:
-            frames, protocol = self.frames, channel.protocol
-            found = self.attempts.to(lambda: frames.read(instruction, keys, protocol, channel.number, number))
+            found = self.attempts.to(lambda: self.frames.read(instruction, keys, channel, number))
         if self.attempts.spoilt or found is None:
             raise Broken(entry.key.text)
         places = " of several places" if len(found.get("targets", ())) > 1 else ""

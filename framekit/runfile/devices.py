@@ -248,6 +248,9 @@ class _DeviceLoader:
             role = self.reader.text(node)
             if role not in roles:
                 raise self.reader.broken(node.at, f"there is no role '{role}'", did_you_mean(role, roles))
+            if not roles[role].listens:
+                todo = did_you_mean(role, [one.name for one in roles.values() if one.listens])
+                raise self.reader.broken(node.at, f"the role '{role}' only asks, so nothing would answer", todo)
             return role
         own = [entry.key.text for entry in self.reader.entries(self.root.get("roles"))]
         usual = next((role for role in own if role in roles), self.protocol.serving_role)

@@ -29,7 +29,7 @@ from framekit.link.services.rows import TYPES, checked, wants_address
 from framekit.memory.memory import MemoryValueError, unit_bits
 from framekit.memory.views import CountedTextView, NumberView, view_of
 from framekit.run.model import ArgumentPlace, Channel, OwnPlace, ResultPlace
-from framekit.run.own_memory import FramePart, may_overflow, misfit, no_number, parts_of
+from framekit.run.own_memory import FramePart, fixed_bytes, may_overflow, misfit, no_number, parts_of, takes_bytes
 from framekit.run.transfer import ANY, LONGEST, NoResultError, Shape, argument_bits, is_path, shape_at, shapes_of
 from framekit.runfile.channels import Attempts, raw_value
 
@@ -190,11 +190,9 @@ class FrameBlockLoader:
         self.received: dict[tuple[int, str], int] = {}
         self.attempts = Attempts()
 
-    def read(
-        self, instruction: str, keys: MappingNode, protocol: Protocol, channel: int, number: int
-    ) -> dict[str, Any]:
+    def read(self, instruction: str, keys: MappingNode, channel: Channel, number: int) -> dict[str, Any]:
         """`frame`, `data`, `values`, `sizes` of a block. Raises Broken for a frame there is not."""
-        reader = self.reader
+        reader, protocol = self.reader, channel.protocol
         node = keys.get(instruction)
         name = reader.text(node)
         if node is None or name not in protocol.frames:
@@ -202,9 +200,8 @@ class FrameBlockLoader:
             raise reader.broken(at, f"'{protocol.name}' has no frame '{name}'", did_you_mean(name, protocol.frames))
         frame = protocol.frames[name]
         self.attempts.spoilt = False
-        if protocol.frames_alone:
-            self._direction(instruction, frame, node)
-        self._once(instruction, frame, node, (channel, frame.name), number)
+        self._direction(instruction, frame, node, channel)
+        self._once(instruction, frame, node, (channel.number, frame.name), number)
         fields = dict(parts_of(frame.segments))
         where = self.places.written if instruction == "receive" else self.places.place
         data = dict(self._own_memory(fields))
@@ -215,7 +212,12 @@ class FrameBlockLoader:
                 self._fits(fields[entry.key.text], place, instruction, entry.value)
                 data[entry.key.text] = place
         values = self._values(keys.get("values"), frame, fields) if instruction == "send" else {}
+        for entry in reader.entries(keys.get("data")):
+            if entry.key.text in values:
+                what = f"'{entry.key.text}' stands in data: and in values:"
+                reader.note(entry.key.at, what, "leave one of them out")
         sizes = self._sizes(keys.get("size"), frame, fields)
+        self._room(keys.get("data"), data, sizes, fields)
         sized_by = self._sized_by(keys.get("size"), sizes, fields, protocol) if instruction == "send" else {}
         if instruction == "send" and not self.attempts.spoilt:
             self._missing(frame, {*data, *values}, data.keys() - values.keys() - sizes.keys(), keys)
@@ -238,8 +240,24 @@ class FrameBlockLoader:
             what = f"{place.text} ({place.address.unit}) cannot hold every value of '{part.name}'"
             self.reader.warn(node.at, what, "name a wider place; values that do not fit are refused")
 
-    def _direction(self, instruction: str, frame: Frame, node: Node) -> None:
-        """A run is the client where a protocol knows no roles."""
+    def _room(
+        self, node: Node | None, data: MappingOf[str, OwnPlace], sizes: MappingOf[str, int],
+        fields: MappingOf[str, FramePart],
+    ) -> None:  # fmt: skip
+        """Own places with room for all bytes that the block says its fields have, or that they always have."""
+        for entry in self.reader.entries(node):
+            name = entry.key.text
+            if name not in data or not takes_bytes(fields[name]):
+                continue
+            size = sizes.get(name) or fixed_bytes(fields[name])
+            if size:
+                self.places.room(entry.value, data[name].address, 8 * size)
+
+    def _direction(self, instruction: str, frame: Frame, node: Node, channel: Channel) -> None:
+        """A run is the client where a protocol knows no roles; a role that only asks hears others, and sends as one."""
+        own = None if channel.role is None else channel.protocol.roles[channel.role]
+        if own is not None and (instruction != "send" or own.listens or not own.exchanges):
+            return
         wrong, done, other = ("server", "sent", "receive") if instruction == "send" else ("client", "received", "send")
         if frame.side == wrong:
             what = f"'{frame.name}' comes from the {wrong}, it cannot be {done}"
@@ -280,9 +298,12 @@ class FrameBlockLoader:
                 self._known(entry.key, frame, fields)
                 size = self.reader.number(entry.value)
                 fixed = getattr(fields[entry.key.text], "size", None)
-                if size < 0 or (isinstance(fixed, int) and size != fixed):
-                    has = f"has {fixed} bytes, not {size}" if isinstance(fixed, int) else f"cannot have {size} bytes"
-                    raise self.reader.broken(entry.value.at, f"'{entry.key.text}' {has}", "leave the size out")
+                if isinstance(fixed, int) and size != fixed:
+                    what = f"'{entry.key.text}' has {fixed} bytes, not {size}"
+                    raise self.reader.broken(entry.value.at, what, "leave the size out")
+                if size < 1:
+                    what = f"'{entry.key.text}' cannot have {size} bytes"
+                    raise self.reader.broken(entry.value.at, what, "give 1 or more")
                 found[entry.key.text] = size
         return found
 
@@ -395,12 +416,10 @@ class CallLoader:
         if not taken or taken[0].type not in TYPES or any(one.type != taken[0].type for one in taken):
             return self.reader.constant(entry.value)
         value = raw_value(self.reader, entry.value)
-        try:
-            checked(taken[0], value)
-        except ParameterError as error:
-            if len(taken) == 1:
-                what, _, todo = str(error).replace("parameter", "argument", 1).partition(" – ")
-                raise self.reader.broken(entry.value.at, what, todo) from None
+        refusals = [error for one in taken if (error := _refusal(one, value)) is not None]
+        if len(refusals) == len(taken):
+            what, _, todo = str(refusals[0]).replace("parameter", "argument", 1).partition(" – ")
+            raise self.reader.broken(entry.value.at, what, todo)
         return value
 
     def _from(self, rows: tuple[ServiceRow, ...], entry: Entry, sizes: dict[str, Entry]) -> ArgumentPlace:
@@ -521,6 +540,15 @@ class CallLoader:
         if not 1 <= size <= LONGEST:
             raise self.reader.broken(entry.value.at, f"a size of {size} cannot be", f"give 1 to {LONGEST}")
         return size
+
+
+def _refusal(argument: Argument, value: Any) -> ParameterError | None:
+    """Why an argument does not take a value; None when it does."""
+    try:
+        checked(argument, value)
+    except ParameterError as error:
+        return error
+    return None
 
 
 def _taken(rows: tuple[ServiceRow, ...], name: str) -> list[Argument]:
