@@ -177,16 +177,11 @@ def may_overflow(part: FramePart, place: OwnPlace) -> bool:
 
 def no_number(part: FramePart | None, value: Any) -> str | None:
     """Why a field that holds plain numbers cannot be sent with a value; None when it can, or that is not known here."""
-    if not isinstance(part, Field) or part.unit is not None or part.values or part.long or part.zero_means is not None:
-        return None
-    bounds = part.type.bounds
-    if bounds is None:
+    if not isinstance(part, Field) or part.values or part.span is None:
         return None
     if not isinstance(value, int):
         return f"'{part.name}' is a number, not {value!r}"
-    least, most = bounds[0] - part.plus, bounds[1] - part.plus
-    if part.limits is not None:
-        least, most = max(least, part.limits[0]), min(most, part.limits[1])
+    least, most = part.span
     if least <= value <= most:
         return None
     return f"'{part.name}' is {value}, " + (f"more than {most}" if value > most else f"less than {least}")

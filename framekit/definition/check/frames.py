@@ -33,6 +33,7 @@ from framekit.definition.model.segments import (
     Repeat,
     Segment,
     Segments,
+    Sizes,
     Skip,
     Wrap,
 )
@@ -44,6 +45,7 @@ def check_frame(protocol: Protocol, frame: Frame) -> list[Problem]:
     found = list(_level(protocol, frame.segments))
     found += _order_of_sizes(frame.segments, set())
     found += _lengths_of_numbers(frame)
+    found += _lengths_that_never_fit(protocol, frame)
     ends = _Ends(protocol)
     found += ends.check(frame)
     found += _spans(frame)
@@ -251,6 +253,27 @@ def _lengths_of_numbers(frame: Frame) -> Iterator[Problem]:
                 what = f"'{length.name}' counts the bytes of '{name}' and is their number: nothing says how many"
                 todo = f"write {{field: {length.name}, …}}, which is given, or {{data: {name}, size: {length.name}}}"
                 yield Problem(length.at, what, todo)
+
+
+def _lengths_that_never_fit(protocol: Protocol, frame: Frame) -> Iterator[Problem]:
+    """A length whose number cannot stand for any size that the parts it counts may have."""
+    shapes = StaticSizes(protocol.frames)
+    lengths = [one for one in parts_of(frame.segments, Length) if not one.plain and one.zero_means is None]
+    named = {one.name: one for one in parts_of(frame.segments, Segment)} if lengths else {}
+    for length in lengths:
+        bounds = length.type.bounds if length.type.is_whole_number else None
+        if bounds is None or length.unit < 1 or not named.keys() >= set(length.of):
+            continue
+        low, high = length.limits or bounds
+        sizes = Sizes(0, 0)
+        for name in length.of:
+            sizes += shapes.of(named[name])
+        least = sizes.least // length.unit + length.plus
+        most = None if sizes.most is None else sizes.most // length.unit + length.plus
+        if least > high or (most is not None and most < low):
+            is_ = f"always {least}" if least == most else f"at least {least}" if least > high else f"at most {most}"
+            what = f"'{length.name}' of '{frame.name}' would be {is_}, and holds {low} to {high}"
+            yield Problem(length.at, what, "use a wider type, or correct plus, range or the sizes")
 
 
 class _Ends:

@@ -37,6 +37,7 @@ from framekit.definition.model.frames import (
 )
 from framekit.definition.model.procedure import Action, Row, Sequence, Step
 from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.segments import Field
 from framekit.definition.model.services import (
     COUNTED_STRING,
     NOT_COMPARED,
@@ -49,7 +50,7 @@ from framekit.definition.model.services import (
     ServiceRow,
 )
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Table, Value
-from framekit.definition.problems import Problem, did_you_mean, listed
+from framekit.definition.problems import Position, Problem, did_you_mean, listed
 from framekit.definition.sources import fingerprint
 
 BUILT_IN = frozenset({"station", "own", "role", "line", "now", "clock"})
@@ -520,6 +521,7 @@ def check_services(protocol: Protocol, broken: Collection[str] = ()) -> list[Pro
             found += _row(protocol, row, broken)
             found += _sides(protocol, row)
             found += _amounts(row)
+            found += _limits_too_high(protocol, row)
             found += check_backwards(protocol, row)
         found += _dead(rows)
     found += _stations(protocol)
@@ -538,6 +540,7 @@ def _constructors(protocol: Protocol, broken: Collection[str]) -> Iterator[Probl
         if frame is not None and made.frame not in broken:
             yield from _fields(made, "frame", made.frame, field_names(frame.segments))
             yield from () if id(made) in never_built else _missing(made, frame)
+            yield from () if id(made) in never_built else _never_fit(protocol, made, frame)
     for layout in parts_of(holders, LayoutOf):
         if layout.layout in protocol.layouts:
             yield from _fields(layout, "layout", layout.layout, field_names(protocol.layouts[layout.layout].segments))
@@ -563,6 +566,35 @@ def _missing(made: FrameOf, frame: Frame) -> Iterator[Problem]:
         what = f"nothing gives {listed(repr(name) for name in missing)} of '{made.frame}'"
         todo = ", ".join(f"{name}: {name if name in (*NOT_COMPARED, *OFFERED) else '…'}" for name in missing)
         yield Problem(made.at, what, f"add {todo}")
+
+
+def _never_fit(protocol: Protocol, made: FrameOf, frame: Frame) -> Iterator[Problem]:
+    """Numbers that stand in a constructor, or that errors answer with, and their fields cannot hold."""
+    errors = protocol.errors
+    codes = errors.memory if errors is not None and made is errors.answer else {}
+    for name, value in made.fields.items():
+        if not isinstance(value, Expression):
+            continue
+        is_code = isinstance(value.root, Name) and value.root.name == "code"
+        for number in codes.values() if is_code else (value,):
+            yield from _fits(constant_number(number), number.at, name, frame)
+
+
+def _fits(number: int | None, at: Position, name: str, frame: Frame) -> Iterator[Problem]:
+    spans = _spans(name, frame)
+    if number is not None and spans and not any(low <= number <= high for low, high in spans):
+        low, high = spans[0]
+        yield Problem(
+            at, f"{number} does not fit: '{name}' of '{frame.name}' holds {low} to {high}", "correct one of them"
+        )
+
+
+def _spans(name: str, frame: Frame) -> list[tuple[int, int]]:
+    """What numbers the fields of this name hold; nothing where that is open for one of them."""
+    found = [
+        one.span for one in parts_of(frame.segments, Segment) if name in one.value_names and isinstance(one, Field)
+    ]
+    return [] if None in found else [span for span in found if span is not None]
 
 
 def _fields(made: FrameOf | LayoutOf, kind: str, name: str, known: set[str]) -> Iterator[Problem]:
@@ -661,6 +693,23 @@ def _amounts(row: ServiceRow) -> Iterator[Problem]:
             yield Problem(argument.default.at, what, "correct one of them")
 
 
+def _limits_too_high(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
+    """A limit that lets through more than the field of the request holds that says how many."""
+    limits = {"count": row.limit.count, "bytes": row.limit.bytes}
+    for made in () if row.server_only else parts_of(row.request, FrameOf):
+        frame = protocol.frames.get(made.frame)
+        for name, value in made.fields.items() if frame is not None else ():
+            root = value.root if isinstance(value, Expression) else None
+            limit = limits.get(root.name) if isinstance(root, Name) else None
+            number = constant_number(limit)
+            spans = [] if frame is None else _spans(name, frame)
+            if limit is None or number is None or not spans or number <= max(high for _, high in spans):
+                continue
+            most = max(high for _, high in spans)
+            what = f"a limit of {number} lets more through than '{name}' of '{made.frame}' holds, which is {most}"
+            yield Problem(limit.at, what, f"give {most} or less")
+
+
 def _dead(rows: tuple[ServiceRow, ...]) -> Iterator[Problem]:
     """A row that takes everything a later one could get."""
     for place, row in enumerate(rows):
@@ -720,8 +769,25 @@ def _errors(protocol: Protocol, broken: Collection[str]) -> Iterator[Problem]:
         if name not in protocol.tables and name not in broken:
             hint = did_you_mean(name, protocol.tables) or "add it to tables:"
             yield Problem(errors.at, f"there is no table '{name}'", hint)
+        for key in _texts_for_numbers(protocol, name):
+            what = f"'{key}' in the table '{name}' is no number, and the code of an error is one"
+            yield Problem(protocol.tables[name].at, what, "write the number of the code")
     if errors.frames and errors.code is None:
         yield Problem(errors.at, f"nothing says where the code stands in '{errors.frames[0]}'", "add code: FIELD")
+
+
+def _texts_for_numbers(protocol: Protocol, table: str) -> list[str]:
+    """Texts among the keys of a table that names codes, where the frames of errors have numbers for them."""
+    errors = protocol.errors
+    root = None if errors is None or errors.code is None else errors.code.root
+    if errors is None or not isinstance(root, Name) or table not in protocol.tables:
+        return []
+    names = [frame for name in errors.frames if name in protocol.frames or name in protocol.groups
+             for frame in protocol.frames_of(name)]  # fmt: skip
+    fields = [one for name in names for one in parts_of(protocol.frames[name].segments, Field) if one.name == root.name]
+    if not fields or not all(one.type.is_whole_number for one in fields):
+        return []
+    return [key for key in protocol.tables[table].entries if isinstance(key, str)]
 
 
 def _codes(protocol: Protocol) -> Iterator[Problem]:

@@ -385,7 +385,13 @@ def value_names(space: Meanings, node: Node) -> Mapping[int, str]:
     """Names of numbers: a table's name, or a mapping code: name. Raises Broken."""
     reader = space.reader
     if isinstance(node, Keys):
-        return {reader.number(entry.key): reader.text(entry.value) for entry in node.read_all()}
+        found: dict[int, str] = {}
+        for entry in node.read_all():
+            number = reader.number(entry.key)
+            if number in found:
+                reader.note(entry.key.at, f"{number} has the name '{found[number]}' already", "remove one of them")
+            found[number] = reader.text(entry.value)
+        return found
     name = reader.text(node)
     table = space.table(name)
     if table is None:

@@ -146,6 +146,15 @@ class Field(Segment):
     def number_type(self) -> FieldType:
         return self.type
 
+    @property
+    def span(self) -> tuple[int, int] | None:
+        """The least and the greatest number it can be sent with; None for no plain number, and where that is open."""
+        bounds = self.type.bounds
+        if bounds is None or self.unit is not None or self.long is not None or self.zero_means is not None:
+            return None
+        low, high = self.limits or (bounds[0] - self.plus, bounds[1] - self.plus)
+        return max(low, bounds[0] - self.plus), min(high, bounds[1] - self.plus)
+
     def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
         sizes = self.type.sizes
         return sizes if self.long is None else Sizes(sizes.least, (sizes + self.long.type.sizes).most)
