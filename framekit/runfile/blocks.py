@@ -187,6 +187,8 @@ class BlockLoader:
     def _starts(self, instruction: str, keys: MappingNode, entry: Entry) -> None:
         """A RECEIVE block acts whenever its frame comes; every other one needs something that starts it."""
         given = [key for key in TRIGGERS if key in keys]
+        if given == ["once"] and self.attempts.maybe(self.reader.flag, keys.get("once")) is False:
+            given = []
         others = [entry.key.text for entry in keys.entries if entry.key.text not in TRIGGERS]
         misspelt = any(difflib.get_close_matches(key, TRIGGERS) for key in others) or "phase" in others
         if instruction == "receive" and given:
