@@ -371,10 +371,12 @@ def ascii_to_hex(digits: bytes | bytearray) -> bytes:
 
 def swap(data: bytes | bytearray, size: int) -> bytes:
     """The bytes of every unit of `size` (2, 4 or 8) in reverse order; a rest that fills no unit stays as it is."""
-    whole = len(data) - len(data) % size
-    units = array({2: "H", 4: "I", 8: "Q"}[size], data[:whole])  # 2 to 5 times as fast as slices with a step
+    rest = len(data) % size
+    if rest:
+        return swap(data[:-rest], size) + data[-rest:]
+    units = array("H" if size == 2 else "I" if size == 4 else "Q", data)  # 2 to 5 times as fast as slices with a step
     units.byteswap()
-    return units.tobytes() + data[whole:]
+    return units.tobytes()
 
 
 def stuff(data: bytes | bytearray, escape: int) -> bytes:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from binascii import unhexlify
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 from typing import Any, Protocol, TypeVar
 
@@ -55,13 +55,14 @@ class FrameInfo:
     `inner`: the field with the only frame inside; `behind`: the most that stands behind it. `intact`: a quick look at
     its check code, where there is one; what fails it is bad, never refused. The table of all frames sets `make`.
     `carries`: frames that may be put into this one when `insert` holds. `value_names`: its fields. `sizes`: what
-    `extent` says by one byte, as `sizes_by_byte` has them.
+    `extent` says by one byte, as `sizes_by_byte` has them. `usual`: fields that replies repeat, and the names that give
+    them where the frame does not.
     """
 
     __slots__ = (
         "_diagnose", "announces", "behind", "carries", "computed", "decode", "echo",
         "encode", "extent", "first", "flat", "frame", "guesses", "inner", "insert", "intact", "known", "make",
-        "measure", "most", "name", "numbers", "on_line", "refuse", "shape", "sizes", "value_names",
+        "measure", "most", "name", "numbers", "on_line", "refuse", "shape", "sizes", "usual", "value_names",
     )  # fmt: skip
 
     def __init__(self, frame: Frame, codec: FrameCodec) -> None:
@@ -91,6 +92,7 @@ class FrameInfo:
         self.value_names = frozenset(by_value_name(frame.segments))
         self.echo = tuple((name, _plain_name(item), compile_expression(item)) for name, item in frame.echo.items())
         self.announces = tuple((name, compile_expression(item)) for name, item in frame.announces.items())
+        self.usual: dict[str, str] = {}
 
     def misread(self, raw: bytes, names: Mapping[str, Any]) -> FrameError:
         """What `decode` raises for a frame that is not `intact`."""
@@ -239,7 +241,9 @@ class FrameTable:
         every = (segment for frame in protocol.frames.values() for segment in everything(frame.segments))
         inner = {name for segment in every if isinstance(segment, Inner) for name in segment.frames}
         shapes = StaticSizes(protocol.frames)
+        repeated = {plain_name for info in self.infos.values() for _, plain_name, _ in info.echo}
         for info in self.infos.values():
+            info.usual = usual_of(info.frame, repeated)
             info.make = self._maker(info)
             if info.guesses:
                 info.sizes = sizes_by_byte(info.frame, shapes)
@@ -330,6 +334,9 @@ class FrameTable:
             inner = value.fields.get(name) if kind == "inner" else None
             if type(inner) is FrameValue and inner.raw is None:
                 inner.pending = partial(_read_inner, read, name)  # which does not lead back to `value`
+                below = self.infos.get(inner.frame)
+                if below is not None and not below.usual.keys() <= inner.fields.keys():  # they need not be read then
+                    inner.known = {one: names[given] for one, given in below.usual.items() if one not in inner.fields}
         if info.announces:
             value.complete()
 
@@ -414,6 +421,19 @@ def echoed(plain_name: str | None, evaluate: Evaluate, request: FrameValue, name
     if plain_name is not None:
         return request.field(plain_name)
     return evaluate(Names({**request.complete(), "request": request}, names))
+
+
+def usual_of(frame: Frame, wanted: Collection[str | None]) -> dict[str, str]:
+    """Whole numbers among the fields `wanted` that are always there, and the name that gives each where no value is."""
+    found: dict[str, str] = {}
+    for field in frame.segments:
+        if isinstance(field, Field) and field.name in wanted and field.type.is_whole_number:
+            given = field.build or field.default
+            others = field.when, field.is_, field.values, field.constants, field.unit, field.zero_means
+            if given is not None and isinstance(given.root, Name) and all(one is None for one in others):
+                found[field.name] = given.root.name
+    inside = by_value_name(frame.segments)
+    return {name: given for name, given in found.items() if given == name or given not in inside}
 
 
 # ---- a quick look at frames ----------------------------------------------------------------------------------

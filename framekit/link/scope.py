@@ -228,12 +228,13 @@ class Scope(Names):
         evaluate = compile_expression(expression)
 
         def formula(_: Names) -> Any:
+            version = self.writes + self.device.changes
             found = self._cache.get(name)
-            if found is not None and found[0] == self.version:
+            if found is not None and found[0] == version:
                 return found[1]
             value = evaluate(self)
             if name in self._lasting:
-                self._cache[name] = (self.version, value)
+                self._cache[name] = (version, value)
             return value
 
         return formula

@@ -14,10 +14,11 @@ class FrameValue:
     """A frame as a value: received (`raw`, perhaps `refusal`), or made by a constructor and not yet sent.
 
     `fields` are the values a codec decodes or is to encode. What is computed when a frame is built stands beside them
-    once it has been sent; `pending` reads it at the first use. `'name' in value` asks for a field.
+    once it has been sent; `pending` reads it at the first use of what `known` has not. `'name' in value` asks for a
+    field.
     """
 
-    __slots__ = ("_computed", "fields", "frame", "pending", "raw", "refusal")
+    __slots__ = ("fields", "frame", "known", "pending", "raw", "refusal")
 
     def __init__(
         self, frame: str, fields: dict[str, Any], raw: bytes | None = None, refusal: int | None = None
@@ -27,34 +28,34 @@ class FrameValue:
         self.raw = raw
         self.refusal = refusal
         self.pending: Callable[[], dict[str, Any]] | None = None
-        self._computed: dict[str, Any] | None = None
+        self.known: dict[str, Any] | None = None
 
     def complete(self) -> dict[str, Any]:
         """All fields, the computed ones of a sent frame included."""
         if self.pending is not None:
             read, self.pending = self.pending, None
-            self._computed = read()
-        return self.fields if self._computed is None else {**self._computed, **self.fields}
+            self.known = read()
+        return self.fields if self.known is None else {**self.known, **self.fields}
 
     @property
     def was_built(self) -> bool:
         """Whether it has become bytes, on its own or inside another frame."""
-        return self.raw is not None or self.pending is not None or self._computed is not None
+        return self.raw is not None or self.pending is not None or self.known is not None
 
     def field(self, name: str) -> Any:
         """A field by name. Raises KeyError."""
         if name in self.fields:
             return self.fields[name]
-        if self.pending is not None:
+        if self.pending is not None and (self.known is None or name not in self.known):
             self.complete()
-        if self._computed is None:
+        if self.known is None:
             raise KeyError(name)
-        return self._computed[name]
+        return self.known[name]
 
     def set_field(self, name: str, value: Any) -> None:
         """Changes a field; what was computed for the old ones is gone."""
         self.fields[name] = value
-        self.raw = self.pending = self._computed = None
+        self.raw = self.pending = self.known = None
 
     def language_attribute(self, name: str) -> Any:
         """`value.name` for callers that know only the protocol of attributes, generated codecs for one."""
@@ -65,9 +66,7 @@ class FrameValue:
         return FrameValue(self.frame, dict(self.fields), self.raw, self.refusal)
 
     def __contains__(self, name: object) -> bool:
-        return name in self.fields or (
-            (self.pending is not None or self._computed is not None) and name in self.complete()
-        )
+        return name in self.fields or ((self.pending is not None or self.known is not None) and name in self.complete())
 
     def __repr__(self) -> str:
         return f"<{self.frame} {self.fields}>"

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Protocol
 
 from framekit.definition.times import NEVER, LineFormat
-from framekit.link.events import Break, CharacterFault, Command, Reopen, Send, SetRts
+from framekit.link.events import Break, CharacterFault, Command, Send, SetRts
 from framekit.transport.clock import Clock, Handle
 from framekit.transport.port import Port, PortEvents
 
@@ -247,18 +247,17 @@ class Driver(PortEvents):
                 self._send_timer = self.clock.call_at(command.not_before, self._go_on)
                 return
             pending.popleft()
-            match command:
-                case Send(data=data):
-                    self.load.bytes_out += len(data)
-                    if self.port.write_through(data):  # all has left: `sent` will not be told
-                        pending.extend(self.engine.sent(self.clock.now()))
-                case Break(duration=duration):
-                    self.port.send_break(duration)
-                case SetRts(on=on):
-                    self.port.set_rts(on)
-                case Reopen(reason=reason):
-                    self.port.close()
-                    self.closed(self.clock.now(), reason)
+            if isinstance(command, Send):
+                self.load.bytes_out += len(command.data)
+                if self.port.write_through(command.data):  # all has left: `sent` will not be told
+                    pending.extend(self.engine.sent(self.clock.now()))
+            elif isinstance(command, Break):
+                self.port.send_break(command.duration)
+            elif isinstance(command, SetRts):
+                self.port.set_rts(command.on)
+            else:
+                self.port.close()
+                self.closed(self.clock.now(), command.reason)
 
     def _go_on(self) -> None:
         """The time of the next command has come; once it has left, the engine may have a time of its own."""

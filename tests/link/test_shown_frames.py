@@ -6,6 +6,8 @@ from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol_text
 from framekit.link.engine import Engine
 from framekit.link.events import Seen
+from framekit.link.frame_table import table_of
+from framekit.link.scope import Scope
 from framekit.link.values import FrameValue
 
 TEXT = """protocol: shown
@@ -63,3 +65,24 @@ def test_lists_that_the_program_changes_later_are_shown_as_they_were() -> None:
     engine.receive(bytes.fromhex("7E 03 04"), 0)
     shown = [(one.direction, one.fields) for one in seen if one.kind == "frame"]
     assert shown == [("out", {"xs": [1, 2]}), ("in", {"xs": [3, 4]})]
+
+
+def test_a_number_that_replies_repeat_is_as_it_was_sent_and_the_frame_is_not_read_for_it() -> None:
+    protocol = load_protocol_text(
+        "protocol: counted\nline: {kind: stream, tcp: 1}\nstate: {seq: {type: u8, initial: 7}}\nframes:\n"
+        "  ask: {body: [{const: 01}, {field: seq, type: u8, plus: 1, build: seq}, {field: n, type: u8}]}\n"
+        "  answer: {echo: [seq], body: [{const: 02}, {field: seq, type: u8, plus: 1}]}\n"
+        "  around: {body: [{const: 7E}, {inner: one, of: [ask, answer]}]}\n",
+        "counted",
+    )
+    codec = compile_protocol(protocol)
+    table, scope = table_of(protocol, codec), Scope(protocol)
+    request = FrameValue("ask", {"n": 5})
+    assert table.encode(FrameValue("around", {"one": request}), scope) == bytes([0x7E, 1, 8, 5])
+    scope.set("seq", 9)
+    replies = [
+        table.received("around", codec.frames["around"].decode(bytes([0x7E, 2, 8 + n])), None, None) for n in (0, 2)
+    ]
+    assert [table.fits_echo(reply, (request,), lambda: scope) for reply in replies] == [True, False]
+    assert request.pending is not None, "it has been read"
+    assert request.complete() == {"seq": 7, "n": 5}

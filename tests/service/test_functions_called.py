@@ -210,8 +210,8 @@ def test_an_exchange_of_a_read_block_that_is_shown_to_a_monitor(
 
 
 CALLS_OF_A_READ = {
-    "mldp": (("%MW100", 1, "client", None), 103, 93),
-    "srtp": (("%R1", None, "client", None), 132, 124),
+    "mldp": (("%MW100", 1, "client", None), 102, 93),
+    "srtp": (("%R1", None, "client", None), 120, 124),
     "df1": (("N7:0", 1, "full", 0), 216, 246),
 }
 """What holds now: place, station, role and own station; functions of the client and of the server for ten words."""

@@ -123,13 +123,14 @@ class ReplyReader:
                 if found and len(found) != len(pieces):
                     raise UnfitReplyError(f"the reply holds {len(found)} blocks of data, not {len(pieces)}")
                 brought: list[bytes] = []
-                for (data, padded), piece in zip(found, pieces, strict=False):
-                    packer, start = self.facts.packers[piece.address.unit], piece.address.start
-                    if not isinstance(data, bytes):
+                for number, (data, padded) in enumerate(found):
+                    address, count = pieces[number].address, pieces[number].count
+                    packer, start = self.facts.packers[address.unit], address.start
+                    if type(data) is not bytes:
                         raise UnfitReplyError(f"the reply has {data!r} where data should stand")
                     if padded:
-                        data = data[: packer.size(start, piece.count)]
-                    brought.append(packer.to_memory(data, start, piece.count))
+                        data = data[: packer.size(start, count)]
+                    brought.append(packer.to_memory(data, start, count))
                 return brought
             except PackingError as error:
                 problem = problem or UnfitReplyError(f"the reply does not fit the request: {error}")
