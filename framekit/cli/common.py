@@ -155,7 +155,7 @@ def assignment(text: str) -> tuple[str, Any]:
     import json
 
     def once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        return each_once(pairs, f"the value of '{name}' has '{{}}' twice – give it once")
+        return each_once(pairs, f"in the value of '{name}', ")
 
     name, equals, value = text.partition("=")
     if not equals or not name:
@@ -168,12 +168,12 @@ def assignment(text: str) -> tuple[str, Any]:
     return name, value
 
 
-def each_once(pairs: Iterable[tuple[str, V]], twice: str = "'{}' is given twice – give it once") -> dict[str, V]:
-    """Values by their names. Raises WordsError, `twice`, for a name that comes again."""
+def each_once(pairs: Iterable[tuple[str, V]], where: str = "") -> dict[str, V]:
+    """Values by their names. Raises WordsError for a name that comes again; `where` begins its message."""
     found: dict[str, V] = {}
     for name, value in pairs:
         if name in found:
-            raise WordsError(twice.format(name))
+            raise WordsError(f"{where}'{name}' is given twice – give it once")
         found[name] = value
     return found
 

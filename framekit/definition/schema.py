@@ -160,7 +160,7 @@ class Messages:
         word = _WORDS.get(error.validator)
         if "propertyNames" in error.absolute_schema_path:
             yield _Complaint(path, "value", self._name(error, path))
-        elif word is None:
+        elif word is None or (error.validator in ("oneOf", "anyOf") and not _are_keys(error.validator_value)):
             yield self._value(path, f"{self._subject(path)} is not right", "look at its description")
         else:
             yield from word(self, error, path)
@@ -571,11 +571,18 @@ def _referred(validator: Any, wanted: str, instance: Any, schema: Any) -> Iterat
     yield from validator.descend(instance, _schemas()[file]["$defs"][name])
 
 
-def _exactly_one(validator: Any, wanted: Any, instance: Any, schema: Any) -> Iterator[Any]:
-    """Keyword `oneOf`, which our schemas have for keys only: exactly one of them is there."""
-    from jsonschema import ValidationError
+def _are_keys(branches: list[dict[str, Any]]) -> bool:
+    """Whether each branch of `oneOf` or `anyOf` asks for one key and nothing else, as in all shipped schemas."""
+    return all(branch.keys() == {"required"} and len(branch["required"]) == 1 for branch in branches)
 
-    if sum(branch["required"][0] in instance for branch in wanted) != 1:
+
+def _exactly_one(validator: Any, wanted: Any, instance: Any, schema: Any) -> Iterator[Any]:
+    """Keyword `oneOf`: where it is about keys, exactly one of them is there."""
+    from jsonschema import Draft202012Validator, ValidationError
+
+    if not _are_keys(wanted):
+        yield from Draft202012Validator.VALIDATORS["oneOf"](validator, wanted, instance, schema)
+    elif sum(branch["required"][0] in instance for branch in wanted) != 1:
         yield ValidationError("not exactly one")
 
 

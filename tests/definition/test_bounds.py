@@ -153,6 +153,20 @@ def test_a_check_of_twice_as_many_frames_is_twice_the_work(tmp_path: Path, body:
     assert many - some < 2.2 * (some - few)
 
 
+def test_a_size_behind_values_in_a_row_is_compiled_in_work_that_grows_with_them() -> None:
+    def compiling(values: int) -> int:
+        row = "".join(f"{{value: v{n}, read: v{n - 1} + v{n - 1}}}, " for n in range(1, values + 1))
+        body = f"[{{field: v0, type: u8}}, {row}{{data: d, size: v{values}}}]"
+        protocol = load_protocol_text(f"protocol: row\nframes: {{F: {{body: {body}}}}}\n")
+        profile = cProfile.Profile()
+        with profile:
+            compile_protocol(protocol)
+        return sum(row[1] for row in pstats.Stats(profile).stats.values())  # type: ignore[attr-defined]
+
+    compiling(1)  # what is read once
+    assert compiling(12) < 4 * compiling(6)
+
+
 def test_frames_that_no_constant_tells_apart_have_a_bound(tmp_path: Path) -> None:
     path = tmp_path / "alike.protocol.yaml"
     path.write_text(

@@ -27,6 +27,7 @@ from framekit.definition.load.protocol import load_protocol, load_protocol_text
 from framekit.definition.model import checks as methods
 from framekit.definition.model.procedure import ADDED_KEYS
 from framekit.definition.model.segments import Field
+from framekit.definition.problems import DefinitionError
 from framekit.link.sequences import writing
 from framekit.run.triggers import TRIGGERS, add_trigger
 
@@ -253,6 +254,21 @@ def test_two_functions_of_steps_have_two_names(bring: Bring) -> None:
         bring("other_made_up", BRINGS_ALL.replace('"made_up', '"other_made_up'))
 
 
+@pytest.mark.parametrize("word", ["oneOf", "anyOf"])
+def test_the_schema_of_a_key_may_leave_a_choice(bring: Bring, word: str) -> None:
+    kinds = {word: [{"enum": ["soon", "late"]}, {"type": "array"}]}
+    key = 'add_step_key("made_up", IDENTIFIER'
+    bring("made_up", BRINGS_ALL.replace(key, f"{key}._replace(schema={kinds})"))
+    text = (
+        "protocol: own\nframes:\n  one: {body: [{const: 01}]}\n"
+        "sequences:\n  main: {steps: [{step: a, made_up: WORD, send: one}]}\n"
+        "roles: {client: {lanes: {main: {exchange: main}}}}\n"
+    )
+    with pytest.raises(DefinitionError, match="'made_up' of step 'a' .* is not right"):
+        load_protocol_text(text.replace("WORD", "never"))
+    load_protocol_text(text.replace("WORD", "soon"))
+
+
 SAME_NAMES = """
 from framekit.codec.extend import add_check, add_type
 import zlib
@@ -303,6 +319,54 @@ def test_functions_of_the_same_name_stay_apart(bring: Bring) -> None:
         assert (
             codec.decode(name, bytes.fromhex(data), {}) == alone["FRAMES"][name].decode(bytes.fromhex(data)) == values
         )
+
+
+IMPORTS = """
+from functools import total_ordering as xor8
+import os.path
+from framekit.codec.extend import add_type
+from framekit_and_more import first
+from operator import neg as turned
+from .helpers import changed
+
+
+@xor8
+class Read:
+    def __init__(self, number):
+        self.number = turned(turned(number))
+
+    def __lt__(self, other):
+        return self.number < other.number
+
+
+def parse(raw):
+    return Read(changed(first(raw))).number
+
+
+def build(number, size):
+    return bytes((changed(number),)) + os.path.basename("a/").encode()
+
+
+add_type("made_up", 1, parse, build, most=255)
+"""
+
+
+def test_what_modules_import_stays_apart_too(bring: Bring, tmp_path: Path) -> None:
+    (tmp_path / "framekit_and_more.py").write_text("def first(raw):\n    return raw[0]\n")
+    for name, mask, turned in (("made_up", "0x11", "neg"), ("other", "0x22", "inv")):
+        (tmp_path / f"{name}_package").mkdir()
+        (tmp_path / f"{name}_package" / "helpers.py").write_text(f"def changed(number):\n    return number ^ {mask}\n")
+        text = IMPORTS.replace("made_up", name).replace("neg", turned)
+        (tmp_path / f"{name}_package" / "types_of.py").write_text(text)
+        importlib.import_module(f"{name}_package.types_of")
+    protocol = load_protocol_text(
+        "protocol: own\nframes:\n  one: {body: [{field: a, type: made_up}, {field: b, type: other}, {check: xor8}]}\n"
+    )
+    values, data = {"a": 0x01, "b": 0x02}, bytes.fromhex("102030")
+    codec, alone = compile_protocol(protocol), dict[str, Any](__name__="alone")
+    exec(generate_source(protocol), alone)
+    for one in (codec.frames["one"], alone["FRAMES"]["one"]):
+        assert one.encode(values, {}) == data and one.decode(data, {}) == values
 
 
 KIND = """

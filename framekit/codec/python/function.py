@@ -63,7 +63,11 @@ class FunctionWriter:
         self.names = Identifiers(module.words())
         self.hoisted: dict[str, str] = {}
         self.by_name = {segment.name: segment for segment in everything(segments) if segment.name}
-        self.field_names = {name for segment in everything(segments) for name in segment.value_names}
+        self.by_value_name: dict[str, list[Segment]] = {}
+        for segment in everything(segments):
+            for name in segment.value_names:
+                self.by_value_name.setdefault(name, []).append(segment)
+        self.field_names = self.by_value_name.keys()
 
     def add(self, text: str) -> None:
         self.out.add(text)
@@ -83,33 +87,47 @@ class FunctionWriter:
     def writer(self, scope: Scope) -> ExpressionWriter:
         return ExpressionWriter(self.module, scope, self.context)
 
-    def may_be_negative(self, node: Node, asked: frozenset[str] = frozenset()) -> bool:
-        """Whether a size can come out below zero. `asked`: names that are being asked about already."""
-        match node:
-            case Number(value=value):
-                return value < 0
-            case Binary(operator="-") | Unary(operator="-" | "~"):
-                return True
-            case Call(function="len" | "abs"):
-                return False
-            case Name(name=name) | Attribute(name=name) if name not in asked and self._holds_negative(name, asked):
-                return True
-        return any(self.may_be_negative(child, asked) for child in children(node))
+    def may_be_negative(self, size: Node) -> bool:
+        """Whether a size can come out below zero."""
+        asked: set[str] = set()
+        ahead = [size]
+        while ahead:
+            node = ahead.pop()
+            match node:
+                case Number(value=value) if value < 0:
+                    return True
+                case Binary(operator="-") | Unary(operator="-" | "~"):
+                    return True
+                case Call(function="len" | "abs"):
+                    continue
+                case Name(name=name) | Attribute(name=name) if name not in asked:
+                    if self._holds_negative(name):
+                        return True
+                    asked.add(name)
+                    ahead += self._behind(name)
+            ahead += children(node)
+        return False
 
-    def _holds_negative(self, name: str, asked: frozenset[str]) -> bool:
-        """Whether a value of that name may be below zero."""
-        found = [one for one in everything(self.segments) if name in one.value_names]
-        if not found:
+    def _holds_negative(self, name: str) -> bool:
+        """Whether a value of that name may be below zero by what holds it."""
+        found = self.by_value_name.get(name)
+        if found is None:
             return self._given_negative(name)
         for one in found:
             if isinstance(one, Field | Length | Count):
                 least = value_range(replace(one, limits=None)).least
             else:
                 least = wire_range(one.of).least if isinstance(one, Repeat) and isinstance(one.of, FieldType) else 0
-            given = one.read if isinstance(one, Value) else one.default if isinstance(one, Field) else None
-            if least is None or least < 0 or (given and self.may_be_negative(given.root, asked | {name})):
+            if least is None or least < 0:
                 return True
         return False
+
+    def _behind(self, name: str) -> Iterator[Node]:
+        """What the values of that name may be worked out by."""
+        for one in self.by_value_name.get(name, ()):
+            given = one.read if isinstance(one, Value) else one.default if isinstance(one, Field) else None
+            if given is not None:
+                yield given.root
 
     def _given_negative(self, name: str) -> bool:
         """Whether a table, a parameter or state may be below zero."""

@@ -14,8 +14,9 @@ import sys
 import textwrap
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
+from importlib.util import resolve_name
 from types import FunctionType
-from typing import Any
+from typing import Any, NamedTuple
 
 from framekit.codec import support
 from framekit.codec.checks import FUNCTIONS, source_of
@@ -112,18 +113,29 @@ def pasted_names() -> frozenset[str]:
 
 @cache
 def _names_of_added() -> Mapping[tuple[str, str], str]:
-    """What generated modules call the functions of added ones, by module and name: so two of one name stay apart."""
+    """What generated modules call the functions and imports of added ones, by module and name.
+
+    Two of one name stay apart; what several modules import is imported once.
+    """
     taken = {*dir(builtins), *OWN_WORDS, *(name for module in _PASTED[:OWN_HELPERS] for name in vars(module))}
-    added, found = _PASTED[OWN_HELPERS:], dict[tuple[str, str], str]()
-    taken.update(name for module in added for name in _imports_of(module))
-    for module in added:
-        for name in sorted(_defined(module)):
-            own, number = name, 1
-            while own in taken:
-                number += 1
-                own = f"{name}_{number}"
-            found[module.__name__, name] = own
-            taken.add(own)
+    imported = {one: name for module in _PASTED[:OWN_HELPERS] for name, one in _imports_of(module).items()}
+    found: dict[tuple[str, str], str] = {}
+
+    def apart(name: str) -> str:
+        own, number = name, 1
+        while own in taken:
+            number += 1
+            own = f"{name}_{number}"
+        taken.add(own)
+        return own
+
+    for module in _PASTED[OWN_HELPERS:]:
+        for name, one in _imports_of(module).items():
+            if one not in imported:
+                imported[one] = apart(name) if one.may_be_renamed else name
+            found[module.__name__, name] = imported[one]
+    for module in _PASTED[OWN_HELPERS:]:
+        found |= {(module.__name__, name): apart(name) for name in sorted(_defined(module))}
     return found
 
 
@@ -142,16 +154,37 @@ def _defined(module: Any) -> frozenset[str]:
     return frozenset(name for name, value in made if value.__module__ == module.__name__)
 
 
+class Import(NamedTuple):
+    """`import what`, or `from origin import what`."""
+
+    origin: str
+    what: str
+
+    @property
+    def may_be_renamed(self) -> bool:
+        """`import a.b` brings the name `a`, and `import a.b as c` another thing."""
+        return bool(self.origin) or "." not in self.what
+
+    def line(self, name: str) -> str:
+        """The line that brings it as `name`."""
+        renamed = f" as {name}" if name != self.what and self.may_be_renamed else ""
+        return f"{f'from {self.origin} ' if self.origin else ''}import {self.what}{renamed}"
+
+
 @cache
-def _imports_of(module: Any) -> Mapping[str, str]:
-    """The import lines of a module by the names they bring, but for those of framekit."""
-    found: dict[str, str] = {}
+def _imports_of(module: Any) -> Mapping[str, Import]:
+    """What a module imports at its top by the names it has there, but for what is of framekit."""
+    found: dict[str, Import] = {}
     for node in ast.parse(inspect.getsource(module)).body:
-        if isinstance(node, ast.Import | ast.ImportFrom):
-            origin = f"from {node.module} " if isinstance(node, ast.ImportFrom) else ""
-            for one in node.names if not origin.startswith(("from framekit", "from __future__")) else ():
-                renamed = f" as {one.asname}" if one.asname else ""
-                found[one.asname or one.name.partition(".")[0]] = f"{origin}import {one.name}{renamed}"
+        if isinstance(node, ast.Import):
+            for one in node.names:
+                whole = one.asname is not None and "." in one.name
+                origin, _, last = one.name.rpartition(".") if whole else ("", "", one.name)
+                found[one.asname or one.name.partition(".")[0]] = Import(origin, last)
+        elif isinstance(node, ast.ImportFrom):
+            origin = resolve_name(f"{'.' * node.level}{node.module or ''}", module.__package__)
+            if origin.partition(".")[0] not in ("framekit", "__future__"):
+                found |= {one.asname or one.name: Import(origin, one.name) for one in node.names}
     return found
 
 
@@ -159,7 +192,9 @@ def _imports_of(module: Any) -> Mapping[str, str]:
 def outer_names(helper: Any) -> tuple[str, ...]:
     """The names that the source of a function or class means outside of itself."""
     (found,) = ast.parse(textwrap.dedent(whole_source(helper))).body
-    parts = [*found.body, *found.bases] if isinstance(found, ast.ClassDef) else [found]
+    parts: list[ast.AST] = [found]
+    if isinstance(found, ast.ClassDef):
+        parts = [*found.body, *found.bases, *found.keywords, *found.decorator_list]
     used = ({node.id for node in ast.walk(part) if isinstance(node, ast.Name)} - _bound(part) for part in parts)
     return tuple(sorted(set[str]().union(*used)))
 
@@ -229,7 +264,8 @@ class Module:
             imports = _imports_of(module)
             for other in outer_names(getattr(module, known)):
                 if other in imports:
-                    self.imports.add(imports[other])
+                    own = _names_of_added().get((module.__name__, other), other)
+                    self.imports.add(imports[other].line(own))
                 elif isinstance(helper, str):
                     if any(other in _defined(one) for one in _PASTED[:OWN_HELPERS]):
                         self.function(other)
