@@ -264,7 +264,7 @@ def test_the_schema_of_a_key_may_leave_a_choice(bring: Bring, word: str) -> None
         "sequences:\n  main: {steps: [{step: a, made_up: WORD, send: one}]}\n"
         "roles: {client: {lanes: {main: {exchange: main}}}}\n"
     )
-    with pytest.raises(DefinitionError, match="'made_up' of step 'a' .* is not right"):
+    with pytest.raises(DefinitionError, match=r"'made_up' of step 'a' .* is not right"):
         load_protocol_text(text.replace("WORD", "never"))
     load_protocol_text(text.replace("WORD", "soon"))
 

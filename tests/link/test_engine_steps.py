@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
 from link.link_world import MS, SECOND, Echoing, Side, compiled
 
 from framekit.definition.times import NEVER
@@ -645,6 +646,26 @@ def test_a_reply_that_cannot_be_built_is_told_to_the_server_and_nothing_else_is(
         side.gets(data)
         side.run(SECOND)
         assert (side.taken(), server.not_answered) == (sent, count), data
+
+
+INNER = """
+  middle: {body: [{const: 08}, {inner: pdu, of: yes}]}
+  outer: {from: server, body: [{const: 09}, {inner: pdu, of: middle}]}
+"""
+
+
+@pytest.mark.parametrize("sent", ["{yes: {x: reply.x}}", "{outer: {pdu: {middle: {pdu: reply}}}}"])
+def test_a_reply_that_has_gone_out_another_way_is_not_told_to_the_server(sent: str) -> None:
+    """Made anew of its fields, or in a frame inside another one; the next reply is told of all the same."""
+    steps = ANSWERED.replace("send: reply, then: idle", f"send: {sent}, then: spoilt")
+    steps += "    - {step: spoilt, send: {ask: {x: asked.x + 255}}, then: idle}\n"
+    text = protocol(steps, roles="server: {lanes: {main: {listen: listen}}}").replace("receiver:", f"{INNER}receiver:")
+    server = Echoing(lambda request: FrameValue("yes", {"x": request.fields["x"] + 0xFE}))
+    side = Side(text, "server", server=server)
+    for data, count, told in [(b"\x01\x01", 2, 0), (b"\x01\x02", 1, 1)]:
+        side.gets(data)
+        side.run(SECOND)
+        assert (len(side.taken()), server.not_answered) == (count, told), data
 
 
 def test_memory_is_stored_into_and_read() -> None:

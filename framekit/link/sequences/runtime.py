@@ -37,7 +37,7 @@ from framekit.link.sequences.state import (
     after,
     begin_clock,
 )
-from framekit.link.values import FrameValue, plain
+from framekit.link.values import FrameValue, frames_in, plain
 
 RECEIVING, PAUSING, ASKING, DONE, GOING = State.RECEIVING, State.PAUSING, State.ASKING, State.DONE, State.GOING
 
@@ -215,6 +215,9 @@ class Machine:
     def put_out(self, run: Run, data: bytes, value: FrameValue, repeated: bool = False) -> None:
         """Gives the bytes of a frame to the line, and shows it."""
         self.last_frame = self.scope.now
+        reply = None if self.owed is None else self.owed[0]
+        if reply is not None and reply.raw is None and reply.pending is None and reply.frame in frames_in(value):
+            self.owed = None  # it was made anew of its fields, or stands deep inside
         if self.on_send is not None:
             self.on_send()
         if self.monitor is not None:
