@@ -21,6 +21,7 @@ from framekit.definition.expression import (
     Node,
     Text,
     children,
+    is_constant,
     names_in,
     read_backwards,
     walk,
@@ -48,6 +49,7 @@ from framekit.definition.model.services import (
     Maybe,
     Part,
     ServiceRow,
+    is_passed_over,
 )
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Table, Value
 from framekit.definition.problems import Position, Problem, did_you_mean, listed
@@ -486,31 +488,23 @@ class _Alike:
 
     def _fields(self, one: Mapping[str, Value], other: Mapping[str, Value], known: Collection[str]) -> bool:
         return all(
-            (name in other or name in known or _passed_over(value)) and self.covers(value, other.get(name))
+            (name in other or name in known or (isinstance(value, Expression) and is_passed_over(value)))
+            and self.covers(value, other.get(name))
             for name, value in one.items()
         )
 
     def _leaf(self, one: Expression, other: Expression | None) -> bool:
         equal = fingerprint(one) == fingerprint(other)
-        if not names_in(one.root):
+        if is_constant(one):
             return equal
-        if _passed_over(one):
-            return True
         found = read_backwards(one)
-        assert found is not None
+        if found is None or is_passed_over(one):
+            return True
         name, undone = found
         self.names.append(name)
         if not equal and other is not None and names_in(other.root):
             self.same = False
         return equal or all(operator != "*" for operator, _, _ in undone)  # a product may leave a rest
-
-
-def _passed_over(value: Value) -> bool:
-    """Whether a server neither reads nor compares a leaf."""
-    if not isinstance(value, Expression) or not names_in(value.root):
-        return False
-    name, _ = read_backwards(value) or (None, ())
-    return name is None or name in NOT_COMPARED
 
 
 def check_services(protocol: Protocol, broken: Collection[str] = ()) -> list[Problem]:

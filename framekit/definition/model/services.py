@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from framekit.definition.expression import Expression, Text, names_in, walk
+from framekit.definition.expression import Expression, Text, is_constant, names_in, read_backwards, walk
 from framekit.definition.keys import (
     CONDITION,
     COUNT,
@@ -164,6 +164,15 @@ class CommandRules:
 
 NOT_COMPARED = frozenset({"station", "own"})
 """Names whose values a server does not compare: what a request asks for does not depend on them."""
+
+
+def is_passed_over(expression: Expression) -> bool:
+    """Whether a server neither reads nor compares what stands there in a request."""
+    if is_constant(expression):
+        return False
+    found = read_backwards(expression)
+    return found is None or found[0] in NOT_COMPARED
+
 
 UNIT_BITS = {"bit": 1, "byte": 8, "word": 16, "dword": 32, "lword": 64}
 NUMBER_BITS = {

@@ -14,9 +14,9 @@ from typing import Any
 
 from framekit.codec.python.source import Source
 from framekit.codec.shown import explain
-from framekit.definition.expression import Expression, emit, is_constant, names_in, read_backwards
+from framekit.definition.expression import Expression, emit, is_constant, names_in
 from framekit.definition.model.frames import expressions_of, field_names, parts_of
-from framekit.definition.model.services import NOT_COMPARED
+from framekit.definition.model.services import is_passed_over
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
 from framekit.link.addresses import Address, AddressError, code_of
 from framekit.link.construct_values import EACH, read_layout
@@ -313,7 +313,7 @@ class RowWriter:
         numbers: Mapping[str, Mapping[str, int]], padding: frozenset[str],
     ) -> None:  # fmt: skip
         for name, value in fields.items():
-            if isinstance(value, ReadAs) or (isinstance(value, Expression) and _is_passed_over(value)):
+            if isinstance(value, ReadAs) or (isinstance(value, Expression) and is_passed_over(value)):
                 continue
             part = self.variable()
             if inside is None:
@@ -328,7 +328,7 @@ class RowWriter:
     def _leaf(
         self, expression: Expression, actual: str, level: WriterLevel, numbers: Mapping[str, int], padded: bool
     ) -> None:
-        if _is_passed_over(expression):
+        if is_passed_over(expression):
             return
         if is_constant(expression):
             constant = compile_expression(expression)(Names())
@@ -616,14 +616,6 @@ class RowWriter:
             if self.values.repeats(frame):
                 self.out.add(f"fill_echo({reply}, request)")
         self.out.add(f"return Served({reply}{'' if buffer is None else f', {self.values.value(buffer, self.level)}'})")
-
-
-def _is_passed_over(expression: Expression) -> bool:
-    """Whether an expression cannot be read backwards, or names the station."""
-    if is_constant(expression):
-        return False
-    name = bare_name(expression) or next(iter(read_backwards(expression) or ()), None)
-    return name is None or name in NOT_COMPARED
 
 
 # ---- what the functions call ------------------------------------------------------------------------------
