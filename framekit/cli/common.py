@@ -165,6 +165,8 @@ def assignment(text: str) -> tuple[str, Any]:
             return name, json.loads(value, object_pairs_hook=once_each)
         except json.JSONDecodeError as error:
             raise WordsError(f"the value of '{name}' is not JSON: {error.msg} at character {error.pos + 1}") from None
+        except RecursionError:
+            raise WordsError(f"the value of '{name}' is nested too deeply") from None
     return name, value
 
 

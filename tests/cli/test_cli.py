@@ -71,6 +71,7 @@ def test_encode_takes_values_of_records_one_by_one(
         (("x=1", "x=2"), "'x' is given twice – give it once"),
         (("d1.b=1", "d1.b=1"), "'d1.b' is given twice"),
         (('d1={"b": 3, "b": 4}',), "in the value of 'd1', 'b' is given twice – give it once"),
+        ((f"d1={'[' * 30_000}",), "the value of 'd1' is nested too deeply"),
         (('{d1}={"b": 3, "b": 4}',), "in the value of '{d1}', 'b' is given twice"),
         (("d1..b=1",), "'d1..b': a part is empty – write FIELD, RECORD.FIELD or LIST[0].FIELD"),
         ((".x=1",), "a part is empty"), (("x.=1",), "a part is empty"),
