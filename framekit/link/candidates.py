@@ -18,7 +18,7 @@ from framekit.definition.model.segments import Const
 from framekit.link.arrivals import BadFrame, EitherBad, Fault
 from framekit.link.evaluate import CODEC_ERRORS, Names
 from framekit.link.events import LineFault
-from framekit.link.frame_table import Ends, FrameInfo, FrameTable
+from framekit.link.frame_table import Ends, FrameInfo, FrameTable, function_does
 from framekit.link.inside import InsideFinder
 from framekit.link.stream import Stream
 
@@ -339,10 +339,11 @@ class Left:
     """The expected candidates that two bytes leave.
 
     `alone`: the only one. `sure`: every other candidate, the others included, begins with other constants than there
-    are, so that it is surely none. `ends`: what finds their ends, once that was asked for. `names`: theirs.
+    are, so that it is surely none. `ends`: what finds their ends, once that was asked for. `names`: theirs. `alike`:
+    whether all are measured alike, once that was asked for.
     """
 
-    __slots__ = ("alone", "ends", "infos", "names", "sure")
+    __slots__ = ("alike", "alone", "ends", "infos", "names", "sure")
 
     def __init__(self, infos: Level, sure: bool) -> None:
         self.infos = infos
@@ -350,6 +351,12 @@ class Left:
         self.names = tuple(info.name for info in infos)
         self.alone = infos[0] if len(infos) == 1 else None
         self.ends: Ends | None = None
+        self.alike: bool | None = None
+
+    def compare(self) -> bool:
+        """Whether all are measured alike, so that they have the same end."""
+        self.alike = len({function_does(info.measure) for info in self.infos}) == 1
+        return self.alike
 
 
 class Start:

@@ -143,7 +143,7 @@ def by_extent(infos: Sequence[FrameInfo]) -> Ends:
     """Candidates together where the functions that find their ends do the very same."""
     groups: dict[Any, list[FrameInfo]] = {}
     for info in infos:
-        groups.setdefault(_does(info.extent), []).append(info)
+        groups.setdefault(function_does(info.extent), []).append(info)
     found = []
     for group in groups.values():
         look = any_intact([(one.frame, one.intact) for one in group])
@@ -151,7 +151,8 @@ def by_extent(infos: Sequence[FrameInfo]) -> Ends:
     return tuple(found)
 
 
-def _does(function: Callable[..., int]) -> Any:
+def function_does(function: Callable[..., int]) -> Any:
+    """The same for generated functions that do the very same."""
     code = getattr(function, "__code__", None)
     if code is None:
         return id(function)

@@ -291,7 +291,7 @@ class Receiver:
                 left = start.left[buffer[at]]
                 info, fields = left.alone, None
                 if info is None:
-                    info, size = (None, 0) if self._noise.data else self._shortest(left.infos, place)
+                    info, size = (None, 0) if self._noise.data else self._shortest(left, place)
                 elif said:
                     seen = self._candidates.seen(info)
                     if seen is None:
@@ -372,11 +372,18 @@ class Receiver:
         self.waiting_since = stream.time_of(place)
         return True
 
-    def _shortest(self, infos: tuple[FrameInfo, ...], place: int) -> tuple[FrameInfo | None, int]:
+    def _shortest(self, left: Left, place: int) -> tuple[FrameInfo | None, int]:
         """The shortest frame of several that may be good at `place`; a size below 0 where that is not sure."""
         candidates, buffer, names = self._candidates, self.stream.buffer, self._names
+        if not candidates.said and (left.compare() if left.alike is None else left.alike):
+            size = left.infos[0].measure(buffer, place, len(buffer), names, 0)
+            raw = bytes(buffer[place : place + size]) if size > 0 else b""
+            for info in left.infos if raw else ():
+                if info.intact is None or info.intact(raw):
+                    return info, size
+            return None, -1
         whole: list[tuple[int, int, FrameInfo]] = []
-        for number, info in enumerate(infos):
+        for number, info in enumerate(left.infos):
             seen = candidates.seen(info)
             if seen is None:
                 return None, -1
@@ -388,7 +395,7 @@ class Receiver:
         for size, _, info in whole:
             if len(whole) == 1 or info.intact is None or info.intact(bytes(buffer[place : place + size])):
                 return info, size
-        return None, -1 if infos else 0
+        return None, -1 if left.infos else 0
 
     def _pass_over(self, frames: ExpectedFrames, found: list[Arrival]) -> None:
         """Passes over places where no good frame begins, and none that is told of or wants more bytes.
