@@ -501,7 +501,7 @@ def _size_inside(branch: Leaf | Switch, at: int, shapes: StaticSizes) -> int | N
 def intact_of(frame: Frame) -> Intact | None:
     """For a frame that ends in a check code over all before it, or is hex digits of that; None for every other."""
     check = _check_of(frame) or _check_in_digits(frame)
-    restricted = _restricted(frame)
+    restricted = _restricted(frame, digits=True)
     if check is None or not restricted:
         return check
 
@@ -556,7 +556,7 @@ def _any_of(looks: tuple[Intact, ...]) -> Intact:
     return looks[0] if len(looks) == 1 else lambda raw: any(look(raw) for look in looks)
 
 
-def _restricted(frame: Frame) -> list[tuple[int, frozenset[int]]]:
+def _restricted(frame: Frame, digits: bool = False) -> list[tuple[int, frozenset[int]]]:
     """Bytes that only some values are right for; what measures a frame looks at the constants it begins with."""
     begin = 0
     for segment in frame.segments:
@@ -565,7 +565,7 @@ def _restricted(frame: Frame) -> list[tuple[int, frozenset[int]]]:
         begin += len(segment.data)
     moves = frame.delimited or frame.size is not None
     segments = frame.head + frame.body if moves else frame.segments
-    return [(place, allowed) for place, allowed in fixed_bytes(segments) if place >= begin]
+    return [(place, allowed) for place, allowed in fixed_bytes(segments, digits) if place >= begin]
 
 
 def _check_of(frame: Frame) -> Intact | None:

@@ -118,6 +118,62 @@ def test_a_refused_fault_needs_a_right_check() -> None:
     assert fault(codec, "05 01").refuse is None, "the check was not reached"
 
 
+INSIDE = """
+groups:
+  inner: {from: client, head: [{field: code, type: u8}]}
+frames:
+  one: {group: inner, where: {code: 1}, body: [{field: a, type: u8, range: 0..9, refuse: 4}]}
+  other: {group: inner, body: [], refuse: 7}
+"""
+AROUND = {
+    "plain": "[{const: AA}, {inner: i, of: inner}, {check: sum8, over: [i]}, {const: 55}]",
+    "wrap": "[{const: AA}, {wrap: hex, min: 2, of: [{inner: i, of: inner}, {check: sum8}]}, {const: 55}]",
+    "branch": "[{const: AA}, {wrap: {escape: AB}, name: w, min: 2, of: [{inner: i, of: inner}]}, {const: AB},"
+    " {const: 55, name: e}, {check: sum8, over: [i], when: 1 == 1}]",
+    "read": "[{const: AA}, {inner: i, of: inner}, {require: i.one.a != 8}, {check: sum8, over: [i]}, {const: 55}]",
+}
+
+
+@pytest.mark.parametrize(
+    ("around", "data", "cause", "refuse", "is_found_out"),
+    [
+        ("plain", "AA 01 05 07 55", "check", None, False),
+        ("plain", "AA 01 0A 07 55", "check", None, False),
+        ("plain", "AA 01 0A 0B 55", "range", 4, True),
+        ("plain", "AA 01 05 06 56", "constant", None, False),
+        ("plain", "AA 01 0A 0B 56", "range", 4, True),
+        ("plain", "AB 01 0A 0B 55", "constant", None, True),
+        ("plain", "AA 01 05 07 56", "check", None, False),
+        ("wrap", "AA 30 31 30 35 30 37 55", "check", None, False),
+        ("wrap", "AA 30 31 30 41 30 37 55", "check", None, False),
+        ("wrap", "AA 30 31 30 41 30 42 55", "range", 4, True),
+        ("wrap", "AA 30 30 55", "short", None, False),
+        ("wrap", "AA 30 47 30 31 55", "digits", None, True),
+        ("branch", "AA 01 05 AB 55 07", "check", None, False),
+        ("branch", "AA 01 0A AB 55 07", "check", None, False),
+        ("branch", "AA 01 0A AB 55 0B", "range", 4, True),
+        ("branch", "AA 01 AB 55 01", "short", None, False),
+        ("branch", "AA 01 05 AB 55 06 00", "surplus", None, True),
+        ("read", "AA 01 0A 07 55", "check", None, True),
+        ("read", "AA 01 05 07 55", "check", None, False),
+    ],
+)
+def test_what_is_never_refused_is_found_out_when_it_is_asked_for(
+    around: str, data: str, cause: str, refuse: int | None, is_found_out: bool
+) -> None:
+    """A wrong check code, constant or size of a wrap that is the only fault around a frame inside."""
+    codec = codec_of(AROUND[around], INSIDE)
+    with pytest.raises(FrameError) as caught:
+        codec.decode("f", bytes.fromhex(data))
+    assert ("cause" in vars(caught.value)) is is_found_out
+    assert (caught.value.cause, caught.value.refuse) == (cause, refuse)
+    wanted = codec.trace("f", bytes.fromhex(data))[2]
+    assert wanted is not None
+    for name in ("cause", "segment", "offset", "expected", "found", "refuse", "fields"):
+        assert getattr(caught.value, name) == getattr(wanted, name)
+    assert str(caught.value) == str(wanted)
+
+
 def test_fields_before_the_fault_are_there() -> None:
     codec = codec_of("[{field: a, type: u8}, {field: b, type: u8}, {require: a < b, refuse: 3}, {field: c, type: u8}]")
     assert fault(codec, "05 01 09").fields == {"a": 5, "b": 1}

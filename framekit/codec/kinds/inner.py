@@ -9,11 +9,12 @@ from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import EncodeWriter, Given
 from framekit.codec.python.encode_plan import Lengths, Rules, RuleWriter, Task
 from framekit.codec.python.expressions import NameEntry, Scope
-from framekit.codec.python.function import MISFIT, between
+from framekit.codec.python.function import MISFIT, Function, between
 from framekit.codec.python.measure import MeasureWriter, Pairs
-from framekit.codec.python.reader import BufferReader, Item
+from framekit.codec.python.reader import BufferReader, Item, holds_values
 from framekit.codec.python.source import quoted
 from framekit.definition.expression import AND, Expression
+from framekit.definition.model.frames import everything
 from framekit.definition.model.segments import (
     Inner,
 )
@@ -41,7 +42,15 @@ class InnerKind(SegmentKind[Inner]):
             with function.out.block(f"if {size} <= 0:"):
                 function.add(MISFIT)
             first, last = r.take(item, size)
-        _first_that_fits(r, segment, local, choice, between(r.buffer, first, last))
+        region = between(r.buffer, first, last)
+        if _may_come_last(function, segment):
+            if not region.isidentifier():
+                raw = function.names.fresh(f"{segment.name}_bytes")
+                function.add(f"{raw} = {region}")
+                region = raw
+            function.last.append(lambda: _first_that_fits(r, segment, local, choice, region))
+        else:
+            _first_that_fits(r, segment, local, choice, region)
         item.scope.entries[segment.name] = NameEntry(local, "inner")
         function.names_of_values[segment.name] = local
         item.fields.add(segment.name, local)
@@ -138,6 +147,14 @@ def _compare_size(w: EncodeWriter, inner: Inner, scope: Scope) -> None:
         size = w.text(inner.size, scope)
         conditions += w.is_announced(inner.size, scope)
     w.compare_size((inner.name,), f"len({w.wires[inner.name]})", size, conditions)
+
+
+def _may_come_last(function: Function, inner: Inner) -> bool:
+    """Whether nothing else needs its value, so that it is read when all around it fits."""
+    if not function.tells_wrong or function.in_branch or inner.name in function.read_names:
+        return False
+    every = tuple(everything(function.segments))
+    return not any(one.has_cases or (one.when is not None and holds_values(one)) for one in every)
 
 
 def _first_that_fits(r: BufferReader, inner: Inner, local: str, choice: str, raw: str) -> None:

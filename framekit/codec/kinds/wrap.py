@@ -47,14 +47,14 @@ class WrapKind(SegmentKind[Wrap]):
         inside.close()
         r.deferred += inside.deferred
         if segment.least:
-            function.misfit_if(f"len({plain}) < {segment.least}")
+            function.wrong_if(f"len({plain}) < {segment.least}")
         if segment.most is not None:
             most = (
                 str(segment.most)
                 if isinstance(segment.most, int)
                 else function.writer(item.scope).text(segment.most, BIT_OR)
             )
-            function.misfit_if(f"len({plain}) > {most}")
+            function.wrong_if(f"len({plain}) > {most}")
 
     def tasks(self, w: EncodeWriter, segment: Wrap, scope: Scope, given: Given) -> list[Task]:
         tasks: list[Task] = []

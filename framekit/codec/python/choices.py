@@ -89,8 +89,14 @@ def _groups(frames: tuple[str, ...], allowed: Mapping[str, Allowed], place: int)
     }
 
 
-def fixed_bytes(segments: tuple[Segment, ...]) -> Iterator[tuple[int, frozenset[int]]]:
-    """The bytes at fixed places that a frame restricts, before anything it could be refused for."""
+_DIGITS = {10: frozenset(b"0123456789"), 16: frozenset(b"0123456789ABCDEFabcdef")}
+
+
+def fixed_bytes(segments: tuple[Segment, ...], digits: bool = False) -> Iterator[tuple[int, frozenset[int]]]:
+    """The bytes at fixed places that a frame restricts, before anything it could be refused for.
+
+    `digits`: also where any digits may stand.
+    """
     place = 0
     shapes = StaticSizes({})
     for segment in _flat(segments):
@@ -99,7 +105,10 @@ def fixed_bytes(segments: tuple[Segment, ...]) -> Iterator[tuple[int, frozenset[
         if isinstance(segment, Const):
             yield from ((place + offset, frozenset({byte})) for offset, byte in enumerate(segment.data))
         elif isinstance(segment, Field) and segment.long is None:
-            yield from _numbers_at(place, segment.type, _numbers_of(segment))
+            numbers, type_ = _numbers_of(segment), segment.type
+            if digits and numbers is None and type_.kind == "digits" and type_.base in _DIGITS:
+                yield from ((place + offset, _DIGITS[type_.base]) for offset in range(type_.fixed_size or 0))
+            yield from _numbers_at(place, type_, numbers)
         elif isinstance(segment, Bits):
             yield from _numbers_at(place, segment.type, _numbers_of_bits(segment))
         size = None if any(parts_of(segment, Inner)) else shapes.present(segment).fixed

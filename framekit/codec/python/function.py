@@ -39,7 +39,6 @@ from framekit.definition.model.segments import (
 )
 
 MISFIT = "raise Misfit"
-"""Segments that stand for those inside them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,6 +148,12 @@ class Function(FunctionWriter):
         self.title = title
         self.regions: list[str] = []  # locals with the content of wraps that may be absent, where checks ask for it
         self.conditions: list[str] = []
+        self.tells_wrong = False  # what `wrong_if` says is told apart from all else that does not fit
+        self.raises_wrong = False
+        self.wrong: list[str] = []
+        self.wrong_at_last: list[str] = []
+        self.flag = ""  # the local that says that something is wrong, false before anything is read
+        self.last: list[Callable[[], None]] = []  # what is read when all the rest fits
         self.read_names = names_asked_for(segments)
         self.tracked = tracked_names(segments)
         self.names_of_values: dict[str, str] = {}
@@ -188,17 +193,53 @@ class Function(FunctionWriter):
         if condition not in self.conditions:
             self.conditions.append(condition)
 
+    def wrong_if(self, condition: str) -> None:
+        """As `misfit_if`, for a fault that alone in a frame is never refused, whatever is in frames inside it."""
+        if not self.tells_wrong:
+            self.misfit_if(condition)
+            return
+        self.wrong.append(condition)
+        if self.in_branch:
+            self.flush()
+
+    def wrong_at_last_if(self, condition: str) -> None:
+        """As `misfit_if`, for a fault that alone in a frame is never refused, if the frames inside it are not."""
+        if self.tells_wrong:
+            self.wrong_at_last.append(condition)
+        else:
+            self.misfit_if(condition)
+
+    def finish(self) -> None:
+        """Everything but what comes last is read: writes the conditions, what is wrong, and that."""
+        wrong, self.wrong = self.wrong, []
+        self.flush()
+        self._raise_wrong([self.flag, *wrong] if self.flag else wrong)
+        for action in self.last:
+            action()
+        self._raise_wrong(self.wrong_at_last)
+
+    def _raise_wrong(self, conditions: list[str]) -> None:
+        if conditions:
+            self.raises_wrong = True
+            self.module.function("Wrong")
+            with self.out.block(f"if {' or '.join(conditions)}:"):
+                self.add("raise Wrong")
+
     def flush(self) -> None:
-        """Writes the conditions noted so far."""
+        """Writes the conditions noted so far, and keeps what is wrong so far."""
+        wrong, self.wrong = self.wrong, []
         if self.conditions:
             conditions, self.conditions = self.conditions, []
             self.module.function("Misfit")
             with self.out.block(f"if {' or '.join(conditions)}:"):
                 self.add(MISFIT)
+        if wrong:
+            self.flag = self.flag or self.names.fresh("is_wrong")
+            self.add(f"{self.flag} = {' or '.join([self.flag, *wrong])}")
 
     def flush_using(self, local: str) -> None:
         """Writes the conditions, if one of them reads a local that is about to change."""
-        if any(re.search(rf"\b{local}\b", condition) for condition in self.conditions):
+        if any(re.search(rf"\b{local}\b", condition) for condition in (*self.conditions, *self.wrong)):
             self.flush()
 
     # ---- where segments stand -----------------------------------------------------------------------------

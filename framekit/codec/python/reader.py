@@ -339,7 +339,7 @@ class BufferReader:
     def _compare_check(self, check: Check, local: str, is_slice: bool) -> None:
         code = code_text(self.module, check, self.range_text(check))
         found = self._code_of(check, local) if is_slice else local
-        self.function.misfit_if(f"{found} != {code}")
+        self.function.wrong_if(f"{found} != {code}")
 
     def residue(self, check: Check) -> int | None:
         """What the code over everything up to the check's own end must be; None where it has to be compared."""
@@ -352,7 +352,7 @@ class BufferReader:
         there may be."""
         covered = self.buffer if last else between(self.buffer, START, self.place.plus(check.size))
         code = self.module.check(check.method, covered)
-        self.function.misfit_if(f"({code}) != {residue:#x}" if not is_call(code) or residue else code)
+        self.function.wrong_if(f"({code}) != {residue:#x}" if not is_call(code) or residue else code)
 
     def _code_of(self, check: Check, local: str) -> str:
         """Text of the number behind a check code's bytes."""
@@ -451,11 +451,12 @@ class BufferReader:
         for chunk in chunks:
             if len(chunk.pieces) > 1 and chunk.local is not None:
                 self._digits_of(chunk)
-        constant: tuple[Place, bytes] | None = None
+        constant: tuple[Place, bytes, bool] | None = None
         for piece in pieces:
-            if isinstance(piece.item.segment, Const):
-                start, data = constant or (self.place, b"")
-                constant = start, data + piece.item.segment.data
+            segment = piece.item.segment
+            if isinstance(segment, Const):
+                start, data, refused = constant or (self.place, b"", False)
+                constant = start, data + segment.data, refused or segment.refuse is not None
             else:
                 self._compare_constant(constant)
                 constant = None
@@ -554,15 +555,19 @@ class BufferReader:
 
     # ---- what becomes of the values -----------------------------------------------------------------------
 
-    def _compare_constant(self, constant: tuple[Place, bytes] | None) -> None:
+    def _compare_constant(self, constant: tuple[Place, bytes, bool] | None) -> None:
+        """Compares what stands at a place with constants; one of them may be `refused`."""
         if constant is None:
             return
-        place, data = constant
+        place, data, refused = constant
         if len(data) == 1:
-            self.function.misfit_if(f"{index(self.buffer, place)} != {data[0]:#04x}")
+            condition = f"{index(self.buffer, place)} != {data[0]:#04x}"
         else:
-            text = between(self.buffer, place, place.plus(len(data)))
-            self.function.misfit_if(f"{text} != {bytes_literal(data)}")
+            condition = f"{between(self.buffer, place, place.plus(len(data)))} != {bytes_literal(data)}"
+        if refused or self.function.in_branch or place.base not in ("", "end"):
+            self.function.misfit_if(condition)
+        else:
+            self.function.wrong_at_last_if(condition)
 
     def value_text(self, number: Field | Length | Count, local: str, wire: str) -> str:
         """Text of the value; a wire value that is looked at twice is put into the local first."""
@@ -621,8 +626,9 @@ class BufferReader:
         function = self.function
         for _, items in branches:
             for item in items:
-                item.fields.attach()
-                item.fields.open(function.out)
+                if holds_values(item.segment):
+                    item.fields.attach()
+                    item.fields.open(function.out)
         function.flush()
         self.settle()
         known = [(item.scope, set(item.scope.entries)) for _, items in branches for item in items]
@@ -806,6 +812,11 @@ class _Flags:
         return flag
 
 
+def holds_values(segment: Segment) -> bool:
+    """Whether it has a value, or something inside it."""
+    return any(one.value_names for one in flat((segment,)))
+
+
 def without_end(segment: Segment) -> DefinitionError:
     """The complaint about a segment of which nothing says where it begins."""
     what = "nothing says where the segment before this one ends"
@@ -870,6 +881,7 @@ def write_decoder(
     """
     function = Function(module, identifier, segments)
     fields = Fields(function.names.fresh("fields"))
+    function.tells_wrong = may_refuse = module.shapes.may_refuse(segments)
     reader = BufferReader(function, "data", "at")
     if segments and all(isinstance(segment, Const) and segment.when is None for segment in segments):
         whole = b"".join(segment.data for segment in segments if isinstance(segment, Const))
@@ -884,7 +896,7 @@ def write_decoder(
         action()
     if frame is not None and frame.most is not None:
         limit(function, frame.most, segments)
-    function.flush()
+    function.finish()
     result = fields.text(function.out)
     out = Source()
     kind = "frame" if frame is not None else "layout"
@@ -893,15 +905,19 @@ def write_decoder(
         function.write_hoisted(out)
         for local in function.regions:
             out.add(f'{local} = b""')
+        if function.flag:
+            out.add(f"{function.flag} = False")
         if fused is not None:
             _try_fused(out, *fused)
         with out.block("try:"):
             out.extend(function.out)
+        at_once = f"raise diagnose_{identifier}(data, ctx).error({quoted(name)}) from None"
+        when_asked = f"raise Misread({quoted(name)}, diagnose_{identifier}, data, ctx) from None"
+        if function.raises_wrong:
+            with out.block("except Wrong:"):
+                out.add(when_asked)
         with out.block("except MISFITS:"):
-            if module.shapes.may_refuse(segments):
-                out.add(f"raise diagnose_{identifier}(data, ctx).error({quoted(name)}) from None")
-            else:
-                out.add(f"raise Misread({quoted(name)}, diagnose_{identifier}, data, ctx) from None")
+            out.add(at_once if may_refuse else when_asked)
         out.add(f"return {result}")
     return out
 

@@ -24,6 +24,10 @@ class Misfit(ValueError):  # noqa: N818 - says no more than that
     """Something does not fit; what it is, is found out afterwards."""
 
 
+class Wrong(Misfit):
+    """Nothing but a check code, a constant or the limit of a wrap does not fit: the frame is not refused, but bad."""
+
+
 class Defaults(dict[str, Any]):
     """What frames need beside their fields, with the definition's start values."""
 
