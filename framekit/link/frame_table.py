@@ -15,6 +15,7 @@ from typing import Any, Protocol, TypeVar
 from framekit.codec.checks import function_of, residue_of
 from framekit.codec.errors import FrameError, Misread
 from framekit.codec.python.choices import Leaf, Switch, fixed_bytes, in_order, tree_of
+from framekit.definition.codings import Hex
 from framekit.definition.expression import Expression, Name, names_in
 from framekit.definition.model import protocol as model
 from framekit.definition.model.frames import Frame, StaticSizes, by_value_name, everything, parts_of
@@ -590,7 +591,9 @@ def _check_in_digits(frame: Frame) -> Intact | None:
     """For digits between constants that hold a check code over all before it; None for every other frame."""
     place = next((place for place, one in enumerate(frame.segments) if isinstance(one, Wrap)), 0)
     wrap, around = frame.segments[place], (*frame.segments[:place], *frame.segments[place + 1 :])
-    if not isinstance(wrap, Wrap) or wrap.how != "hex" or wrap.when is not None or frame.size is not None:
+    if not isinstance(wrap, Wrap) or not isinstance(wrap.coding, Hex) or wrap.size is not None:
+        return None
+    if wrap.when is not None or frame.size is not None:
         return None
     if not all(isinstance(one, Const) and one.when is None and one.refuse is None for one in around):
         return None

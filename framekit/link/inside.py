@@ -179,4 +179,4 @@ def inside_rules(table: FrameTable) -> dict[str, InsideRule]:
 def _is_findable(segment: Segment) -> bool:
     if segment.when is not None:
         return False
-    return fixed_size(segment) is not None or (isinstance(segment, Wrap) and segment.how == "escape")
+    return fixed_size(segment) is not None or (isinstance(segment, Wrap) and segment.escape is not None)

@@ -202,6 +202,22 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
              {"a": 0xF1, "d": b"\x00\x0a"}, "3A 46 31 30 30 30 41 0D 0A"),
         Case("with the escape byte doubled", "- const: DLE STX\n- wrap: {escape: DLE}\n  of: [{data: d, size: rest}]\n"
              "- const: DLE ETX", {"d": b"\x01\x10\x02"}, "10 02 01 10 10 02 10 03"),
+        Case("bytes escaped, with a bit turned, and a check inside", "- const: 7E\n"
+             "- wrap: {escape: 7D, xor: 20, bytes: [7E, 7D, 11, 13]}\n"
+             "  of: [{data: d, size: rest}, {check: crc16-ibm-sdlc, order: little, over: d..here}]\n- const: 7E",
+             {"d": b"\x7e\x13\x42\x7d"}, "7E 7D 5E 7D 33 42 7D 5D 9C BF 7E",
+             bad={"7E 7D 5E 13 42 7D 5D 9C BF 7E": "constant", "7E 42 00 00 7D 7E": "constant"}),
+        Case("bytes escaped, with a code for each", "- wrap: {escape: DB, codes: {C0: DC, DB: DD}}\n"
+             "  of: [{field: a, type: u8}, {data: d, size: rest}]\n- const: C0", {"a": 0xC0, "d": b"\xdb\xdc"},
+             "DB DC DB DD DC C0", bad={"DB DE C0": "constant", "01 DB C0": "constant"}),
+        Case("COBS", "- wrap: cobs\n  of: [{field: a, type: u16}, {data: d, size: rest}]\n- const: 00",
+             {"a": 0x1100, "d": b"\x00\x22"}, "02 11 01 02 22 00", bad={"03 11 00": "constant"}),
+        Case("COBS, groups that are full", "- wrap: cobs\n  of: [{data: d, size: rest}]\n- const: 00",
+             {"d": b"\x01" * 254}, "FF" + 254 * " 01" + " 00"),
+        Case("bytes put in behind others", "- const: FF FF FD 00\n- {length: n, type: u16, order: little, of: [w]}\n"
+             "- {name: w, wrap: {after: FF FF FD, insert: FD}, size: n, of: [{data: d, size: rest}]}",
+             {"d": b"\xff\xff\xfd\x01"}, "FF FF FD 00 05 00 FF FF FD FD 01", {"n": 5},
+             {"FF FF FD 00 04 00 FF FF FD 01": "constant"}),
     ),
     "Check codes": (
         Case("sum, low byte, as digits", "- const: STX\n- {data: d, size: 2}\n- const: ETX\n- {check: sum8, as: hex}",

@@ -28,9 +28,10 @@ from construct_oracle.pieces import (
     RequireConstruct,
     SkipConstruct,
 )
-from construct_oracle.regions import EscapeConstruct, HexConstruct
+from construct_oracle.regions import CodedConstruct, EscapeConstruct, HexConstruct
 from construct_oracle.sizes import KnownSizes
 from framekit.codec.evaluate import start_values
+from framekit.definition.codings import Hex
 from framekit.definition.model import segments as model
 from framekit.definition.model.frames import Frame, Layout
 from framekit.definition.model.protocol import Protocol
@@ -149,8 +150,10 @@ class _Compiler:
 
         segments = self.list(segment.of, plan, (*conditions, is_there))
         construct: SegmentConstruct
-        if segment.how == "hex":
+        if isinstance(segment.coding, Hex) and segment.size is None:
             construct = HexConstruct(segment, segments)
+        elif segment.escape is None:
+            construct = CodedConstruct(segment, segments)
         else:
             construct = EscapeConstruct(segment, segments, lambda data, names: self._embedded(segment, data, names))
         return construct

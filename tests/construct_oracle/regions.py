@@ -1,4 +1,4 @@
-"""Regions of bytes that stand otherwise on the wire: as hex digits, or with an escape byte doubled."""
+"""Regions of bytes that stand otherwise on the wire: as hex digits, with bytes escaped, doubled or put in, as COBS."""
 
 from __future__ import annotations
 
@@ -14,8 +14,11 @@ from construct_oracle.faults import Place, Stop
 from construct_oracle.filling import Filling
 from construct_oracle.holders import Segments
 from construct_oracle.names import Names
+from construct_oracle.rest import rest_size
 from construct_oracle.state import Reading, Region, Writing
+from construct_oracle.values import evaluated_size
 from framekit.codec import support
+from framekit.definition.codings import Cobs, Coding, Escaped, Hex, Inserted
 from framekit.definition.expression import Expression
 from framekit.definition.model.segments import Wrap
 
@@ -165,3 +168,116 @@ class EscapeConstruct(WrapConstruct):
             plain.append(wire[at])
             at += 2 if wire[at] == self.escape else 1
         return bytes(plain), places, at
+
+
+class CodedConstruct(WrapConstruct):
+    """Content that stands on the wire by a coding, byte by byte as its description says.
+
+    Parses as many bytes as `size` says, else up to the end of the region. Notes `constant` for what the coding has not.
+    """
+
+    def to_wire(self, plain: bytes) -> bytes:
+        wire = coded(self.segment.coding, plain)
+        return wire
+
+    def read(self, stream: BytesIO, context: Container, path: str, place: Place) -> None:
+        reading: Reading = context._state
+        size: Any = self.segment.size
+        if size is None:
+            size = rest_size(self, stream, context, place)
+        elif isinstance(size, Expression):
+            size = evaluated_size(size, reading, context, place)
+        wire = reading.take(stream, size, place)
+        plain, places = uncoded(self.segment.coding, wire)
+        if plain is None:
+            reading.leaf(wire)
+            cause = "digits" if isinstance(self.segment.coding, Hex) else "constant"
+            reading.note(replace(place, offset=place.offset + places[-1]), cause, "wrapped content", wire)
+            return
+        offsets = [place.offset + at for at in [*places, len(wire)]]
+        self.read_content(plain, True, lambda at: offsets[min(at, len(offsets) - 1)], context, path, place)
+
+
+def coded(coding: Coding, plain: bytes) -> bytes:
+    """Content as it stands on the wire."""
+    match coding:
+        case Hex():
+            return support.hex_to_ascii(plain)
+        case Escaped(escape=escape, codes=codes):
+            behind = dict(codes)
+            return b"".join(bytes((escape, behind[byte])) if byte in behind else bytes((byte,)) for byte in plain)
+        case Inserted(after=after, insert=insert):
+            wire, since = b"", 0
+            for byte in plain:
+                wire, since = wire + bytes((byte,)), since + 1
+                if since >= len(after) and wire.endswith(after):
+                    wire, since = wire + insert, 0
+            return wire
+        case Cobs():
+            wire, group = b"", b""
+            for place, byte in enumerate(plain):
+                if byte:
+                    group += bytes((byte,))
+                if not byte or len(group) == 254:
+                    wire, group = wire + bytes((len(group) + 1,)) + group, b""
+                    if byte and place == len(plain) - 1:
+                        return wire
+            return wire + bytes((len(group) + 1,)) + group
+    raise NotImplementedError
+
+
+def uncoded(coding: Coding, wire: bytes) -> tuple[bytes | None, list[int]]:
+    """The content (None where the wire is none) and where each of its bytes stands; last the place of what is wrong."""
+    plain, places, at = bytearray(), [0][:0], 0
+    if isinstance(coding, Cobs):
+        return _uncobs(wire)
+    if isinstance(coding, Hex):
+        count = len(_leading_digits(wire))
+        if count < len(wire):
+            return None, [count]
+        return bytes.fromhex(wire.decode("ascii")), [*range(0, len(wire), 2)]
+    since = 0
+    while at < len(wire):
+        places.append(at)
+        if isinstance(coding, Escaped):
+            behind = {code: byte for byte, code in coding.codes}
+            byte = wire[at]
+            if byte in coding.escaped and byte != coding.escape:
+                return None, places
+            if byte == coding.escape:
+                at += 1
+                if at >= len(wire) or wire[at] in coding.escaped:
+                    return None, places
+                if wire[at] not in behind and coding.flip is None:
+                    return None, places
+                byte = behind.get(wire[at], wire[at] ^ (coding.flip or 0))
+            plain.append(byte)
+            at += 1
+            continue
+        assert isinstance(coding, Inserted)
+        plain.append(wire[at])
+        at, since = at + 1, since + 1
+        if since >= len(coding.after) and plain.endswith(coding.after):
+            since = 0
+            if not wire.startswith(coding.insert, at):
+                return None, [*places, at - len(coding.after)]
+            at += len(coding.insert)
+    return bytes(plain), places
+
+
+def _uncobs(wire: bytes) -> tuple[bytes | None, list[int]]:
+    plain, places = bytearray(), [0][:0]
+    left, before, begin = 0, 255, 0
+    for at, byte in enumerate(wire):
+        if byte == 0:
+            return None, [*places, begin if left else at]
+        if left:
+            plain.append(byte)
+            places.append(at)
+            left -= 1
+            continue
+        if before < 255:
+            plain.append(0)
+            places.append(at)
+        left, before, begin = byte - 1, byte, at
+    return (None, [*places, begin]) if left or not wire else (bytes(plain), places)

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
+from framekit.definition.codings import Hex
 from framekit.definition.expression import Expression, names_in
 from framekit.definition.model.frames import Frame, flat
 from framekit.definition.model.segments import (
@@ -111,7 +112,9 @@ class KnownSizes:
                 value = evaluate(on)
                 chosen = next((of for keys, of in cases if value in keys), otherwise)
                 return None if value is None or chosen is None else self.all(chosen, evaluate)
-            case Wrap(how="hex", of=of):
+            case Wrap(size=size) if size is not None:
+                return _number(size, evaluate)
+            case Wrap(coding=Hex(), of=of):
                 content = self.all(of, evaluate)
                 return None if content is None else content * 2
             case Inner(size=None, frames=names):

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from framekit.codec.kinds.base import SegmentKind
+from framekit.codec.python.codings import wire_coding
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter, checks_option
 from framekit.codec.python.encode import EncodeWriter, Given
 from framekit.codec.python.encode_plan import Task
@@ -15,12 +16,14 @@ from framekit.codec.python.measure import MeasureWriter, Pairs, needed_names
 from framekit.codec.python.reader import BufferReader, Item, not_possible, shown_name
 from framekit.codec.python.registry import summary
 from framekit.codec.python.source import Code, bytes_literal, quoted, text_source
-from framekit.definition.expression import BIT_OR, OR
+from framekit.definition.codings import Hex
+from framekit.definition.expression import BIT_OR, OR, Expression
 from framekit.definition.model.frames import flat, leaves, names_always_there
 from framekit.definition.model.segments import (
     Const,
     Skip,
     Wrap,
+    exactly,
 )
 
 
@@ -33,15 +36,18 @@ class WrapKind(SegmentKind[Wrap]):
         if function.in_branch and any(leaf.name in function.tracked for leaf in leaves(segment.of)):
             function.regions.append(plain)
         fixed = r.shapes.all(segment.of).fixed
-        if segment.how == "hex":
-            if fixed is not None:
-                first, last = r.take(item, str(2 * fixed))
+        if segment.escape is not None:
+            _unstuff(r, item, segment, fixed, after, plain)
+        else:
+            size = _size_on_wire(segment, fixed)
+            if isinstance(size, Expression):
+                first, last = r.take(item, r.size_text(size, item.scope))
+            elif size is not None:
+                first, last = r.take(item, str(size))
             else:
                 first, last = r.take_rest(item, after)
-            r.module.imports.add("from binascii import unhexlify")
-            function.add(f"{plain} = unhexlify({between(r.buffer, first, last)})")
-        else:
-            _unstuff(r, item, segment, fixed, after, plain)
+            wire = between(r.buffer, first, last)
+            function.add(f"{plain} = {wire_coding(segment.coding).read_text(r.module, segment.coding, wire)}")
         inside = BufferReader(function, plain, function.names.fresh(f"{plain}_at"))
         inside.read(segment.of, item.scope, item.fields, all_is_read=False)
         inside.close()
@@ -72,31 +78,27 @@ class WrapKind(SegmentKind[Wrap]):
         if segment.least or segment.most is not None:
             text = w.gather([text], buffer)
             _limit(w, segment, scope, buffer)
-        if segment.how == "hex":
-            return f"{w.module.function('hex_to_ascii')}({text})"
-        if text.isidentifier():
-            single = bytes((segment.escape or 0,))
+        if segment.escape is not None and text.isidentifier():
+            single = bytes((segment.escape,))
             return f"{text}.replace({bytes_literal(single)}, {bytes_literal(2 * single)})"
-        return f"{w.module.function('stuff')}({text}, {segment.escape or 0:#04x})"
+        return wire_coding(segment.coding).build_text(w.module, segment.coding, text)
 
     def diagnose(self, d: DiagnosisWriter, segment: Wrap, scope: Scope, behind: Behind) -> None:
         fixed = d.shapes.all(segment.of).fixed
-        option = ""
-        if segment.how == "hex":
-            open_up = d.module.function("hex_content")
-            size = "None" if fixed is None else str(2 * fixed)
-            option = d.behind_option(fixed is None, behind)
+        option, size = "", "None"
+        open_up = wire_coding(segment.coding).careful_text(d.module, segment.coding)
+        if segment.escape is None:
+            known = _size_on_wire(segment, fixed)
+            size = "None" if known is None else d.ask(known, scope)
+            option = d.behind_option(known is None, behind)
         else:
-            escape = f"{segment.escape or 0:#04x}"
-            open_up = f"lambda raw: {d.module.function('unstuffed')}(raw, {escape})"
-            size = "None"
+            escape = f"{segment.escape:#04x}"
             inside = d.module.embedded(segment)
-            if inside:
-                open_up = f"lambda raw: {d.module.function('unstuffed')}(raw, {escape}, {inside})"
+            more = f", {inside}" if inside else ""
+            open_up = f"lambda raw: {d.module.function('unstuffed')}(raw, {escape}{more})"
             if fixed is not None:
                 size = f"lambda n: {d.module.function('end_of_stuffed')}(n.data, n.at, {escape}, {fixed}) - n.at"
             elif any(d.shapes.present(one).fixed != 0 for one, _ in behind):
-                more = f", {inside}" if inside else ""
                 size = f"lambda n: {d.module.function('end_of_region')}(n.data, n.at, {escape}{more}) - n.at"
         option += checks_option(segment.of)
         with d.out.block(f"with n.inside({d.named(segment)}, {size}, {open_up}{option}):"):
@@ -107,11 +109,11 @@ class WrapKind(SegmentKind[Wrap]):
 
     def measure(self, m: MeasureWriter, segment: Wrap, scope: Scope, after: Pairs) -> None:
         fixed = m.shapes.all(segment.of).fixed
-        if segment.how == "hex":
-            _measure_hex(m, segment, scope, fixed, after)
+        if segment.escape is None:
+            _measure_by_size_or_end(m, segment, scope, fixed, after)
             return
         m.settle()
-        escape = f"{segment.escape or 0:#04x}"
+        escape = f"{segment.escape:#04x}"
         behind = m.least(after)
         if fixed is not None:
             with m.out.block("try:"):
@@ -140,8 +142,14 @@ class WrapKind(SegmentKind[Wrap]):
         _measure_content(m, segment, scope, after, 2)
 
     def describe(self, segment: Wrap) -> str:
-        how = "hex digits" if segment.how == "hex" else f"{segment.escape:02X} doubled"
-        return f"{how} ({summary(segment.of)})"
+        return f"{segment.coding.shown} ({summary(segment.of)})"
+
+
+def _size_on_wire(wrap: Wrap, fixed: int | None) -> int | Expression | None:
+    """The bytes that a region takes which does not end itself; None for what reaches as far as what follows it."""
+    if wrap.size is not None or fixed is None:
+        return wrap.size
+    return wrap.coding.sizes(exactly(fixed)).fixed
 
 
 def _limit(w: EncodeWriter, wrap: Wrap, scope: Scope, buffer: str) -> None:
@@ -172,13 +180,14 @@ def _unstuff(r: BufferReader, item: Item, wrap: Wrap, fixed: int | None, after: 
         r.function.stands(wrap, r.buffer, first, last)
     r.function.flush()
     r.function.add(f"{plain} = {between(r.buffer, first, last)}")
-    single, double = (bytes_literal(bytes((wrap.escape or 0,)) * count) for count in (1, 2))
+    single = bytes_literal(bytes((wrap.escape or 0,)))
+    read = wire_coding(wrap.coding)
     with r.function.out.block(f"if {single} in {plain}:"):
         if embedded:
             tests = " or ".join(f"{frame} in {plain}" for frame in embedded_texts)
             with r.function.out.block(f"if {tests}:"):
                 r.function.add(f"{plain} = {name('without_embedded')}({plain}, {escape}, {embedded})")
-        r.function.add(f"{plain} = {name('unstuff')}({plain}, {single}, {double})")
+        r.function.add(f"{plain} = {read.read_text(r.module, wrap.coding, plain)}")
 
 
 def _measure_content(m: MeasureWriter, wrap: Wrap, scope: Scope, after: Pairs, further: int = 0) -> None:
@@ -199,22 +208,31 @@ def _measure_content(m: MeasureWriter, wrap: Wrap, scope: Scope, after: Pairs, f
             m.set_value(name, scope, f"{m.path_of(scope)}{there}")
 
 
-def _measure_hex(m: MeasureWriter, wrap: Wrap, scope: Scope, fixed: int | None, after: Pairs) -> None:
-    needed = any(name in m.needed for one in flat(wrap.of) for name in one.value_names)
-    if fixed is not None:
-        if needed:
-            m.want(2 * fixed, after)
-        m.skip(str(2 * fixed))
+def _measure_by_size_or_end(m: MeasureWriter, wrap: Wrap, scope: Scope, fixed: int | None, after: Pairs) -> None:
+    known = _size_on_wire(wrap, fixed)
+    if known is not None:
+        needed = any(name in m.needed for one in flat(wrap.of) for name in one.value_names)
+        if isinstance(known, int):
+            if needed:
+                m.want(known, after)
+            m.skip(str(known))
+        elif needed:
+            m.take(m.size_text(known, scope), after)
+            m.advance("stop")
+        else:
+            m.skip(m.size_text(known, scope))
         _measure_content(m, wrap, scope, after)
         return
     first = after[0][0] if after else None
-    if isinstance(first, Const) and first.when is None and first.data[:1].upper() not in b"0123456789ABCDEF":
+    if isinstance(first, Const) and first.when is None and first.data[0] in wrap.coding.never:
         m.settle()
         m.add(f"at = {m.search(f'{first.data[0]:#04x}', 'at', after)}")
         with m.out.block("if at < 0:"):
             m.not_found(m.least(after))
         _measure_content(m, wrap, scope, after)
         return
+    if not isinstance(wrap.coding, Hex):
+        m.rest(wrap, after)
     if isinstance(first, Const):
         m.rest(wrap, after)
     front = Skip(at=wrap.at, size=1)  # so that content of no bytes differs from no content

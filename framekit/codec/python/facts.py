@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
+from framekit.codec.python.codings import starts
 from framekit.definition.expression import Attribute, Expression, Name, names_in, walk
 from framekit.definition.model.frames import StaticSizes, certain, everything, expressions_of, flat
 from framekit.definition.model.segments import (
@@ -161,21 +162,14 @@ def _leading(segments: tuple[Segment, ...]) -> tuple[bytes, bool]:
         elif segment.is_record or isinstance(segment, Wrap):
             inner, whole = _leading(segment.of if isinstance(segment, Wrap) else segment.members)
             if isinstance(segment, Wrap):
-                inner = wrapped(segment, inner)
+                inner = starts(segment.coding, plain := inner)
+                whole = whole and (bool(inner) or not plain)
             found += inner
             if not whole:
                 return found, False
         elif segment.takes_bytes:
             return found, False
     return found, True
-
-
-def wrapped(wrap: Wrap, plain: bytes) -> bytes:
-    """Plain content as it stands on the wire."""
-    if wrap.how == "hex":
-        return plain.hex().upper().encode()
-    single = bytes((wrap.escape or 0,))
-    return plain.replace(single, single * 2)
 
 
 def is_fixed(field: Field) -> bool:

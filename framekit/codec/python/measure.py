@@ -37,6 +37,7 @@ from framekit.definition.model.segments import (
     Repeat,
     Segment,
     Value,
+    Wrap,
 )
 
 Pairs = tuple[tuple[Segment, Scope], ...]
@@ -574,7 +575,7 @@ def size_expressions(segment: Segment) -> list[Expression]:
     """What decides about the size of a segment."""
     found: list[object] = [segment.when, segment.chooses_by]
     match segment:
-        case Data(size=size) | Inner(size=size):
+        case Data(size=size) | Inner(size=size) | Wrap(size=size):
             found.append(size)
         case Field(type=type_) | Bits(type=type_) | Length(type=type_) | Count(type=type_):
             found.append(type_.size)

@@ -18,7 +18,7 @@ from importlib.util import resolve_name
 from types import FunctionType
 from typing import Any, NamedTuple
 
-from framekit.codec import support
+from framekit.codec import stuffing, support
 from framekit.codec.checks import FUNCTIONS, source_of
 from framekit.codec.python import runtime, runtime_diagnosis
 from framekit.codec.python.choices import in_order
@@ -92,7 +92,7 @@ BUILT_IN = frozenset(
     {"station", "own", "role", "line", "now", "clock", "request", "buffer", "reply", "expected", "it", "part"}
 )
 _LONGEST_FORMAT_NAME = 30
-_PASTED: list[Any] = [support, runtime, runtime_diagnosis]
+_PASTED: list[Any] = [support, stuffing, runtime, runtime_diagnosis]
 OWN_HELPERS = len(_PASTED)
 
 
@@ -401,7 +401,7 @@ class Module:
         for name in wrap.inside:
             segments = self.protocol.frames[name].segments
             data = b"".join(segment.data for segment in segments if isinstance(segment, Const))
-            if all(isinstance(segment, Const) for segment in segments) and data[:1] == bytes((wrap.escape or 0,)):
+            if all(isinstance(segment, Const) for segment in segments) and data[0] == wrap.escape:
                 found.append(data)
         return found
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from framekit.definition.codings import Hex
 from framekit.definition.expression import Expression, Logic, names_in
 from framekit.definition.model.frames import (
     Frame,
@@ -302,7 +303,7 @@ class _Ends:
         for place, segment in enumerate(segments):
             after = (*segments[place + 1 :], *behind)
             if isinstance(segment, Wrap):
-                if segment.how == "escape" and self.sizes.all(segment.of).fixed is None:
+                if segment.escape is not None and self.sizes.all(segment.of).fixed is None:
                     yield from _end_of_escape(segment, after)
                 after = ()
             for block in segment.blocks:
@@ -338,8 +339,8 @@ class _Ends:
     def _reaches_on(self, segment: Segment, known: frozenset[str] = frozenset()) -> bool:
         """Whether only what follows a segment, or silence, shows where it ends; `known` are the frames around it."""
         match segment:
-            case Wrap(how=how, of=of):
-                return how == "hex" and self.is_open(of, known)
+            case Wrap(coding=Hex(), size=None, of=of):
+                return self.is_open(of, known)
             case Segment(chooses_by=Expression()):
                 return any(self.is_open(block, known) for block in segment.blocks)
             case Inner(size=None, frames=names):
@@ -369,7 +370,7 @@ def _ends_itself(part: Segment) -> bool:
 def _is_end_of(constant: Const, part: Segment) -> bool:
     """Whether a constant shows where a part ends. It ends no frame inside, and no digits if it begins like one."""
     if isinstance(part, Wrap):
-        return constant.when is None and constant.data[:1].upper() not in b"0123456789ABCDEF"
+        return constant.when is None and constant.data[0] in part.coding.never
     return not _ends_itself(part)
 
 
@@ -434,7 +435,7 @@ def _without_own_end(segments: tuple[Segment, ...]) -> Iterator[Segment]:
         yield segment
         if segment.inner_record is not None and not segment.is_list:
             yield from _without_own_end(segment.inner_record)
-        if segment.chooses_by is not None or (isinstance(segment, Wrap) and segment.how == "hex"):
+        if segment.chooses_by is not None or (isinstance(segment, Wrap) and not segment.ends_itself):
             for block in segment.blocks:
                 yield from _without_own_end(block)
 
@@ -472,7 +473,7 @@ def _may_hold(segment: Segment, byte: int) -> bool:
     if isinstance(segment, Repeat) and isinstance(segment.of, FieldType):
         return segment.of.kind != "ascii" and byte in bytes_of((segment,))
     if segment.blocks or segment.inner_record is not None or segment.frames_inside or segment.whole_frame is not None:
-        return isinstance(segment, Wrap) and segment.how == "escape"
+        return isinstance(segment, Wrap) and byte in segment.coding.contents
     is_text = segment.number_type is not None and segment.number_type.kind == "ascii"
     return segment.takes_bytes and not is_text and byte in bytes_of((segment,))
 

@@ -4,35 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal, Self
+from typing import ClassVar, Self
 
+from framekit.definition.codings import CODING, Coding, Doubled, Hex
 from framekit.definition.expression import Expression
-from framekit.definition.keys import BYTE, EXPRESSION, NUMBER, Form, KeyReading, key, keys, ref
+from framekit.definition.keys import EXPRESSION, NUMBER, Form, KeyReading, key, ref
 from framekit.definition.kinds.base import Contents, Given, Segment, Segments, least_size, sizes_of
 from framekit.definition.kinds.choose import SEGMENTS
 from framekit.definition.problems import Problem
-from framekit.definition.tree import Node, Scalar
-from framekit.definition.wire_types import DIGITS, EVERY_BYTE, SIZE, Size, Sizes
-
-WRAP = {
-    "title": "wrap",
-    "description": "hex: the content stands as hex digits; {escape: BYTE}: this byte is doubled in the content.",
-    "type": ["string", "object"],
-    "pattern": "^hex$",
-    "x-expected": "a wrap (hex or {escape: BYTE})",
-    "required": ["escape"],
-    "properties": {"escape": {**BYTE.schema, "description": "The byte that is doubled."}},
-    "additionalProperties": False,
-}
-
-
-def _how(reading: KeyReading) -> Literal["hex", "escape"]:
-    return "hex" if isinstance(reading.keys.get("wrap"), Scalar) else "escape"
-
-
-def _escape(reading: KeyReading) -> int | None:
-    how = reading.keys.get("wrap")
-    return None if isinstance(how, Scalar) else reading.reader.byte(reading.reader.mapping(how).get("escape"))
+from framekit.definition.tree import Node
+from framekit.definition.wire_types import SIZE, Size, Sizes, exactly
 
 
 def _inside(reading: KeyReading, node: Node) -> tuple[str, ...]:
@@ -45,19 +26,29 @@ def _most(reading: KeyReading, node: Node) -> Size | None:
     return None if size == "rest" else size
 
 
+def _size(reading: KeyReading, node: Node) -> int | Expression:
+    size = _most(reading, node)
+    if size is None or size == "rest":
+        raise reading.reader.broken(node.at, "the rest is what a wrap takes without a size", "leave size out")
+    return size
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wrap(Segment):
-    """A region that is converted as a whole: as hex digits, or with every `escape` byte doubled.
+    """A region that is converted as a whole; `coding` says how.
 
-    `least` and `most` limit the plain content; `inside` are frames that may stand anywhere in it, `insert` says when
-    they may be sent so.
+    `size` is the number of bytes on the wire; without it, the region ends by itself (a doubled byte), at the constant
+    behind it, or with its frame. `least` and `most` limit the plain content; `inside` are frames that may stand
+    anywhere in it, `insert` says when they may be sent so.
     """
 
     KEY: ClassVar[str] = "wrap"
 
-    how: Literal["hex", "escape"] = keys({"wrap": WRAP}, _how)
-    escape: int | None = keys({}, _escape, default=None)
+    coding: Coding = key("wrap", CODING)
     of: Segments = key("of", SEGMENTS, "The content.")
+    size: int | Expression | None = key(
+        "size", SIZE._replace(read=_size), "Number of bytes that the content takes on the wire.", default=None
+    )
     inside: tuple[str, ...] = key(
         "inside",
         Form(ref("labels"), _inside),
@@ -81,12 +72,31 @@ class Wrap(Segment):
     def is_there_inside(self) -> bool:
         return True
 
+    @property
+    def escape(self) -> int | None:
+        """The byte that is doubled in the content, if one is."""
+        return self.coding.escape if isinstance(self.coding, Doubled) else None
+
+    @property
+    def ends_itself(self) -> bool:
+        """Whether what stands in it shows where it ends."""
+        return self.size is not None or self.escape is not None
+
+    @property
+    def takes_rest(self) -> bool:
+        return not self.ends_itself and not isinstance(self.coding, Hex)
+
+    @property
+    def size_expression(self) -> Expression | None:
+        return self.size if isinstance(self.size, Expression) else None
+
     def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
-        content = sizes_of(self.of, of_frame)
-        return content.times(2, 2) if self.how == "hex" else Sizes(content.least, content.times(1, 2).most)
+        if isinstance(self.size, int):
+            return exactly(self.size)
+        return self.coding.sizes(sizes_of(self.of, of_frame)) if self.size is None else Sizes(0, None)
 
     def contents(self, of_frame: Contents) -> frozenset[int]:
-        return DIGITS if self.how == "hex" else EVERY_BYTE
+        return self.coding.contents
 
     def given(self) -> Iterator[Given]:
         yield from Segment.given(self)
@@ -94,6 +104,13 @@ class Wrap(Segment):
         yield self.insert, "any", None
 
     def check(self) -> Iterator[Problem]:
+        yield from self.coding.check()
+        if self.size is not None and self.escape is not None:
+            what = "the escape byte that is not doubled ends the content, and size says where it ends too"
+            yield Problem(self.at, what, "leave size out")
+        if self.inside and self.escape is None:
+            what = "frames stand inside only where a byte is doubled"
+            yield Problem(self.at, what, "leave inside out, or take wrap: {escape: BYTE}")
         least = least_size(self.of)
         if isinstance(self.most, int):
             if self.least > self.most:

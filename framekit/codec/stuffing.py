@@ -1,0 +1,144 @@
+"""Content of a wrap to the wire and back: `stuff_…` makes what stands on the wire, `unstuff_…` the content again.
+
+`open_…` reads with care: the content, where each of its bytes stands, and "constant" where something is wrong; the last
+place is that of the fault. Generated code carries these functions along as they stand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from framekit.codec.support import Unfit
+
+Opened = tuple[bytes, Sequence[int], str]
+
+
+# ---- some bytes escaped: `codes` is what stands for each, the escape byte's own first; `never` may not stand alone
+
+
+def stuff_escaped(data: bytes | bytearray, codes: tuple[tuple[bytes, bytes], ...]) -> bytes:
+    """Every byte that is escaped in its two bytes."""
+    for plain, wire in codes:
+        data = data.replace(plain, wire)
+    return bytes(data)
+
+
+def unstuff_escaped(
+    data: bytes | bytearray, escape: bytes, plain: dict[int, bytes], flip: int | None, never: bytes
+) -> bytes:
+    """The content again; `plain` is by the byte behind the escape byte. Raises ValueError for what cannot be."""
+    if never and data.translate(None, never) != data:
+        raise Unfit("a byte that is to be escaped stands alone")
+    if escape not in data:
+        return bytes(data)
+    first, *parts = data.split(escape)
+    found = [first]
+    for part in parts:
+        if not part:
+            raise Unfit(f"nothing stands behind an escape byte {escape.hex().upper()}")
+        one = plain.get(part[0])
+        if one is None:
+            if flip is None:
+                raise Unfit(f"{part[0]:02X} is no code behind {escape.hex().upper()}")
+            one = b"%c" % (part[0] ^ flip)
+        found += one, part[1:]
+    return b"".join(found)
+
+
+def open_escaped(raw: bytes, escape: bytes, plain: dict[int, bytes], flip: int | None, never: bytes) -> Opened:
+    """The same with care."""
+    content, places, place = bytearray(), [], 0
+    while place < len(raw):
+        places.append(place)
+        size = 2 if raw[place] == escape[0] else 1
+        try:
+            content += unstuff_escaped(raw[place : place + size], escape, plain, flip, never)
+        except ValueError:
+            return b"", places, "constant"
+        place += size
+    return bytes(content), [*places, len(raw)], ""
+
+
+# ---- COBS: groups, each behind a byte that says where the next one begins; between two stood 00, unless they have 254
+
+
+def stuff_cobs(data: bytes | bytearray) -> bytes:
+    """Content without any 00."""
+    found: list[bytes] = []
+    parts = bytes(data).split(b"\0")
+    for number, part in enumerate(parts, 1):
+        while len(part) >= 254:
+            found += b"\xff", part[:254]
+            part = part[254:]
+            if not part and number == len(parts):
+                return b"".join(found)
+        found += b"%c" % (len(part) + 1), part
+    return b"".join(found)
+
+
+def unstuff_cobs(data: bytes | bytearray) -> bytes:
+    """The content again. Raises ValueError where a group does not end, or holds 00."""
+    found, place, end = [], 0, len(data)
+    while place < end:
+        size = data[place]
+        stop = place + size
+        found.append(data[place + 1 : stop])
+        if not size or stop > end:
+            raise Unfit(f"the group at {place} does not end")
+        if size < 255 and stop < end:
+            found.append(b"\0")
+        place = stop
+    if not end or 0 in data:
+        raise Unfit("a group is empty, or holds 00")
+    return b"".join(found)
+
+
+def open_cobs(raw: bytes) -> Opened:
+    """The same with care."""
+    content, place = bytearray(), 0
+    places: list[int] = []
+    while place < len(raw):
+        size = raw[place]
+        group = raw[place + 1 : place + size]
+        if not size or len(group) < size - 1 or 0 in group:
+            return b"", [*places, place], "constant"
+        content += group
+        places += range(place + 1, place + size)
+        place += size
+        if size < 255 and place < len(raw):
+            content.append(0)
+            places.append(place)
+    if not raw:
+        return b"", [0], "constant"
+    return bytes(content), [*places, len(raw)], ""
+
+
+# ---- bytes put in behind others
+
+
+def stuff_inserted(data: bytes | bytearray, after: bytes, insert: bytes) -> bytes:
+    """Behind every `after` stands `insert` too."""
+    return bytes(data.replace(after, after + insert))
+
+
+def unstuff_inserted(data: bytes | bytearray, after: bytes, insert: bytes) -> bytes:
+    """The content again. Raises ValueError where nothing is put in."""
+    plain = bytes(data.replace(after + insert, after))
+    if stuff_inserted(plain, after, insert) != data:
+        raise Unfit(f"nothing is put in behind {after.hex(' ').upper()}")
+    return plain
+
+
+def open_inserted(raw: bytes, after: bytes, insert: bytes) -> Opened:
+    """The same with care."""
+    content, start = bytearray(), 0
+    places: list[int] = []
+    while (place := raw.find(after, start)) >= 0:
+        stop = place + len(after)
+        content += raw[start:stop]
+        places += range(start, stop)
+        if not raw.startswith(insert, stop):
+            return b"", [*places, place], "constant"
+        start = stop + len(insert)
+    content += raw[start:]
+    return bytes(content), [*places, *range(start, len(raw) + 1)], ""
