@@ -76,7 +76,7 @@ def _run(path: Path) -> Checked:
     if loaded is None:
         raise DefinitionError([*found, *problems])
     for protocol in {id(channel.protocol): channel.protocol for channel in loaded.channels.values()}.values():
-        problems += [problem for problem in check_matrices(protocol) if not problem.warning]
+        problems += [problem for problem in check_matrices(protocol, weak_codes=False) if not problem.warning]
     if problems:
         raise DefinitionError(problems)
     loads, doubts = loads_of(loaded)

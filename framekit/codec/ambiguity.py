@@ -276,8 +276,8 @@ class _Candidate:
     inside: bool = False
 
 
-def check_matrices(protocol: Protocol) -> list[Problem]:
-    """Frames that cannot be told apart, and warnings of ends and check codes that hold little."""
+def check_matrices(protocol: Protocol, weak_codes: bool = True) -> list[Problem]:
+    """Frames that cannot be told apart, and warnings of ends and, where wanted, of check codes that hold little."""
     codec = compile_protocol(protocol)
     sampler = Sampler(codec, sample_context(protocol))
     found: dict[tuple[Position, str], Problem] = {}
@@ -286,7 +286,7 @@ def check_matrices(protocol: Protocol) -> list[Problem]:
         for problem in checker.matrix(candidates, todo):
             found.setdefault((problem.at, problem.what), problem)
     ends = [*check_hidden_ends(protocol), *check_silent_ends(codec, sampler), *check_ends_inside(codec, sampler)]
-    weak = list(check_weak_codes(codec, sampler))
+    weak = check_weak_codes(codec, sampler) if weak_codes else []
     return [*found.values(), *ends, *weak, *_not_tried(protocol, sampler)]
 
 

@@ -64,5 +64,6 @@ def at(tree: Any, path: tuple[Any, ...]) -> Any:
 
 
 def dumped(tree: Any) -> str:
-    """YAML of a tree."""
-    return yaml.safe_dump(tree, sort_keys=False, allow_unicode=True)
+    """YAML of a tree; thousands of them are made, so by the quick writer where it is there."""
+    writer = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+    return str(yaml.dump(tree, Dumper=writer, sort_keys=False, allow_unicode=True))
