@@ -163,7 +163,7 @@ _SCHEMA: Schema = {
     "description": f"How the content stands on the wire: {_EXPECTED}.",
     "type": ["string", "object"],
     "pattern": "^(hex|cobs)$",
-    "x-expected": f"a wrap ({_EXPECTED})",
+    "x-expected": "a wrap (hex, cobs, {escape: …} or {after: …})",
     "properties": {
         "escape": {**BYTE.schema, "description": "The byte that escapes; alone: it is doubled in the content."},
         "xor": {**BYTE.schema, "description": "Behind the escape byte a byte stands with these bits turned."},

@@ -409,7 +409,10 @@ SEGMENTS = [
     ("{bits: {a: 1, b: x}, of: u8}", "18: 'x' is not a bit or bits (3 or 4-7), in frame 'A'"),
     ("{repeat: x, times: 2, of: [{skip: x}]}", "35: 'x' is not a whole number (10 or 0x0A), in frame 'A'"),
     ("{repeat: x, times: 2, of: u7}", "27: 'u7' is not a type, in frame 'A' – did you mean 'u8'?"),
-    ("{wrap: base64, of: []}", "8: 'base64' is not a wrap (hex or {escape: BYTE}), in frame 'A'"),
+    (
+        "{wrap: base64, of: []}",
+        "8: 'base64' is not a wrap (hex, cobs, {escape: …} or {after: …}), in frame 'A'",
+    ),
     ("{wrap: {escpe: DLE}, of: []}", "9: unknown key 'escpe' in a wrap of frame 'A' – did you mean 'escape'?"),
     (
         "{check: sum8, over: {a: b}}",
