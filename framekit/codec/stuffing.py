@@ -68,11 +68,11 @@ def stuff_cobs(data: bytes | bytearray) -> bytes:
     parts = data.split(b"\0")
     for number, part in enumerate(parts, 1):
         while len(part) >= 254:
-            found.extend((b"\xff", part[:254]))
+            found.append(b"\xff" + part[:254])
             part = part[254:]
             if not part and number == len(parts):
                 return b"".join(found)
-        found.extend((b"%c" % (len(part) + 1), part))
+        found.append(b"%c" % (len(part) + 1) + part)
     return b"".join(found)
 
 
