@@ -65,7 +65,7 @@ def open_escaped(raw: bytes, escape: bytes, plain: dict[int, bytes], flip: int |
 def stuff_cobs(data: bytes | bytearray) -> bytes:
     """Content without any 00."""
     found: list[bytes] = []
-    parts = data.split(b"\0")
+    parts = [bytes(part) for part in data.split(b"\0")]
     for number, part in enumerate(parts, 1):
         while len(part) >= 254:
             found.append(b"\xff" + part[:254])
