@@ -73,7 +73,7 @@ class DrawnDefinition:
     """
 
     def __init__(self, seed: int | str, kinds: tuple[str, ...] = (), *, more: bool = False) -> None:
-        self.random = Random(seed)
+        self.random, self.apart = Random(seed), Random(f"{seed} apart")
         self.more = more
         self.count = 0
         self.layouts: dict[str, Segments] = {}
@@ -185,10 +185,10 @@ class DrawnDefinition:
             segment["doc"] = "a note"
         named = {"const", "text", "bits", "choose", "optional", "wrap", "check", "skip", "require", "include"}
         if kind in named and "as" not in segment and self.chance(0.3):
-            segment["name"] = self.name("s")
+            name = segment.setdefault("name", self.name("s"))
             if kind in ("bits", "include", "wrap", "choose", "optional"):
-                scope.sized.append(segment["name"])
-            scope.places.append(segment["name"])
+                scope.sized.append(name)
+            scope.places.append(name)
 
     def condition(self) -> str:
         return self.random.choice(MORE_CONDITIONS if self.more and self.chance(0.4) else CONDITIONS)
@@ -488,7 +488,26 @@ def wrap(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: in
         frame = drawn.name("frame")
         drawn.frames[frame] = {"body": [{"const": "10 05"}]}
         segment |= {"inside": [frame], "insert": "1 == 1"}
-    return [segment, {"const": "10 03"}] if isinstance(segment["wrap"], dict) else [segment]
+    if "inside" in segment or drawn.apart.random() < 0.4:
+        return [segment, {"const": "10 03"}] if isinstance(segment["wrap"], dict) else [segment]
+    return coded(drawn, segment)
+
+
+def coded(drawn: DrawnDefinition, segment: dict[str, Any]) -> Segments:
+    """The wrap with another coding, and what shows its end: a constant that cannot stand in it, or a length."""
+    segment["wrap"], end = drawn.apart.choice(
+        [
+            ({"escape": "7D", "xor": "20", "bytes": ["7E", "7D", "10"]}, "7E"),
+            ({"escape": "DB", "codes": {"C0": "DC", "DB": "DD"}}, "C0"),
+            ("cobs", "00"),
+            ({"after": "10 03", "insert": drawn.apart.choice(["03", "10", "FF FF"])}, ""),
+        ]
+    )
+    if end and drawn.apart.random() < 0.7:
+        return [segment, {"const": end}]
+    name, counted = segment.setdefault("name", drawn.name("w")), drawn.name("n")
+    segment["size"] = counted
+    return [{"length": counted, "type": "u16", "of": [name]}, segment]
 
 
 def check(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: int) -> Segments:

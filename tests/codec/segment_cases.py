@@ -245,6 +245,9 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
              {"d": b"\x11\x03"}, "3A 31 31 30 33 45 43 0D"),
         Case("over what is undoubled", "- wrap: {escape: DLE}\n  of: [{data: d, size: rest}]\n- {const: DLE}\n"
              "- {const: ETX, name: etx}\n- {check: sum8, over: [d, etx]}", {"d": b"\x10"}, "10 10 10 03 13"),
+        Case("one over another one, which covers what comes later", "- {length: n, type: u8, of: [d]}\n"
+             "- {check: xor8, over: [d]}\n- {data: d, size: n}\n- const: ETX\n- {check: xor8, over: n..here}",
+             {"d": b"\x10\x01"}, "02 11 10 01 03 01", {"n": 2}, {"02 11 10 01 03 10": "check"}),
         Case("as decimal digits", "- {data: d, size: 1}\n- {check: sum8, as: dec}", {"d": b"\x07"}, "07 30 30 37"),
         Case("as split nibbles", "- {data: d, size: 1}\n- {check: sum8, as: nibbles}", {"d": b"\xab"}, "AB 3A 3B"),
         Case("not compared", "- {data: d, size: 1}\n- {check: sum8, verify: off}", {"d": b"\x07"}, "07 07"),

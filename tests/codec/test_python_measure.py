@@ -105,6 +105,18 @@ BODIES = {
         {"d": b"xy"},
     ),
     "hex without an end": (f"{{text: '$'}}, {{wrap: hex, of: [{SIZED}, {{check: sum8}}]}}", {"d": b"xyz"}),
+    "hex whose content tells of what comes later": (
+        "{wrap: hex, of: [{field: n, type: u8}, {data: d, size: rest}]}, {const: CR LF}, {data: e, size: n}",
+        {"n": 3, "d": b"xy", "e": b"abc"},
+    ),
+    "COBS whose content tells of what comes later": (
+        "{wrap: cobs, of: [{field: n, type: u8}, {data: d, size: rest}]}, {const: 00}, {data: e, size: n}",
+        {"n": 3, "d": b"x\0y", "e": b"abc"},
+    ),
+    "a wrap with a size": (
+        "{length: n, type: u16, of: [w]}, {name: w, wrap: cobs, size: n, of: [{data: d, size: rest}]}, {check: sum8}",
+        {"d": b"x\0y"},
+    ),
     "escape": (
         "{const: DLE STX}, {wrap: {escape: DLE}, of: [{data: d, size: rest}]}, {const: DLE ETX}, {check: sum8}",
         {"d": b"\x10\x10a\x03\x10"},

@@ -19,7 +19,7 @@ from framekit.codec.errors import EncodeError, FrameError
 from framekit.codec.python.codings import wire_coding
 from framekit.definition.codings import Cobs, Coding, Escaped, Inserted
 from framekit.definition.model.segments import Wrap
-from framekit.definition.problems import Position
+from framekit.definition.problems import DefinitionError, Position
 from framekit.definition.wire_types import exactly
 
 MANUAL = Path(__file__).parents[2] / "docs" / "language.md"
@@ -136,6 +136,33 @@ def test_content_takes_nothing_but_bytes() -> None:
         for wrong in (2**40, "text", None, [1]):
             with pytest.raises(EncodeError):
                 codec.encode("f", {"d": wrong})
+
+
+def test_a_wrap_takes_as_many_bytes_as_its_size_says() -> None:
+    """Also under a condition, where the length that counts it tells its size."""
+    body = "[{field: n, type: u8}, {wrap: cobs, size: n, of: [{data: d, size: rest}]}]"
+    codec = compile_protocol(small_protocol(body))
+    assert codec.encode("f", {"n": 3, "d": b"ab"}) == b"\x03\x03ab"
+    with pytest.raises(EncodeError, match="has a length of 3, it must be 4"):
+        codec.encode("f", {"n": 4, "d": b"ab"})
+    wrap = "{name: w, when: k > 1, wrap: cobs, size: n, of: [{data: d, size: rest}]}"
+    codec = codec_of(f"{{field: k, type: u8}}, {{length: n, type: u8, of: [w]}}, {wrap}")
+    assert codec.encode("f", {"k": 2, "d": b"ab"}) == b"\x02\x03\x03ab"
+    assert codec.encode("f", {"k": 1}) == b"\x01\x00"
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "{check: xor8, over: [d]}, {data: d, size: 1}, {choose: len(d), cases: {1: [{check: sum8}]}, else: []}",
+        "{check: xor8, over: [d, b], name: a}, {data: d, size: 1}, {check: sum8, name: b, over: [a, d]}",
+        "{check: xor8, over: [d], name: a}, {data: d, size: 1}, {wrap: hex, of: [{check: sum8, over: a..here}]}",
+    ],
+)
+def test_checks_that_wait_for_each_other_are_refused(body: str) -> None:
+    """A code over another one that is worked out only later would be wrong."""
+    with pytest.raises(DefinitionError, match="covers what comes later, and is covered itself – put it last"):
+        codec_of(body)
 
 
 def codec_of(body: str) -> Codec:

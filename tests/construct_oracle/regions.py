@@ -18,9 +18,10 @@ from construct_oracle.rest import rest_size
 from construct_oracle.state import Reading, Region, Writing
 from construct_oracle.values import evaluated_size
 from framekit.codec import support
+from framekit.codec.python.facts import in_place_of_records
 from framekit.definition.codings import Cobs, Coding, Escaped, Hex, Inserted
 from framekit.definition.expression import Expression
-from framekit.definition.model.segments import Wrap
+from framekit.definition.model.segments import Const, Wrap
 
 Embedded = Callable[[bytes, Names], int | None]
 """How many bytes a frame takes that begins the given bytes and may stand inside a region; None if none does."""
@@ -184,6 +185,10 @@ class CodedConstruct(WrapConstruct):
         reading: Reading = context._state
         size: Any = self.segment.size
         if size is None:
+            size = reading.sizes.of(self.segment, reading.known_in(context))
+        if size is None:
+            size = self._up_to_the_end(reading, stream)
+        if size is None:
             size = rest_size(self, stream, context, place)
         elif isinstance(size, Expression):
             size = evaluated_size(size, reading, context, place)
@@ -196,6 +201,16 @@ class CodedConstruct(WrapConstruct):
             return
         offsets = [place.offset + at for at in [*places, len(wire)]]
         self.read_content(plain, True, lambda at: offsets[min(at, len(offsets) - 1)], context, path, place)
+
+    def _up_to_the_end(self, reading: Reading, stream: BytesIO) -> int | None:
+        """How far it is to the constant behind it, if the coding cannot make its first byte."""
+        end = next(in_place_of_records(tuple(one.segment for one in reading.following)), None)
+        if not isinstance(end, Const) or end.when is not None or end.data[0] not in self.segment.coding.never:
+            return None
+        start = stream.tell()
+        found = stream.read(max(reading.region.end - start, 0)).find(end.data[:1])
+        stream.seek(start)
+        return None if found < 0 else found
 
 
 def coded(coding: Coding, plain: bytes) -> bytes:

@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
-from framekit.definition.codings import Hex
 from framekit.definition.expression import Expression, names_in
 from framekit.definition.model.frames import Frame, flat
 from framekit.definition.model.segments import (
@@ -32,6 +31,7 @@ from framekit.definition.model.segments import (
     Skip,
     Value,
     Wrap,
+    exactly,
 )
 
 Evaluate = Callable[[Expression], Any]
@@ -114,9 +114,9 @@ class KnownSizes:
                 return None if value is None or chosen is None else self.all(chosen, evaluate)
             case Wrap(size=size) if size is not None:
                 return _number(size, evaluate)
-            case Wrap(coding=Hex(), of=of):
+            case Wrap(coding=coding, of=of):
                 content = self.all(of, evaluate)
-                return None if content is None else content * 2
+                return None if content is None else coding.sizes(exactly(content)).fixed
             case Inner(size=None, frames=names):
                 sizes = {self.frame(name) for name in names}
                 return sizes.pop() if len(sizes) == 1 else None

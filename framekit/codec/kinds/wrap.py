@@ -66,10 +66,14 @@ class WrapKind(SegmentKind[Wrap]):
         tasks: list[Task] = []
         for one in segment.of:
             w.tasks_of(one, scope, given, tasks)
-        if segment.name in w.asked_for:
+        compared = segment.size is not None and w.size_by_length(segment) is None
+        if segment.name in w.asked_for or compared:
             waits = {name for task in tasks for name in task.gives}
             gives = (f"bytes of {segment.name}",)
             tasks.append(Task(gives, waits, lambda _: w.put_into_local(segment, scope)))
+        if compared:
+            waits = {*gives, *w.waits(segment.size_expression)}
+            tasks.append(Task((), waits, lambda _: _compare_size(w, segment, scope, given)))
         return tasks
 
     def bytes_text(self, w: EncodeWriter, segment: Wrap, scope: Scope) -> str:
@@ -152,6 +156,16 @@ def _size_on_wire(wrap: Wrap, fixed: int | None) -> int | Expression | None:
     return wrap.coding.sizes(exactly(fixed)).fixed
 
 
+def _compare_size(w: EncodeWriter, wrap: Wrap, scope: Scope, given: Given) -> None:
+    """The content must take as many bytes on the wire as other values say."""
+    size, conditions = str(wrap.size), []
+    if isinstance(wrap.size, Expression):
+        size, conditions = w.text(wrap.size, scope), w.is_announced(wrap.size, scope)
+    name = wrap.name or ""
+    path = (*given.path, "wrap" if name.startswith("_") else name)
+    w.compare_size(path, f"len({w.wires[name]})", size, conditions)
+
+
 def _limit(w: EncodeWriter, wrap: Wrap, scope: Scope, buffer: str) -> None:
     tests = [f"len({buffer}) < {wrap.least}"] if wrap.least else []
     if wrap.most is not None:
@@ -190,8 +204,13 @@ def _unstuff(r: BufferReader, item: Item, wrap: Wrap, fixed: int | None, after: 
         r.function.add(f"{plain} = {read.read_text(r.module, wrap.coding, plain)}")
 
 
-def _measure_content(m: MeasureWriter, wrap: Wrap, scope: Scope, after: Pairs, further: int = 0) -> None:
-    """Values of a wrap that sizes behind it depend on; the careful function reads them, now that they are there."""
+def _measure_content(
+    m: MeasureWriter, wrap: Wrap, scope: Scope, after: Pairs, further: int = 0, is_there: bool = True
+) -> None:
+    """Values of a wrap that sizes behind it depend on; the careful function reads them, now that they are there.
+
+    It gets `further` bytes behind the wrap too, by which it finds the end; `is_there`: these have come.
+    """
     needed = m.needed & needed_names(tuple(segment for segment, _ in after), m.segments)
     names = [name for one in flat(wrap.of) for name in one.value_names if name in needed]
     if names and m.in_digits:
@@ -200,6 +219,8 @@ def _measure_content(m: MeasureWriter, wrap: Wrap, scope: Scope, after: Pairs, f
     if names:
         m.settle()
         m.may_fail = True
+        if not is_there:
+            m.want(further, after[1:])
         stop = f"at + {further}" if further else "at"
         always = names_always_there(wrap.of)
         m.add(f"fields = diagnose_{m.identifier}(bytes(data[start:{stop}]), ctx).fields")
@@ -229,7 +250,7 @@ def _measure_by_size_or_end(m: MeasureWriter, wrap: Wrap, scope: Scope, fixed: i
         m.add(f"at = {m.search(f'{first.data[0]:#04x}', 'at', after)}")
         with m.out.block("if at < 0:"):
             m.not_found(m.least(after))
-        _measure_content(m, wrap, scope, after)
+        _measure_content(m, wrap, scope, after, len(first.data), is_there=False)
         return
     if not isinstance(wrap.coding, Hex):
         m.rest(wrap, after)

@@ -60,9 +60,13 @@ from framekit.definition.model.segments import (
     Repeat,
     Segment,
     Value,
+    Wrap,
 )
+from framekit.definition.problems import DefinitionError
 
 Placed = tuple[Segment, Scope]
+Waiting = tuple[str, Check, Scope]
+"""A check code that covers what comes later: the mark in its place, the check, and the scope of its names."""
 Cases = list[tuple[str, tuple[Segment, ...] | None]]
 """A segment and the scope its names belong to."""
 
@@ -172,6 +176,10 @@ def as_bytes(text: str, segments: tuple[Segment, ...]) -> str:
     return f'b"" + {text}' if is_given and not is_packed else text
 
 
+def _covered_itself(check: Check) -> DefinitionError:
+    return not_possible(check, "a check covers what comes later, and is covered itself", "put it last")
+
+
 class EncodeWriter(FunctionWriter):
     """Writes one encoder.
 
@@ -180,7 +188,8 @@ class EncodeWriter(FunctionWriter):
     something in one of several cases takes, by its name; `counts` the local with the number of values in a list, by the
     list's own. Bytes: `buffer` is the local of the whole frame; `wires` the local with the bytes of a segment, by its
     name; `parts` what checks may ask for; `plains` the local with that of something that may be absent; `late` the
-    cases of choices with check codes: header, segments, scope; `gathered` the buffers that hold sums of bytes, by the
+    cases of choices with check codes: header, segments, scope; `postponed` the checks that wait for what comes later;
+    `gathered` the buffers that hold sums of bytes, by the
     text of the sum.
     """
 
@@ -206,6 +215,7 @@ class EncodeWriter(FunctionWriter):
         self.plains: dict[str, str] = {}
         self.begun: set[str] = set()
         self.late: dict[str, list[tuple[str, tuple[Segment, ...], Scope]]] = {}
+        self.postponed: set[str] = set()
 
     def refuse_if(self, condition: str) -> None:
         """The values are refused if `condition` holds; the rules tell why."""
@@ -287,7 +297,7 @@ class EncodeWriter(FunctionWriter):
 
     def size_by_length(self, segment: Segment) -> Expression | None:
         """The size of a segment that is nothing but a length that counts it: then it is as long as what is given."""
-        size = segment.type.size if isinstance(segment, Field) else segment.size if isinstance(segment, Data) else None
+        size = segment.size_expression if isinstance(segment, Field | Data | Wrap) else None
         lengths = (one for one in self.by_name.values() if isinstance(one, Length))
         follows = isinstance(size, Expression) and any(follows_its_length(one, segment) for one in lengths)
         return size if follows and isinstance(size, Expression) else None
@@ -734,7 +744,7 @@ class EncodeWriter(FunctionWriter):
         """
         placed = self.placed(segments, scope)
         texts: list[str] = []
-        waiting: list[tuple[str, Check, Scope]] = []
+        waiting: list[Waiting] = []
         apart = [at for at, (one, _) in enumerate(placed) if any(one is mark for mark in tail or ())]
         place = 0
         while place < len(placed):
@@ -749,7 +759,9 @@ class EncodeWriter(FunctionWriter):
             if isinstance(segment, Check) and covers_later(segment, self.segments):
                 texts.append(f"<{segment.name}>")
                 waiting.append((texts[-1], segment, inside))
+                self.postponed.add(segment.name or "")
             elif isinstance(segment, Check):
+                self._settle(waiting, texts, segment)
                 if segment.name in self.coverage.whole:
                     texts = [self.gather(texts, buffer)] if texts else []
                 texts.append(self._kept(placed[place : place + 1], self._check(segment, inside, [before, *texts])))
@@ -765,11 +777,31 @@ class EncodeWriter(FunctionWriter):
                 count = self.length_of_run(placed[place:end])
                 texts.append(self._kept(placed[place : place + count], self.run(placed[place : place + count])))
             place += count
-        for mark, check, inside in waiting:
-            if mark not in texts:
-                raise not_possible(check, "a check covers what comes later, and is covered itself", "put it last")
-            texts[texts.index(mark)] = self._check(check, inside, [])
+        while waiting:
+            others = {check.name for _, check, _ in waiting}
+            ready = next((one for one in waiting if others.isdisjoint(self.coverage.names(one[1]) or ())), None)
+            if ready is None or ready[0] not in texts:
+                raise _covered_itself((ready or waiting[0])[1])
+            self._work_out(ready, waiting, texts)
         return sum_of(texts)
+
+    def _settle(self, waiting: list[Waiting], texts: list[str], by: Check) -> None:
+        """Works out the codes that had to wait for what comes later, which `by` covers: all of that is there by now."""
+        covered = self.coverage.names(by)
+        known = {name for part in self.parts for name in part.names}
+        for one in list(waiting):
+            mark, check, _ = one
+            if covered is None or check.name in covered:
+                if mark not in texts or not known.issuperset(self.coverage.names(check) or ()):
+                    raise _covered_itself(check)
+                self._work_out(one, waiting, texts)
+
+    def _work_out(self, one: Waiting, waiting: list[Waiting], texts: list[str]) -> None:
+        """Puts the code of a check that had to wait into its place."""
+        mark, check, scope = one
+        waiting.remove(one)
+        self.postponed.discard(check.name or "")
+        texts[texts.index(mark)] = self._kept([(check, scope)], self._check(check, scope, []))
 
     def _keep_apart(self, buffer: str, tail: Const, start: str) -> None:
         """A delimited body must not hold what ends it."""
@@ -868,7 +900,10 @@ class EncodeWriter(FunctionWriter):
     def _check(self, check: Check, scope: Scope, before: list[str]) -> str:
         covered = sum_of([text for text in before if text])
         if check.name not in self.coverage.whole:
-            covered = sum_of(self._parts_of(self.coverage.names(check) or []))
+            names = self.coverage.names(check) or []
+            if not self.postponed.isdisjoint(names):
+                raise _covered_itself(check)
+            covered = sum_of(self._parts_of(names))
             for text, buffer in self.gathered.items():
                 if covered == text or covered.startswith(f"{text} + "):
                     covered = buffer + covered.removeprefix(text)

@@ -194,4 +194,6 @@ def follows_its_length(length: Length, target: Segment) -> bool:
         return False
     if isinstance(target, Data):
         return is_plain_name(target.size, length.name) and (length.plain or target.convert is None)
+    if isinstance(target, Wrap):
+        return is_plain_name(target.size, length.name)
     return isinstance(target, Field) and is_plain_name(target.type.size, length.name) and target.long is None

@@ -143,9 +143,9 @@ def _chosen(segment: Segment, numbers: Iterator[int]) -> Segment:
     on = Conditional(root.at, root, Number(root.at, 1), Number(root.at, 0))
     return Choose(
         at=segment.at,
-        name=segment.name,
+        name=_name(segment, numbers),
         on=Expression(f"1 if {segment.when} else 0", on),
-        cases=(((1,), (replace(segment, when=None, name=_name(segment, numbers)),)),),
+        cases=(((1,), (replace(segment, when=None),)),),
         otherwise=(),
     )
 

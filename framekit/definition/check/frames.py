@@ -413,11 +413,11 @@ def _there_or_not(frame: Frame) -> Iterator[Problem]:
     absent = {
         one.name: one for kind in (Length, Count) for one in parts_of(frame.segments, kind) if one.when is not None
     }
-    for user in (*parts_of(frame.segments, Data), *parts_of(frame.segments, Repeat)):
-        size = user.size if isinstance(user, Data) else getattr(user, "times", None)
+    for user in parts_of(frame.segments, Segment):
+        size = user.times if isinstance(user, Repeat) else user.size if isinstance(user, Data | Wrap) else None
         for name in sorted(names_in(size.root) & set(absent)) if isinstance(size, Expression) else ():
             if not _implies(user.when, absent[name].when):
-                what = f"the size of '{user.name}' is '{size}', and '{name}' may be absent"
+                what = f"the size of {user.title} is '{size}', and '{name}' may be absent"
                 yield Problem(user.at, what, f"give both the same when: {absent[name].when}")
 
 
