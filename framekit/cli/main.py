@@ -47,6 +47,16 @@ TOGETHER = {
 READS_ITSELF = ("check", "test", "completion", "loopback")
 """Verbs that look at definitions as they are written, or at none: they take nothing from the cache."""
 
+_TOLD = [
+    (re.compile(one), told)
+    for one, told in (
+        (r"^argument (\S+): invalid int value: ('.*')$", r"\1: \2 is not a whole number – write digits, such as 10"),
+        (r"^argument (\S+): invalid float value: ('.*')$", r"\1: \2 is not a number – write digits, such as 2.5"),
+        (r"^argument (\S+): expected one argument$", r"\1 has no value – write one behind it"),
+        (r"^the following arguments are required: (.*)$", r"missing: \1 – add what is meant"),
+    )
+]
+"""What the standard library says of words, and how it is said here."""
 _CHOICE = re.compile(r"invalid choice: '(?P<word>[^']*)' \(choose from (?P<choices>.*)\)")
 
 
@@ -59,6 +69,8 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Tells what is wrong and ends with status 2."""
+        for pattern, told in _TOLD:
+            message = pattern.sub(told, message)
         match = _CHOICE.search(message)
         if match is not None:
             near = _near(match["word"], re.findall(r"[^\s',]+", match["choices"]))

@@ -245,9 +245,9 @@ class ServeOutput:
         raise NotImplementedError
 
 
-def _client(port: str) -> str:
-    """A connection by its other side; nothing for the one port there is."""
-    return port.removeprefix("tcp://") if port.startswith("tcp://") else ""
+def _client(port: str, served: str) -> str:
+    """A connection by its other side; nothing for the one port that is `served`."""
+    return "" if port == served else port.partition("://")[2]
 
 
 class TextServeOutput(ServeOutput):
@@ -261,7 +261,7 @@ class TextServeOutput(ServeOutput):
         self.line(f"ready: {', '.join(names)}{stations} on {self.server.about}")
 
     def show(self, port: str, device: Device, seen: Seen) -> None:
-        self.line(seen_text(seen, self.seconds(seen.at), _client(port)))
+        self.line(seen_text(seen, self.seconds(seen.at), _client(port, self.server.port)))
 
     def summary(self) -> None:
         rows, reasons, status = [], [], []
@@ -301,7 +301,8 @@ class JsonServeOutput(ServeOutput):
     def show(self, port: str, device: Device, seen: Seen) -> None:
         from framekit.codec.plain import PlainValues
 
-        where = {"client": _client(port)} if _client(port) else {}
+        client = _client(port, self.server.port)
+        where = {"client": client} if client else {}
         if seen.direction == "out" and device.own is not None:
             where["station"] = plain(device.own)
         self.data(seen_data(seen, self.seconds(seen.at), PlainValues(device.protocol), **where))

@@ -168,10 +168,10 @@ class ChannelLoad:
 
 
 def channel_loads(run: RunModel, costs: Mapping[BlockKey, Cost]) -> tuple[ChannelLoad, ...]:
-    """The load of each channel of a run, without blocks that are switched off."""
+    """The load of each channel of a run, without channels and blocks that are switched off."""
     periods = Periods(run)
     found = []
-    for channel in run.channels.values():
+    for channel in (one for one in run.channels.values() if one.enabled):
         blocks = [block for block in run.blocks if block.channel == channel.number and block.enabled]
         loads = [BlockLoad(block, periods.of(block), costs[block.set, block.number]) for block in blocks]
         starts = cycle_starts([(one.block, one.period, max(1, one.cost.duration)) for one in loads if one.period])

@@ -562,7 +562,13 @@ def parse_station(text: str, protocol: Protocol) -> Any:
         return number
     if station.type == "bytes":
         filled = _filled(text, station)
-        data = parse_bytes(text) if filled is None else filled
+        try:
+            data = parse_bytes(text) if filled is None else filled
+        except ValueError:
+            if station.pad is None or station.size is None:
+                raise
+            what = f"station '{text}' has {plural(len(text), 'character')}, at most {station.size} are possible"
+            raise ValueError(f"{what} – or write {plural(station.size, 'byte')} in hex") from None
         if station.size is not None and len(data) != station.size:
             raise ValueError(f"station {text} has {plural(len(data), 'byte')}, it needs {station.size}")
         return data

@@ -37,7 +37,7 @@ def loads_of(run: RunModel) -> tuple[ChannelLoad, ...]:
 def simulated_costs(run: RunModel) -> dict[BlockKey, Cost]:
     """What an exchange of each block costs, by set and number."""
     found: dict[BlockKey, Cost] = {}
-    for channel in run.channels.values():
+    for channel in (one for one in run.channels.values() if one.enabled):
         blocks = [block for block in run.blocks if block.channel == channel.number]
         found |= {key(block): arriving(channel, block) for block in blocks if block.instruction == "receive"}
         asking = [block for block in blocks if block.instruction != "receive"]

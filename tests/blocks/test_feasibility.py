@@ -8,6 +8,7 @@ import pytest
 
 from framekit.run.feasibility import BlockLoad, ChannelLoad, Cost, channel_loads, load_problems
 from framekit.runfile.run_file import load_run
+from framekit.service.simulation import simulated_costs
 
 MS = 1_000_000
 HEAD = """run: r
@@ -43,6 +44,14 @@ def periods(load: ChannelLoad) -> list[int | None]:
 def test_what_has_a_period(tmp_path: Path, trigger: str, period: int | None) -> None:
     found = loads(tmp_path, f'  0: {{read: "40001", into: M200, {trigger}}}\n', 5)
     assert periods(found) == [period]
+
+
+def test_a_channel_that_is_switched_off_has_no_load(tmp_path: Path) -> None:
+    path = tmp_path / "r.run.yaml"
+    blocks = '  0: {read: "40001", into: M200, every: 100 ms}\n'
+    path.write_text((HEAD + blocks).replace("station: 1}", "station: 1, enabled: no}"), encoding="utf-8")
+    run = load_run(path)
+    assert channel_loads(run, simulated_costs(run)) == ()
 
 
 def test_blocks_behind_others_have_their_period(tmp_path: Path) -> None:

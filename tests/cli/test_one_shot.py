@@ -196,9 +196,13 @@ def test_no_port(capsys: pytest.CaptureFixture[str], port: str, message: str) ->
         (("read", "--station", "7", "40001", "--every", "soon"), "--every: 'soon' is not a time"),
         (("read", "--station", "7", "40001", "--every", "1ms", "--times", "-1"), "-1 is no number of readings"),
         (("read", "--station", "7", "40001", "--every", "1ms", "--times", "0"), "0 is no number of readings"),
-        (("read", "--station", "7", "40001", "--speed", "fast"), "invalid int value"),
-        (("read", "--station", "7"), "required: ADDRESS"),
-        (("write", "--station", "7", "40001"), "required: VALUE"),
+        (
+            ("read", "--station", "7", "40001", "--speed", "fast"),
+            "--speed: 'fast' is not a whole number – write digits",
+        ),
+        (("read", "--station", "7", "40001", "--speed"), "--speed has no value – write one behind it"),
+        (("read", "--station", "7"), "missing: ADDRESS – add what is meant"),
+        (("write", "--station", "7", "40001"), "missing: VALUE – add what is meant"),
         (
             ("write", "--station", "7", "40001", "1.5"),
             "'1.5' is no whole number – write --type float32 for a fraction, --type string for text",
@@ -216,6 +220,14 @@ def test_a_wrong_command_line(
     status, out, err = call(capsys, words[0], "modbus-rtu", "--port", bench[0], *words[1:])
     assert (status, out) == (2, "")
     assert message in err
+
+
+def test_a_station_that_is_too_long(capsys: pytest.CaptureFixture[str]) -> None:
+    """A text of at most 8 characters is wanted, which is filled up, or 8 bytes."""
+    words = ("--port", "sim:none.device.yaml", "--station", "UNIT77777", "%R1")
+    status, _, err = call(capsys, "read", "snp-x", *words)
+    assert status == 2
+    assert "station 'UNIT77777' has 9 characters, at most 8 are possible – or write 8 bytes in hex" in err
 
 
 def test_a_wrong_definition(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING
 
-from framekit.cli.common import VerbError
+from framekit.cli.common import VerbError, WordsError
 
 if TYPE_CHECKING:
     from framekit.cli.screen.session import LiveSession
@@ -13,6 +13,14 @@ if TYPE_CHECKING:
 MISSING = (
     "the live display needs textual – install framekit with the extra 'screen': pip install '.[screen]' in its folder"
 )
+
+
+NO_TERMINAL = "the live display wants a terminal, and this is none – leave --screen out"
+
+
+def has_terminal() -> bool:
+    """Whether what the display is drawn on, the standard error, is a terminal."""
+    return sys.__stderr__ is not None and sys.__stderr__.isatty()
 
 
 def show(session: LiveSession) -> int:
@@ -23,6 +31,8 @@ def show(session: LiveSession) -> int:
         if (error.name or "").split(".")[0] not in ("textual", "rich"):
             raise
         raise VerbError(MISSING) from None
+    if not has_terminal():
+        raise WordsError(NO_TERMINAL)
     app = MonitorApp(session)
     app.run()
     failure = app.failure or session.failure

@@ -244,7 +244,13 @@ def test_without_control_there_is_no_key_for_it() -> None:
     driven(test)
 
 
-def test_a_port_that_is_none_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.fixture
+def terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As if what is written to were a terminal."""
+    monkeypatch.setattr(screen, "has_terminal", lambda: True)
+
+
+def test_a_port_that_is_none_is_told(terminal: None, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["monitor", "mldp", "--port", "nowhere:1", "--screen"]) == 2
     assert "is no port" in capsys.readouterr().err
 
@@ -288,13 +294,22 @@ def test_without_textual_it_says_what_is_missing(
     assert "install framekit with the extra 'screen': pip install '.[screen]'" in capsys.readouterr().err
 
 
-def test_a_port_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_port_that_is_not_there(terminal: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "r.run.yaml").write_text(
         "run: r\nmemory: masterlogic\nblocks: {}\n"
         "channels:\n  1: {port: 'tcp://nowhere:99999', protocol: mldp, station: 1}\n"
     )
     assert main(["run", str(tmp_path / "r.run.yaml"), "--screen"]) == 1
     assert capsys.readouterr().err
+
+
+def test_without_a_terminal_it_says_so(tmp_path: Path) -> None:
+    """No escape codes go into a file or a pipe."""
+    words = [sys.executable, "-m", "framekit", "run", str(PLC), "--virtual", "--screen"]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    wanted = "framekit run: the live display wants a terminal, and this is none – leave --screen out\n"
+    assert done.stderr == wanted
 
 
 @pytest.mark.skipif(shutil.which("tmux") is None, reason="tmux is not installed")
