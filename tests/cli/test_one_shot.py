@@ -198,7 +198,7 @@ def test_no_port(capsys: pytest.CaptureFixture[str], port: str, message: str) ->
         (("read", "--station", "7", "40001", "--every", "1ms", "--times", "0"), "0 is no number of readings"),
         (
             ("read", "--station", "7", "40001", "--speed", "fast"),
-            "--speed: 'fast' is not a whole number – write digits",
+            "'fast' is not a whole number – write digits",
         ),
         (("read", "--station", "7", "40001", "--speed"), "--speed has no value – write one behind it"),
         (("read", "--station", "7"), "missing: ADDRESS – add what is meant"),

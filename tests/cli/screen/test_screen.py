@@ -247,7 +247,7 @@ def test_without_control_there_is_no_key_for_it() -> None:
 @pytest.fixture
 def terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     """As if what is written to were a terminal."""
-    monkeypatch.setattr(screen, "has_terminal", lambda: True)
+    monkeypatch.setattr("framekit.cli.screen.has_terminal", lambda: True)
 
 
 def test_a_port_that_is_none_is_told(terminal: None, capsys: pytest.CaptureFixture[str]) -> None:
