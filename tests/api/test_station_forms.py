@@ -21,7 +21,7 @@ def device(folder: Path, protocol: str, station: str, memory: str) -> str:
 def test_a_station_of_bytes_is_given_as_text_too(tmp_path: Path, station: str | bytes) -> None:
     with framekit.connect("snp-x", device(tmp_path, "snp-x", "UNIT7", "{R1: [5, 6]}"), station=station) as client:
         assert client.read("R1", 2) == [5, 6]
-    with pytest.raises(framekit.RequestError, match="'UNIT56789' is neither"):
+    with pytest.raises(framekit.RequestError, match="'UNIT56789' has 9 characters, at most 8 are possible"):
         framekit.connect("snp-x", "loop://", station="UNIT56789")
 
 
