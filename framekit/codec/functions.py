@@ -7,7 +7,7 @@ protocol it belongs to, is not known here.
 from __future__ import annotations
 
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from types import CodeType, ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -34,6 +34,8 @@ class FrameFunctions:
     """The functions of every frame by its name; `encoders`, `decoders`, `measurers` are for callers in a loop.
 
     `kept`: what users of these functions have made of them, by its class, for as long as they are used.
+    `fused`: of frames that are read together with the one inside, the place of the byte that tells which, and by its
+    value what reads the two; it raises whatever comes up if they do not fit.
     Contexts are mappings name → value; None means the start values of the definition (`defaults`).
     """
 
@@ -43,6 +45,7 @@ class FrameFunctions:
         self.kept: dict[Any, Any] = {}
         self.frames: Mapping[str, Any] = names["FRAMES"]
         self.layouts: Mapping[str, tuple[Encode, Decode]] = names["LAYOUTS"]
+        self.fused: Mapping[str, tuple[int, Sequence[Decode | None]]] = names["FUSED"]
         self.defaults: Mapping[str, Any] = names["DEFAULTS"]
         self.QUIET: int = names["QUIET"]
         self.LOST: int = names["LOST"]

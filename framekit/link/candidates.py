@@ -18,7 +18,7 @@ from framekit.definition.model.segments import Const
 from framekit.link.arrivals import BadFrame, EitherBad, Fault
 from framekit.link.evaluate import CODEC_ERRORS, Names
 from framekit.link.events import LineFault
-from framekit.link.frame_table import Ends, FrameInfo, FrameTable, function_does
+from framekit.link.frame_table import NO_SIZES, NOT_QUICK, Ends, FrameInfo, FrameTable, function_does
 from framekit.link.inside import InsideFinder
 from framekit.link.stream import Stream
 
@@ -253,6 +253,10 @@ class Candidates:
     def misread(self, info: FrameInfo, raw: bytes, error: FrameError, known_end: bool) -> Bad:
         return self._bad(info, raw, partial(fault_of, error), known_end)
 
+    def intact_fault(self, info: FrameInfo, raw: bytes) -> BadFrame:
+        """A frame at the current place that is not intact, told."""
+        return self._report(info, raw, lambda: fault_of(info.misread(raw, self._context)))
+
     def _damaged(self, info: FrameInfo, raw: bytes, fault: LineFault, known_end: bool) -> Bad:
         return self._bad(info, raw, lambda: Fault(fault.value, found="a damaged character"), known_end)
 
@@ -340,16 +344,20 @@ class Left:
 
     `alone`: the only one. `sure`: every other candidate, the others included, begins with other constants than there
     are, so that it is surely none. `ends`: what finds their ends, once that was asked for. `names`: theirs. `alike`:
-    whether all are measured alike, once that was asked for.
+    whether all are measured alike, once that was asked for. `at`, `enough`, `most`, `rows`: the `quick` of the only
+    one; `enough` is more than there ever is where nothing is told quickly. `is_told`: the rows surely tell what stands
+    here.
     """
 
-    __slots__ = ("alike", "alone", "ends", "infos", "names", "sure")
+    __slots__ = ("alike", "alone", "at", "ends", "enough", "infos", "is_told", "most", "names", "rows", "sure")
 
     def __init__(self, infos: Level, sure: bool) -> None:
         self.infos = infos
         self.sure = sure
         self.names = tuple(info.name for info in infos)
         self.alone = infos[0] if len(infos) == 1 else None
+        self.at, self.enough, self.most, self.rows = self.alone.quick if self.alone is not None else NOT_QUICK
+        self.is_told = sure and self.alone is not None and self.alone.sizes is not NO_SIZES
         self.ends: Ends | None = None
         self.alike: bool | None = None
 
@@ -362,13 +370,14 @@ class Left:
 class Start:
     """What may begin with one byte: `at` is the place of the byte that tells the candidates apart (0: none does).
 
-    `left`: what is left by each of its values.
+    `left`: what is left by each of its values. `wanted`: all that are expected.
     """
 
-    __slots__ = ("at", "left")
+    __slots__ = ("at", "left", "wanted")
 
-    def __init__(self, at: int, left: Mapping[int, Left], others: Left) -> None:
+    def __init__(self, at: int, left: Mapping[int, Left], others: Left, wanted: Left) -> None:
         self.at = at
+        self.wanted = wanted
         self.left = [left.get(byte, others) for byte in range(256)]
 
 
@@ -434,7 +443,8 @@ class ExpectedFrames:
 
     def _told_apart(self, infos: Level, rest: Level) -> Start:
         """By the place with the fewest candidates left, whatever byte stands there."""
-        best = Start(0, {}, Left(infos, not rest))
+        wanted = Left(infos, not rest)
+        best = Start(0, {}, wanted, wanted)
         most = len(infos)
         allowed = [dict(fixed_bytes(info.frame.segments)) for info in infos]
         for place in sorted({place for one in allowed for place in one if place}):
@@ -448,7 +458,7 @@ class ExpectedFrames:
                 by_value = {
                     value: Left(group, _sure(every, group, place, {value}, False)) for value, group in left.items()
                 }
-                best = Start(place, by_value, Left(others, _sure(every, others, place, values, True)))
+                best = Start(place, by_value, Left(others, _sure(every, others, place, values, True)), wanted)
         return best
 
     def _start_pattern(self, *more: int) -> re.Pattern[bytes] | None:

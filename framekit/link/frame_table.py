@@ -10,7 +10,7 @@ from binascii import unhexlify
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
-from typing import Any, Protocol, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 from framekit.codec.checks import function_of, residue_of
 from framekit.codec.errors import FrameError, Misread
@@ -19,7 +19,7 @@ from framekit.definition.codings import Hex
 from framekit.definition.expression import Expression, Name, names_in
 from framekit.definition.model import protocol as model
 from framekit.definition.model.frames import Frame, StaticSizes, by_value_name, everything, parts_of
-from framekit.definition.model.segments import Bits, BitsPart, Check, Const, Data, Field, Inner, Segment, Wrap
+from framekit.definition.model.segments import Bits, BitsPart, Check, Const, Data, Field, Inner, Length, Segment, Wrap
 from framekit.link.evaluate import CODEC_ERRORS, EVALUATION_ERRORS, Evaluate, Names, compile_expression
 from framekit.link.values import FrameValue, plain
 
@@ -56,21 +56,22 @@ class FrameInfo:
     `inner`: the field with the only frame inside; `behind`: the most that stands behind it. `intact`: a quick look at
     its check code, where there is one; what fails it is bad, never refused. The table of all frames sets `make`.
     `carries`: frames that may be put into this one when `insert` holds. `value_names`: its fields. `sizes`: what
-    `extent` says by one byte, as `sizes_by_byte` has them. `usual`: fields that replies repeat, and the names that give
-    them where the frame does not.
+    `extent` says by one byte. `quick`: how a frame that is good is read by it. `usual`: fields that replies repeat, and
+    the names that give them where the frame does not.
     """
 
     __slots__ = (
         "_diagnose", "announces", "behind", "carries", "computed", "decode", "echo",
         "encode", "extent", "first", "flat", "frame", "guesses", "inner", "insert", "intact", "known", "make",
-        "measure", "most", "name", "numbers", "on_line", "refuse", "shape", "sizes", "usual", "value_names",
+        "measure", "most", "name", "numbers", "on_line", "quick", "refuse", "shape", "sizes", "usual", "value_names",
     )  # fmt: skip
 
     def __init__(self, frame: Frame, codec: FrameCodec) -> None:
         self.frame = frame
         self.name = frame.name
         self.make: Make
-        self.sizes: tuple[int, Sequence[int | None]] = (0, NO_SIZES)
+        self.sizes = NO_SIZES
+        self.quick = NOT_QUICK
         self.encode, self.decode, self.measure = codec.encode, codec.decode, codec.measure
         self.first = first_byte(frame.segments)
         self.shape = shape_of(frame.segments)
@@ -133,11 +134,45 @@ class FrameInfo:
 Intact = Callable[[bytes | bytearray], bool]
 """Whether these bytes may be good: false if they are surely no good frame, and none that is refused."""
 
-NO_SIZES: Sequence[int | None] = [None] * 256
 
-Ends = tuple[tuple[int, Sequence[int | None], Callable[..., int], Callable[..., int], Intact, Sequence[FrameInfo]], ...]
-"""Of candidates: `sizes_by_byte` and `extent` and `measure` of several of them alike, a quick look whether one may be
-good, and they."""
+class SizesByByte(NamedTuple):
+    """How long a frame is by the byte at `at`, which tells which frame stands inside.
+
+    `sizes`: by its value the size, 0 for no frame, minus the most where only silence ends it, or None where more has to
+    be looked at. `counted`: the place of a byte whose value is added to that; 0 for none. A sum above `most` says
+    nothing.
+    """
+
+    at: int
+    sizes: Sequence[int | None]
+    counted: Sequence[int]
+    most: int
+
+
+NO_SIZES = SizesByByte(0, [None] * 256, [0] * 256, UNKNOWN)
+
+Row = tuple[int, int, Callable[..., dict[str, Any]] | None]
+"""The size of a good frame (0: there is none), the place of a byte that is added to it (0: none), and what reads it
+together with the one inside, where there is something."""
+
+
+class Quick(NamedTuple):
+    """How a good frame of one kind is read by the byte at `at`; None where it has to be measured.
+
+    `enough`: so many bytes tell its size. Above `most` there is no good one.
+    """
+
+    at: int
+    enough: int
+    most: int
+    rows: Sequence[Row | None]
+
+
+NOT_QUICK = Quick(0, UNKNOWN, UNKNOWN, [None] * 256)
+
+Ends = tuple[tuple[SizesByByte, Callable[..., int], Callable[..., int], Intact, Sequence[FrameInfo]], ...]
+"""Of candidates: `sizes`, `extent` and `measure` of several of them alike, a quick look whether one may be good, and
+they."""
 
 
 def by_extent(infos: Sequence[FrameInfo]) -> Ends:
@@ -148,7 +183,7 @@ def by_extent(infos: Sequence[FrameInfo]) -> Ends:
     found = []
     for group in groups.values():
         look = any_intact([(one.frame, one.intact) for one in group])
-        found.append((*group[0].sizes, group[0].extent, group[0].measure, look, group))
+        found.append((group[0].sizes, group[0].extent, group[0].measure, look, group))
     return tuple(found)
 
 
@@ -209,6 +244,8 @@ class ProtocolCodec(Protocol):
     @property
     def frames(self) -> Mapping[str, FrameCodec]: ...
     @property
+    def fused(self) -> Mapping[str, tuple[int, Sequence[Callable[..., dict[str, Any]] | None]]]: ...
+    @property
     def layouts(self) -> Mapping[str, tuple[Callable[..., bytes], Callable[..., dict[str, Any]]]]: ...
     @property
     def QUIET(self) -> int: ...  # noqa: N802 - a constant of the generated module
@@ -249,6 +286,7 @@ class FrameTable:
             info.make = self._maker(info)
             if info.guesses:
                 info.sizes = sizes_by_byte(info.frame, shapes)
+            info.quick = quick_of(info, shapes, codec.fused.get(info.name))
             info.on_line = not info.frame.inner and info.name not in inner
         outer = [info for info in self.infos.values() if info.on_line and info.frame.side != "none"]
         self.on_line = tuple(info.name for info in sorted(outer, key=lambda info: info.refuse is not None))
@@ -441,31 +479,47 @@ def usual_of(frame: Frame, wanted: Collection[str | None]) -> dict[str, str]:
 # ---- a quick look at frames ----------------------------------------------------------------------------------
 
 
-def sizes_by_byte(frame: Frame, shapes: StaticSizes) -> tuple[int, Sequence[int | None]]:
-    """How long a frame is by the byte that tells which frame stands inside: the place of that byte, and by its value
-    the size, 0 for no frame, minus the most where only silence ends it, or None where more has to be looked at.
+def quick_of(info: FrameInfo, shapes: StaticSizes, fused: tuple[int, Sequence[Any]] | None) -> Quick:
+    """How good frames of a kind are read by one byte; `fused`: by the byte at that place, what reads it with the one
+    inside.
     """
+    frame = info.frame
+    fixed = None if frame.delimited else shapes.all(shapes.segments(frame)).fixed
+    if fixed and info.inner is None and (frame.most is None or fixed <= frame.most):
+        return Quick(0, 1, UNKNOWN, [(fixed, 0, None)] * 256)
+    if info.sizes is NO_SIZES:
+        return NOT_QUICK
+    at, sizes, counted, most = info.sizes
+    readers = fused[1] if fused is not None and fused[0] == at else [None] * 256
+    every = zip(sizes, counted, readers, strict=True)
+    rows = [None if size is None or size < 0 else (size, more, read) for size, more, read in every]
+    return Quick(at, max(at, *counted) + 1, most, rows)
+
+
+def sizes_by_byte(frame: Frame, shapes: StaticSizes) -> SizesByByte:
+    """How long a frame is by the byte that tells which frame stands inside."""
     place = next((place for place, one in enumerate(frame.segments) if isinstance(one, Inner)), 0)
     inner, around = frame.segments[place], (*frame.segments[:place], *frame.segments[place + 1 :])
     if not isinstance(inner, Inner) or inner.size is not None or inner.when is not None:
-        return 0, NO_SIZES
+        return NO_SIZES
     if frame.size is not None or frame.most is None:
-        return 0, NO_SIZES
+        return NO_SIZES
     tree = tree_of(shapes, in_order(shapes, inner.frames))
     if not isinstance(tree, Switch) or not all(_is_any(one, shapes) for one in around):
-        return 0, NO_SIZES
-    more, most = shapes.all(around).least, frame.most
+        return NO_SIZES
+    more, most, before = shapes.all(around).least, frame.most, shapes.all(frame.segments[:place]).least
 
-    def size_of(branch: Leaf | Switch) -> int | None:
-        size = _size_inside(branch, tree.at, shapes)
+    def size_of(branch: Leaf | Switch) -> tuple[int | None, int]:
+        size, counted = _size_inside(branch, tree.at, shapes)
         if not size or size == UNKNOWN:
-            return -most if size else size
-        return size + more if size + more <= most else None
+            return -most if size else size, 0
+        return (size + more if size + more <= most else None), counted and before + counted
 
-    sizes = [size_of(tree.others)] * 256
+    found = [size_of(tree.others)] * 256
     for byte, branch in tree.cases:
-        sizes[byte] = size_of(branch)
-    return shapes.all(frame.segments[:place]).least + tree.at, sizes
+        found[byte] = size_of(branch)
+    sizes, counted = zip(*found, strict=True)
+    return SizesByByte(before + tree.at, sizes, counted, most)
 
 
 def _is_any(segment: Segment, shapes: StaticSizes) -> bool:
@@ -477,26 +531,50 @@ def _is_any(segment: Segment, shapes: StaticSizes) -> bool:
     return isinstance(segment, Check | Data)
 
 
-def _size_inside(branch: Leaf | Switch, at: int, shapes: StaticSizes) -> int | None:
-    """How long the only frame is that the byte at `at` leaves: `UNKNOWN` if only silence ends it; None: not told."""
+def _size_inside(branch: Leaf | Switch, at: int, shapes: StaticSizes) -> tuple[int | None, int]:
+    """How long the only frame is that the byte at `at` leaves: `UNKNOWN` if only silence ends it; None: not told.
+
+    And the place of a byte in it that counts more bytes, 0 if there is none.
+    """
     if isinstance(branch, Switch) or len(branch.frames) > 1:
-        return None
+        return None, 0
     if not branch.frames:
-        return 0
+        return 0, 0
     frame = shapes.frames[branch.frames[0]]
     if frame.size is not None or frame.most is not None or frame.delimited:
-        return None
-    size = 0
+        return None, 0
+    size, places, counted = 0, dict[str, int](), 0
     for number, segment in enumerate(frame.segments, 1):
         is_last = number == len(frame.segments)
         if is_last and isinstance(segment, Data) and segment.size == "rest" and segment.when is None:
-            return UNKNOWN if size and not segment.least else None
-        if not _is_any(segment, shapes):
+            return (UNKNOWN if size and not segment.least and not counted else None), 0
+        if isinstance(segment, Length) and _is_byte(segment) and size and not counted:
+            places[segment.name] = size
+        elif not counted and (place := _counted_at(segment, places)):
+            counted = place
+        elif not _is_any(segment, shapes):
             is_telling = size == at and isinstance(segment, Field | Bits) and shapes.present(segment).fixed == 1
             if not is_telling or segment.when is not None:
-                return None
+                return None, 0
         size += shapes.present(segment).least
-    return size
+    return size, counted
+
+
+def _is_byte(segment: Length) -> bool:
+    """Whether it is one byte that may have any value, and stands for that number."""
+    type_ = segment.type
+    return (
+        segment.when is None and segment.limits is None and segment.zero_means is None
+        and type_.kind == "int" and type_.fixed_size == 1 and not type_.signed
+    )  # fmt: skip
+
+
+def _counted_at(segment: Segment, places: Mapping[str, int]) -> int | None:
+    """The place of the number that is the size of these bytes, if it is one of those."""
+    if not isinstance(segment, Data) or segment.when is not None or segment.convert is not None or segment.least:
+        return None
+    size = segment.size
+    return places.get(size.root.name) if isinstance(size, Expression) and isinstance(size.root, Name) else None
 
 
 def intact_of(frame: Frame) -> Intact | None:

@@ -13,8 +13,19 @@ from typing import Any
 from framekit.codec.errors import FrameError
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
-from framekit.link.arrivals import Arrival, FrameArrived, Noise
-from framekit.link.candidates import Bad, Candidates, Complete, ExpectedFrames, Good, Left, Trouble, first_of, worse
+from framekit.link.arrivals import Arrival, BadFrame, FrameArrived, Noise
+from framekit.link.candidates import (
+    Bad,
+    Candidates,
+    Complete,
+    ExpectedFrames,
+    Good,
+    Left,
+    Start,
+    Trouble,
+    first_of,
+    worse,
+)
 from framekit.link.evaluate import CODEC_ERRORS, Names
 from framekit.link.events import CharacterFault
 from framekit.link.frame_table import FrameInfo, FrameTable, ProtocolCodec, are_bad, table_of
@@ -66,8 +77,8 @@ class Receiver:
         self.pauses = Pauses(protocol.receiver, names, self.stream)
         self.broken = False
         self.waiting: tuple[str, ...] = ()
-        self.waiting_since = 0
         self._rules = protocol.receiver
+        self._is_bytewise = self._rules.resync == "next_start" and self._rules.symbols is None
         self._names = names
         self._scope = scope_of(names)
         self._version = 0
@@ -147,6 +158,11 @@ class Receiver:
     def is_empty(self) -> bool:
         """Whether every byte has been used or reported."""
         return self.stream.position + self._given >= len(self.stream.buffer) and not self._noise
+
+    @property
+    def waiting_since(self) -> int:
+        """When the first byte came of those that the candidates in `waiting` fit."""
+        return self.stream.time_of(self.stream.position)
 
     @property
     def is_idle(self) -> bool:
@@ -278,10 +294,11 @@ class Receiver:
         """
         stream, names, said, inside = self.stream, self._names, self._candidates.said, self._inside
         holders = () if inside is None else inside.holders
-        buffer, starting = stream.buffer, frames.starting
+        buffer, starting, noise = stream.buffer, frames.starting, self._noise.data
         place = first = stream.position
         end, offset, came = len(buffer), stream.base + stream.removed, (stream.last, stream.last)
         newest = stream.ends[-2] - stream.base if len(stream.ends) > 1 else 0
+        run, run_end = -1, 0
         try:
             while place < end:
                 start = starting[buffer[place]] or frames.start(buffer[place])
@@ -289,9 +306,18 @@ class Receiver:
                 if at >= end:
                     break
                 left = start.left[buffer[at]]
-                info, fields = left.alone, None
-                if info is None:
-                    info, size = (None, 0) if self._noise.data else self._shortest(left, place)
+                info, fields, row, is_bad = left.alone, None, None, False
+                if place + left.enough <= end and not said and (left.is_told or not noise):
+                    row = left.rows[buffer[place + left.at]]
+                if row is not None and info is not None:
+                    size, counted, read = row
+                    if counted:
+                        size += buffer[place + counted]
+                    if place + size > end or size > left.most:
+                        told = left.is_told and size <= left.most
+                        size = end - place - size if told else info.extent(buffer, place, end, names)
+                elif info is None:
+                    info, size = (None, 0) if noise else self._shortest(left, place)
                 elif said:
                     seen = self._candidates.seen(info)
                     if seen is None:
@@ -300,32 +326,63 @@ class Receiver:
                 else:
                     size = info.extent(buffer, place, end, names)
                 if size < 0 and (size != self._lost or stream.base + place >= self._bad_until):
+                    if run >= 0:
+                        self._collect_run(run, place)
                     stream.position = place
-                    return self._is_begun(left, size)
+                    return self._is_begun(start, left, size, row is not None or place + left.enough > end)
                 if info is not None and size > 0:
                     part = buffer[place : place + size]
                     raw = part if type(part) is bytes else bytes(part)
-                    try:
-                        fields = info.decode(raw, names)
-                    except FrameError as error:
-                        if error.refuse is not None:
-                            break
-                    else:
-                        if info.guesses and not said and "unknown" in fields[info.inner or ""]:
-                            break
+                    if row is not None and read is not None:
+                        try:
+                            if noise or run >= 0:
+                                is_bad = info.intact is not None and not info.intact(raw)
+                            if not is_bad:
+                                fields = read(raw, names)
+                        except CODEC_ERRORS:
+                            is_bad = info.intact is not None and not info.intact(raw)
+                    if fields is None and not is_bad:
+                        try:
+                            fields = info.decode(raw, names)
+                        except FrameError as error:
+                            if error.refuse is not None:
+                                break
+                            if row is not None and not left.is_told:
+                                size = info.extent(buffer, place, end, names)
+                        else:
+                            if info.guesses and not said and "unknown" in fields[info.inner or ""]:
+                                break
                 if fields is None or info is None:
+                    if left.is_told and (not size or (is_bad and stream.base + place < self._bad_until)):
+                        if run < 0:
+                            run_end = self._run_end(frames, place)
+                            run = place if run_end else -1
+                        if run >= 0 and place < run_end:
+                            place += 1
+                            continue
+                    if run >= 0:
+                        self._collect_run(run, place)
+                        run = -1
                     stream.position = first = place
                     if size and stream.base + place >= self._bad_until:
-                        break
+                        run_end = self._bad_run(frames, info, raw, found, is_all) if left.is_told and is_bad else 0
+                        if not run_end:
+                            break
+                        run, place = place, place + 1
+                        if not is_all:
+                            break
+                        continue
                     self._pass_over(frames, found)
-                    first = stream.position
-                    if first == place or (found and not is_all):
+                    if first == stream.position or (found and not is_all):
                         return False
-                    place = first
+                    place = first = stream.position
                     continue
                 if inside is not None and not (left.sure and (info.name not in holders or inside.nothing_in(raw))):
                     break
-                if self._noise.data:
+                if run >= 0:
+                    self._collect_run(run, place)
+                    run, first = -1, place
+                if noise:
                     found.append(self._noise.take())
                     if not is_all:
                         break
@@ -346,30 +403,76 @@ class Receiver:
                     said = self._candidates.said
         except CODEC_ERRORS:
             pass
-        if place != first:
+        if run >= 0:
+            self._collect_run(run, place)
+        elif place != first:
             stream.position = place
             self._moved()
         return False
 
-    def _is_begun(self, left: Left, size: int) -> bool:
-        """Whether the frame that has begun here, as measuring says by `size`, wants more before anything else."""
+    def _run_end(self, frames: ExpectedFrames, place: int) -> int:
+        """Up to where noise that begins at `place` is one run, if it is passed over byte by byte; else 0."""
+        stream, noise = self.stream, self._noise
+        is_skipped = stream.base + place < self._bad_until
+        if not self._is_bytewise or frames.stops is not None or stream.silences:
+            return 0
+        if noise.data and noise.skipped is not is_skipped:
+            return 0
+        end = place + LONGEST - len(noise.data)
+        return min(end, self._bad_until - stream.base) if is_skipped else end
+
+    def _bad_run(
+        self, frames: ExpectedFrames, info: FrameInfo | None, raw: bytes, found: list[Arrival], is_all: bool
+    ) -> int:
+        """Tells of a bad frame at the present place, and up to where what is left of it is one run of noise.
+
+        0: something else comes first.
+        """
+        stream, noise = self.stream, self._noise
+        if info is None or not self._is_bytewise or frames.stops is not None or stream.silences or noise.is_long:
+            return 0
+        if noise.data:
+            found.append(noise.take())
+            if not is_all:
+                return 0
+        bad = self._candidates.intact_fault(info, raw)
+        self._begin_bad(bad, len(raw))
+        found.append(bad)
+        return self._run_end(frames, stream.position)
+
+    def _collect_run(self, start: int, end: int) -> None:
+        """What stands between the two is noise."""
+        self.stream.position = start
+        self._collect(end - start, self.stream.base + start < self._bad_until)
+
+    def _is_begun(self, start: Start, left: Left, size: int, is_told: bool) -> bool:
+        """Whether the frame that has begun here, as measuring says by `size`, wants more before anything else.
+
+        `is_told`: bytes at fixed places tell its size, so that nothing has to be remembered of what was measured.
+        """
         stream, info = self.stream, left.alone
-        if info is None or not left.sure or size <= self._quiet or stream.silences or self._noise.is_long:
+        if info is None or size <= self._quiet or stream.silences or self._noise.is_long:
             return False
-        place, end = stream.position, len(stream.buffer)
-        inside = self._inside
+        if not left.sure:
+            left = start.wanted
+            if not (left.compare() if left.alike is None else left.alike):
+                return False
+        place, end, inside = stream.position, len(stream.buffer), self._inside
         if self._now != stream.last or (
-            inside is not None and info.name in inside.holders and not inside.nothing_in(stream.buffer, place)
+            inside is not None
+            and not inside.holders.isdisjoint(left.names)
+            and not inside.nothing_in(stream.buffer, place)
         ):
             return False
         if info.guesses and size >= -info.behind and not self._candidates.said:
             size = info.measure(stream.buffer, place, end, self._names, 0)
             if size >= 0 or size <= self._quiet:
                 return False
-        self._candidates.wants_more(info, end - place)
+        if not is_told or len(left.infos) > 1:
+            for one in left.infos:
+                self._candidates.wants_more(one, end - place)
         self._needs_silence = False
-        self.waiting = (info.name,)
-        self.waiting_since = stream.time_of(place)
+        self.waiting = left.names
         return True
 
     def _shortest(self, left: Left, place: int) -> tuple[FrameInfo | None, int]:
@@ -439,10 +542,16 @@ class Receiver:
                     reach = mark
                 silent = bad = None
                 jump = 0
-                for at, sizes, extent, measure, look, group in left.ends or every.ends(left, buffer[place]):
+                for (at, sizes, counted, most), extent, measure, look, group in left.ends or every.ends(
+                    left, buffer[place]
+                ):
                     known = sizes[buffer[place + at]] if place + at < reach else None
                     if known == 0:
                         continue
+                    if known is not None and (more := counted[buffer[place + at]]):
+                        known = known + buffer[place + more] if place + more < reach else None
+                        if known is not None and known > most:
+                            known = None
                     if known is None:
                         size = extent(buffer, place, reach, names)
                         if size == 0:
@@ -530,7 +639,6 @@ class Receiver:
 
     def _wait(self, infos: tuple[FrameInfo, ...]) -> None:
         self.waiting = tuple(info.name for info in infos)
-        self.waiting_since = self.stream.time_of(self.stream.position)
 
     def _ended_by_silence(self, silent: list[FrameInfo]) -> Arrival | Again | None:
         """Rule 4: nothing else applies; the frame ends where a silence begins."""
@@ -608,8 +716,7 @@ class Receiver:
         if before is not None:
             return before
         bad, size, mode = worst.bad, worst.size, self._rules.resync
-        self._bad_end = start + size
-        self._bad_until = start + self._bad_reach(size, bad.started_at)
+        self._begin_bad(bad, size)
         if mode == "never":
             self._break_off()
         elif mode == "after_quiet":
@@ -621,6 +728,12 @@ class Receiver:
         else:
             self._collect(self._symbol(), True)
         return bad
+
+    def _begin_bad(self, bad: BadFrame, size: int) -> None:
+        """A bad frame at the present place is told."""
+        start = self.stream.base + self.stream.position
+        self._bad_end = start + size
+        self._bad_until = start + self._bad_reach(size, bad.started_at)
 
     def _bad_reach(self, size: int, came: int) -> int:
         """How far behind the start of a bad frame that is told none is told anew: to its end, or further in a crowd."""

@@ -144,6 +144,8 @@ class Stream:
         ends, times = self.ends, self.times
         if len(ends) == 1 or ends[-2] <= self.base + start:
             return times[-1], times[-1]
+        if len(ends) == 2:
+            return times[0], times[0 if self.base + end <= ends[0] else 1]
         first = bisect_right(ends, self.base + start)
         if self.base + end <= ends[first]:
             return times[first], times[first]

@@ -100,18 +100,24 @@ def test_a_check_code_before_what_fills_a_frame_up_is_not_at_its_end() -> None:
 @pytest.mark.parametrize("name", ["modbus-rtu", "ge-rtu"])
 def test_sizes_told_by_one_byte_are_those_that_measuring_finds(name: str) -> None:
     protocol = load_protocol(name)
-    codec, choose, told = compile_protocol(protocol), Random(1), 0
+    codec, choose, told, counts = compile_protocol(protocol), Random(1), 0, 0
     names = Scope(protocol)
     for info in table_of(protocol, codec).infos.values():
-        at, sizes = info.sizes
+        at, sizes, counted, most = info.sizes
         for byte, size in enumerate(sizes if info.guesses else ()):
             for length in (at + 1, 4, 8, 30, 300):
                 raw = bytearray(choose.randbytes(length))
                 raw[at] = byte
                 found = info.extent(raw, 0, length, names)
-                if size is not None and size < 0:
+                if size is not None and counted[byte]:
+                    size = size + raw[counted[byte]] if counted[byte] < length else None
+                    counts += 1
+                if size is not None and size > most:
+                    assert found in (codec.LOST, length - size)
+                elif size is not None and size < 0:
                     assert found == (codec.QUIET if length <= -size else codec.LOST)
                 elif size is not None:
                     assert found == (size if size <= length else length - size)
                 told += size is not None
     assert told > 256
+    assert counts > 0 or name != "modbus-rtu"

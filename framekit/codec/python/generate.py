@@ -213,6 +213,7 @@ class ModuleWriter:
         self.frames_part: list[Source] = []
         self.diagnose_part: list[Source] = []
         self.extents: set[str] = set()
+        self.fused: dict[str, tuple[str, int]] = {}
         self.builders: dict[tuple[str, ...], str] = {}
 
     def text(self) -> str:
@@ -257,6 +258,8 @@ class ModuleWriter:
         refuse_vague_checks(segments)
         self.frames_part.append(write_encoder(self.module, known, name, segments, frame))
         pairs, fused = write_pairs(self.module, known, frame)
+        if fused is not None:
+            self.fused[name] = fused
         self.frames_part.extend(pairs)
         self.frames_part.append(write_decoder(self.module, known, name, segments, frame, fused))
         before = len(self.module.extra)
@@ -407,6 +410,9 @@ class ModuleWriter:
             out.add(f"{name} = {choice_text(tree_of(self.module.shapes, frames))}")
         for name, text in self.module.fused_tables.items():
             out.add(f"{name} = {text}")
+        if not self.standalone:
+            fused = ", ".join(f"{quoted(name)}: ({at}, {table})" for name, (table, at) in self.fused.items())
+            out.add(f"FUSED: dict[str, tuple[int, list[Any]]] = {{{fused}}}")
         return out
 
 
