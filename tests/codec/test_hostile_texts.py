@@ -220,10 +220,9 @@ class NoFunctions:
 
     def __init__(self, protocol: Protocol) -> None:
         self.frames = dict.fromkeys(protocol.frames, self)
-        self.encode = self.decode = self.measure = self.extent = self.take = self.diagnose = None
+        self.encode = self.decode = self.measure = self.extent = self.diagnose = None
         self.layouts: dict[str, Any] = {}
-        self.together: dict[str, Any] = {}
-        self.rows: dict[str, Any] = {}
+        self.fused: dict[str, Any] = {}
 
 
 def sources(protocol: Protocol, size: int, section: str) -> Iterator[str]:
