@@ -248,6 +248,10 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
         Case("one over another one, which covers what comes later", "- {length: n, type: u8, of: [d]}\n"
              "- {check: xor8, over: [d]}\n- {data: d, size: n}\n- const: ETX\n- {check: xor8, over: n..here}",
              {"d": b"\x10\x01"}, "02 11 10 01 03 01", {"n": 2}, {"02 11 10 01 03 10": "check"}),
+        Case("over a record that ends with one of several cases", "- {field: k, type: u8}\n"
+             "- {include: part, as: p}\n- {check: xor8, over: p}",
+             {"k": 1, "p": {"x": 5}}, "01 05 05", bad={"01 05 06": "check"},
+             top="layouts:\n  part: [{choose: k, cases: {1: [{field: x, type: u8}], 2: [{data: d, size: 2}]}}]\n"),
         Case("as decimal digits", "- {data: d, size: 1}\n- {check: sum8, as: dec}", {"d": b"\x07"}, "07 30 30 37"),
         Case("as split nibbles", "- {data: d, size: 1}\n- {check: sum8, as: nibbles}", {"d": b"\xab"}, "AB 3A 3B"),
         Case("not compared", "- {data: d, size: 1}\n- {check: sum8, verify: off}", {"d": b"\x07"}, "07 07"),

@@ -214,6 +214,15 @@ def test_a_frame_that_is_too_long_is_given_up() -> None:
     assert codec.measure("f", b"\x02" + bytes(9) + b"\x03") == codec.LOST
 
 
+def test_a_frame_whose_values_make_it_too_long_is_given_up() -> None:
+    """Also in the middle, where more parts follow: 2 ** 62 bytes never come, so what waits for them is deaf."""
+    codec = codec_of(
+        "[{count: n, type: u64, of: r}, {repeat: r, times: n, of: u16}, {field: k, type: u8}, {data: d, size: k}]"
+    )
+    calls_until_complete(codec, "f", codec.encode("f", {"r": [1, 2], "k": 2, "d": b"ab"}))
+    assert codec.measure("f", bytes([0x40, *bytes(7), 0])) == codec.LOST
+
+
 def test_delimited_bodies_end_at_the_first_byte_of_the_tail() -> None:
     codec = codec_of(
         "[{field: a, type: hex, size: 2}]",
@@ -244,6 +253,19 @@ def test_inner_frames_give_the_length_of_the_outer_one() -> None:
     assert codec.measure("f", b"\x01\x07\x00\x00\x00") == codec.QUIET
     sized = codec_of("[{length: n, type: u8, of: [i]}, {inner: i, of: g, size: n}, {const: 03}]", *INNER)
     calls_until_complete(sized, "f", sized.encode("f", {"i": {"any": {"c": 9, "d": b"abc"}}}))
+
+
+def test_no_more_is_wanted_than_a_frame_inside_takes_that_is_tried_later() -> None:
+    """The eighth byte tells that it is not the first one, which is tried before; by then the second is complete."""
+    codec = codec_of(
+        "[{inner: i, of: g}, {data: d, size: 6}]",
+        "groups: {g: {from: client}}",
+        "frames:\n  a: {group: g, body: [{field: k, type: u64, only: values, values: {1: one}}]}\n"
+        "  b: {group: g, body: [{const: 02 10 03}]}",
+    )
+    data = codec.encode("f", {"i": {"b": {}}, "d": bytes(6)})
+    assert codec.measure("f", data, 0, 7) == -2
+    calls_until_complete(codec, "f", data)
 
 
 def test_inner_frames_that_do_not_begin_here() -> None:

@@ -125,11 +125,14 @@ class InnerKind(SegmentKind[Inner]):
         if most is not None:
             offset = f"({place} - start) - {most}" if m.place.base == "at" else str(m.place.offset + most)
             seen = f", max(seen - {offset}, 0)" if offset != "0" else ", seen"
-        m.inner_size(size, choice, m.module.function("measure_first"), f"data, {place}, end, ctx", seen)
+        several = behind if len(segment.frames) > 1 else 0  # one behind the frame that wants more may be shorter
+        more = f", behind={several}" if several else ""
+        m.inner_size(size, choice, m.module.function("measure_first"), f"data, {place}, end, ctx", seen, more)
         with m.out.block(f"if {size} <= 0:"):
             with m.out.block(f"if {size} == QUIET and end - start > {m.most}:"):
                 m.add("return LOST")
-            m.add(f"return {size} - {behind} if QUIET < {size} < 0 else {size}" if behind else f"return {size}")
+            is_told = not behind or several
+            m.add(f"return {size}" if is_told else f"return {size} - {behind} if QUIET < {size} < 0 else {size}")
         m.skip(size)
 
     def describe(self, segment: Inner) -> str:

@@ -285,6 +285,13 @@ class Function(FunctionWriter):
                 self.presets[leaf.name] = start, end
                 self.add(f"{start} = {end} = {place}")
 
+    def pass_over(self, segments: Iterable[Segment], read: Iterable[Segment], place: str) -> None:
+        """Segments of later cases take no bytes at `place`, behind those that were read: ranges may end with them."""
+        here = {leaf.name for leaf in leaves(tuple(read))}
+        for name in dict.fromkeys(leaf.name or "" for leaf in leaves(tuple(segments))):
+            if name in self.presets and name not in here:
+                self.add(f"{' = '.join(self.presets[name])} = {place}")
+
     def bytes_between(self, names: Iterable[str]) -> str:
         """Text of the bytes of these segments in this order, each as it is inside its wrap."""
         pieces: list[Bounds] = []

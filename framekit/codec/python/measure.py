@@ -176,8 +176,17 @@ class MeasureWriter(FunctionWriter):
                     self.add(f"return end - start - {self.place.offset + least}")
             return
         place = self.place.text("")
+        more = f"end - {place} - {least}" if " " not in place else f"end - ({place}) - {least}"
         with self.out.block(f"if end < {place} + {size}:"):
-            self.add(f"return end - {place} - {least}" if " " not in place else f"return end - ({place}) - {least}")
+            if self._is_bounded():
+                self.add(f"return {more}")
+            else:
+                self.add(f"return {more} if {place} - start + {least} <= {self.most} else LOST")
+
+    def _is_bounded(self) -> bool:
+        """Whether every such frame is short enough, whatever its values say."""
+        longest = self.shapes.all(self.segments).most
+        return longest is not None and longest <= self.most
 
     def want_until(self, local: str, after: Pairs) -> None:
         """Goes on only if the bytes up to the place `local` are there."""
@@ -398,9 +407,9 @@ class MeasureWriter(FunctionWriter):
         frames = (self.shapes.frames[name] for name in inner.frames)
         return any(leading(self.shapes, self.shapes.segments(frame)) for frame in frames)
 
-    def inner_size(self, size: str, choice: str, measure: str, arguments: str, seen: str) -> None:
+    def inner_size(self, size: str, choice: str, measure: str, arguments: str, seen: str, behind: str) -> None:
         """Gives the local `size` its value: that of the frame inside."""
-        self.add(f"{size} = {measure}({choice}, {arguments}{seen})")
+        self.add(f"{size} = {measure}({choice}, {arguments}{seen}{behind})")
 
     def function(self, sentence: str) -> Source:
         """The function around what was written."""
@@ -589,6 +598,6 @@ class ExtentWriter(MeasureWriter):
 
     kind = "extent"
 
-    def inner_size(self, size: str, choice: str, measure: str, arguments: str, seen: str) -> None:
+    def inner_size(self, size: str, choice: str, measure: str, arguments: str, seen: str, behind: str) -> None:
         """Without reading it where one byte tells which frame it is."""
-        self.add(f"{size} = {self.module.function('extent_first')}({choice}, {arguments})")
+        self.add(f"{size} = {self.module.function('extent_first')}({choice}, {arguments}{behind})")

@@ -748,9 +748,11 @@ class BufferReader:
         function.preset((item.segment for _, items in branches for item in items), self.at)
         flags = _Flags(function)
         function.in_branch += 1
-        for header, items in branches:
+        for place, (header, items) in enumerate(branches):
+            later = [item.segment for _, others in branches[place + 1 :] for item in others]
             with function.out.block(header):
                 self._branch(items, after, set(), flags)
+                function.pass_over(later, (item.segment for item in items), self.at)
             self.place = Place(self.at, 0)
         function.in_branch -= 1
         if fault:

@@ -289,45 +289,61 @@ def decode_first(choice: Choice, data: bytes, ctx: Context) -> dict[str, Any]:
 
 
 def measure_first(
-    choice: Choice, data: bytes | bytearray, start: int, end: int, ctx: Context, seen: int = 0, whole: bool = False
+    choice: Choice,
+    data: bytes | bytearray,
+    start: int,
+    end: int,
+    ctx: Context,
+    seen: int = 0,
+    whole: bool = False,
+    behind: int = 0,
 ) -> int:
-    """How long the frame is that stands here: the first that fits, else what is wanted at least.
+    """How long the frame is that stands here: the first that fits, else what is wanted at least, with what is `behind`.
 
-    While one wants more, none behind it is taken: how the bytes come makes no difference. `whole`: no more come.
+    While one wants more, none behind it is taken: how the bytes come makes no difference; but no more is wanted than
+    that one takes, as the next byte may tell that it is not the first. `whole`: no more come.
     """
-    want, quiet, lost = 0, False, False
+    want, quiet, lost, other = 0, False, False, 0
     for frame in choice.frames(data, start, end):
         size = frame.measure(data, start, end, ctx, seen)
         if size > 0:
             if (whole or not want) and fits(frame, bytes(data[start : start + size]), ctx):
                 return size
+            other = size if not other else min(other, size)
         elif size > QUIET:
             if size:
                 want = max(want, size) if want else size
         else:
             quiet, lost = quiet or size == QUIET, lost or size == LOST
-    return want or (QUIET if quiet else LOST if lost else 0)
+    if want:
+        return max(want - behind, min(end - start - other - behind, -1)) if other else want - behind
+    return QUIET if quiet else LOST if lost else 0
 
 
-def extent_first(choice: Choice, data: bytes | bytearray, start: int, end: int, ctx: Context, seen: int = 0) -> int:
+def extent_first(
+    choice: Choice, data: bytes | bytearray, start: int, end: int, ctx: Context, seen: int = 0, behind: int = 0
+) -> int:
     """What `measure_first` says if a frame fits that is complete: none is read for that."""
     place = start + choice.at
     measure = choice.sole[data[place]] if place < end else None
     if measure is not None:
         size: int = measure(data, start, end, ctx, seen)
-        return size
-    want, quiet, lost = 0, False, False
+        return size - behind if QUIET < size < 0 else size
+    want, quiet, lost, other = 0, False, False, 0
     for frame in choice.frames(data, start, end):
         size = frame.measure(data, start, end, ctx, seen)
         if size > 0:
             if not want:
                 return size
+            other = size if not other else min(other, size)
         elif size > QUIET:
             if size:
                 want = max(want, size) if want else size
         else:
             quiet, lost = quiet or size == QUIET, lost or size == LOST
-    return want or (QUIET if quiet else LOST if lost else 0)
+    if want:
+        return max(want - behind, min(end - start - other - behind, -1)) if other else want - behind
+    return QUIET if quiet else LOST if lost else 0
 
 
 def fits(frame: Frame, data: bytes, ctx: Context) -> bool:

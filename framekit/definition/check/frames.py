@@ -85,7 +85,7 @@ def _inner(protocol: Protocol, frame: Frame, ends: _Ends) -> Iterator[Problem]:
             yield Problem(inner.at, what, "leave it out of the group, or take data: for what is inside")
         frames = [protocol.frames[name] for name in inner.frames if name in protocol.frames]
         for one in frames if inner.size is None else ():
-            if ends.sizes.frame(one.name).least == 0 and not ends.is_open(one.segments):
+            if ends.sizes.frame(one.name).least == 0 and not ends.is_surely_open(one.segments):
                 what = f"'{one.name}' may take no bytes, so nothing shows that it is there"
                 yield Problem(inner.at, what, f"give '{inner.name}' a size, or the frame something that always is")
         sizes = [least_size(one.segments) for one in frames]
@@ -361,6 +361,13 @@ class _Ends:
                 return not ends or any(self.sizes.present(one).fixed is None for one in behind)
         return False
 
+    def is_surely_open(self, segments: Segments) -> bool:
+        """Whether they are open whatever conditions and choices say."""
+        return self.is_open(segments) and any(
+            segment.when is None and (not segment.blocks or segment.is_there_inside) and self._reaches_on(segment)
+            for segment in _in_records(segments)
+        )
+
 
 def _ends_itself(part: Segment) -> bool:
     """Whether a part is a frame whose own segments are asked where it ends."""
@@ -407,6 +414,9 @@ def _there_or_not(frame: Frame) -> Iterator[Problem]:
             yield Problem(rest.at, what, "give it a size, or a length or count in the item")
     for optional in parts_of(frame.segments, Segment):
         is_optional = optional.has_cases and optional.chooses_by is None
+        if is_optional and _may_be_nothing(optional.usual_block):
+            what = "the optional part may be there and take no bytes: nothing shows that it is there"
+            yield Problem(optional.at, what, "put something into it that always takes bytes")
         if is_optional and not any(one.may_be_given for one in flat(optional.usual_block)):
             what = "the optional part is never there: no value of it is given"
             yield Problem(optional.at, what, "put a field into it, or take when: instead")
@@ -419,6 +429,16 @@ def _there_or_not(frame: Frame) -> Iterator[Problem]:
             if not _implies(user.when, absent[name].when):
                 what = f"the size of {user.title} is '{size}', and '{name}' may be absent"
                 yield Problem(user.at, what, f"give both the same when: {absent[name].when}")
+
+
+def _may_be_nothing(segments: Segments) -> bool:
+    """Whether segments may have values and take no bytes; sizes that values tell do not count."""
+    if all_fixed(segments) == 0:
+        return any(one.value_names for one in flat(segments))
+    return all(
+        segment.chooses_by is not None and any(_may_be_nothing(block) for block in segment.blocks)
+        for segment in segments
+    )
 
 
 def _implies(when: Expression | None, wanted: Expression | None) -> bool:
