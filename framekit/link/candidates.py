@@ -370,13 +370,14 @@ class Left:
 class Start:
     """What may begin with one byte: `at` is the place of the byte that tells the candidates apart (0: none does).
 
-    `left`: what is left by each of its values. `wanted`: all that are expected.
+    `left`: what is left by each of its values. `wanted`: all that are expected. `is_noise`: nothing begins with it.
     """
 
-    __slots__ = ("at", "left", "wanted")
+    __slots__ = ("at", "is_noise", "left", "wanted")
 
     def __init__(self, at: int, left: Mapping[int, Left], others: Left, wanted: Left) -> None:
         self.at = at
+        self.is_noise = wanted.sure and not wanted.infos
         self.wanted = wanted
         self.left = [left.get(byte, others) for byte in range(256)]
 
@@ -429,7 +430,8 @@ class ExpectedFrames:
 
     def ends(self, left: Left, byte: int) -> Ends:
         """What finds the ends of the expected candidates behind `byte`: those left, if that is sure."""
-        left.ends = self._table.ends(left.infos if left.sure else self.at(byte)[0])
+        if left.ends is None:
+            left.ends = self._table.ends(left.infos if left.sure else self.at(byte)[0])
         return left.ends
 
     def start(self, byte: int) -> Start:

@@ -78,7 +78,6 @@ class Receiver:
         self.broken = False
         self.waiting: tuple[str, ...] = ()
         self._rules = protocol.receiver
-        self._is_bytewise = self._rules.resync == "next_start" and self._rules.symbols is None
         self._names = names
         self._scope = scope_of(names)
         self._version = 0
@@ -294,11 +293,13 @@ class Receiver:
         """
         stream, names, said, inside = self.stream, self._names, self._candidates.said, self._inside
         holders = () if inside is None else inside.holders
-        buffer, starting, noise = stream.buffer, frames.starting, self._noise.data
+        buffer, starting, noise, symbol = stream.buffer, frames.starting, self._noise.data, self._rules.symbols
         place = first = stream.position
         end, offset, came = len(buffer), stream.base + stream.removed, (stream.last, stream.last)
         newest = stream.ends[-2] - stream.base if len(stream.ends) > 1 else 0
-        run, run_end = -1, 0
+        run, run_end, is_bytes = -1, 0, type(buffer) is bytes
+        raw: Any  # bytes, also where the buffer is a bytearray
+        is_clean = is_bytes and not said and not noise
         try:
             while place < end:
                 start = starting[buffer[place]] or frames.start(buffer[place])
@@ -306,82 +307,89 @@ class Receiver:
                 if at >= end:
                     break
                 left = start.left[buffer[at]]
-                info, fields, row, is_bad = left.alone, None, None, False
-                if place + left.enough <= end and not said and (left.is_told or not noise):
+                info, fields, row = left.alone, None, None
+                if place + left.enough <= end and (is_clean or (left.is_told and not said)):
                     row = left.rows[buffer[place + left.at]]
-                if row is not None and info is not None:
-                    size, counted, read = row
-                    if counted:
-                        size += buffer[place + counted]
-                    if place + size > end or size > left.most:
-                        told = left.is_told and size <= left.most
-                        size = end - place - size if told else info.extent(buffer, place, end, names)
-                elif info is None:
-                    info, size = (None, 0) if noise else self._shortest(left, place)
-                elif said:
-                    seen = self._candidates.seen(info)
-                    if seen is None:
-                        break
-                    size = info.measure(buffer, place, end, names, seen)
-                else:
-                    size = info.extent(buffer, place, end, names)
-                if size < 0 and (size != self._lost or stream.base + place >= self._bad_until):
-                    if run >= 0:
-                        self._collect_run(run, place)
-                    stream.position = place
-                    return self._is_begun(start, left, size, row is not None or place + left.enough > end)
-                if info is not None and size > 0:
-                    part = buffer[place : place + size]
-                    raw = part if type(part) is bytes else bytes(part)
-                    if row is not None and read is not None:
-                        try:
-                            if noise or run >= 0:
-                                is_bad = info.intact is not None and not info.intact(raw)
-                            if not is_bad:
+                    if row is not None:
+                        size, counted, read = row
+                        if counted:
+                            size += buffer[place + counted]
+                        if is_clean and read is not None and place + size <= end:
+                            raw = buffer[place : place + size]
+                            try:
                                 fields = read(raw, names)
-                        except CODEC_ERRORS:
-                            is_bad = info.intact is not None and not info.intact(raw)
-                    if fields is None and not is_bad:
-                        try:
-                            fields = info.decode(raw, names)
-                        except FrameError as error:
-                            if error.refuse is not None:
-                                break
-                            if row is not None and not left.is_told:
-                                size = info.extent(buffer, place, end, names)
-                        else:
-                            if info.guesses and not said and "unknown" in fields[info.inner or ""]:
-                                break
+                            except CODEC_ERRORS:
+                                is_clean = False
                 if fields is None or info is None:
-                    if left.is_told and (not size or (is_bad and stream.base + place < self._bad_until)):
-                        if run < 0:
-                            run_end = self._run_end(frames, place)
-                            run = place if run_end else -1
-                        if run >= 0 and place < run_end:
-                            place += 1
+                    is_bad = False
+                    if row is not None and info is not None:
+                        if not left.is_told or place + size > end or size > left.most:
+                            told = left.is_told and size <= left.most
+                            size = end - place - size if told else info.extent(buffer, place, end, names)
+                    elif info is None:
+                        info, size = (None, 0) if noise or start.is_noise else self._shortest(left, place)
+                    elif said:
+                        seen = self._candidates.seen(info)
+                        if seen is None:
+                            break
+                        size = info.measure(buffer, place, end, names, seen)
+                    else:
+                        size = info.extent(buffer, place, end, names)
+                    if size < 0 and (size != self._lost or stream.base + place >= self._bad_until):
+                        if run >= 0:
+                            self._collect_run(run, place)
+                        stream.position = place
+                        return self._is_begun(start, left, size, row is not None or place + left.enough > end)
+                    if info is not None and size > 0:
+                        raw = buffer[place : place + size]
+                        raw = raw if type(raw) is bytes else bytes(raw)
+                        is_bad = row is not None and left.is_told and info.intact is not None and not info.intact(raw)
+                        if not is_bad:
+                            try:
+                                fields = info.decode(raw, names)
+                            except FrameError as error:
+                                if error.refuse is not None:
+                                    break
+                            else:
+                                if info.guesses and not said and "unknown" in fields[info.inner or ""]:
+                                    break
+                    if fields is None or info is None:
+                        if start.is_noise or (
+                            left.is_told and (not size or (is_bad and stream.base + place < self._bad_until))
+                        ):
+                            if run < 0:
+                                run_end = min(end, self._run_end(place, start.is_noise))
+                                run = place if run_end else -1
+                            if run >= 0 and place < run_end and buffer[place] != symbol:
+                                is_clean, place = False, place + 1
+                                if frames.stops is not None:
+                                    match = frames.stops.search(buffer, place, run_end)
+                                    place = run_end if match is None else match.start()
+                                continue
+                        if run >= 0:
+                            self._collect_run(run, place)
+                            run = -1
+                        stream.position = first = place
+                        is_clean = False
+                        if size and stream.base + place >= self._bad_until:
+                            run_end = self._bad_run(info, raw, found, is_all) if left.is_told and is_bad else 0
+                            run_end = min(end, run_end)
+                            if not run_end:
+                                break
+                            run, place = place, place + 1
+                            if not is_all:
+                                break
                             continue
+                        self._pass_over(frames, found)
+                        if first == stream.position or (found and not is_all):
+                            return False
+                        place = first = stream.position
+                        continue
                     if run >= 0:
                         self._collect_run(run, place)
-                        run = -1
-                    stream.position = first = place
-                    if size and stream.base + place >= self._bad_until:
-                        run_end = self._bad_run(frames, info, raw, found, is_all) if left.is_told and is_bad else 0
-                        if not run_end:
-                            break
-                        run, place = place, place + 1
-                        if not is_all:
-                            break
-                        continue
-                    self._pass_over(frames, found)
-                    if first == stream.position or (found and not is_all):
-                        return False
-                    place = first = stream.position
-                    continue
+                        run, first = -1, place
                 if inside is not None and not (left.sure and (info.name not in holders or inside.nothing_in(raw))):
                     break
-                if run >= 0:
-                    self._collect_run(run, place)
-                    run, first = -1, place
                 if noise:
                     found.append(self._noise.take())
                     if not is_all:
@@ -398,38 +406,43 @@ class Receiver:
                     self._declined.append(info.name)
                     break
                 place += size
-                if said:
-                    self._candidates.forget()
-                    said = self._candidates.said
+                if not is_clean:
+                    if said:
+                        self._candidates.forget()
+                        said = self._candidates.said
+                    is_clean = is_bytes
         except CODEC_ERRORS:
             pass
         if run >= 0:
             self._collect_run(run, place)
         elif place != first:
             stream.position = place
-            self._moved()
+            if said or (inside is not None and inside.places):
+                self._moved()
         return False
 
-    def _run_end(self, frames: ExpectedFrames, place: int) -> int:
-        """Up to where noise that begins at `place` is one run, if it is passed over byte by byte; else 0."""
-        stream, noise = self.stream, self._noise
+    def _run_end(self, place: int, is_noise: bool) -> int:
+        """Up to where noise that begins at `place` is one run, if it may be passed over here; else 0.
+
+        `is_noise`: nothing begins with the byte there.
+        """
+        stream, noise, mode = self.stream, self._noise, self._rules.resync
         is_skipped = stream.base + place < self._bad_until
-        if not self._is_bytewise or frames.stops is not None or stream.silences:
+        if mode == "never" or stream.silences or (noise.data and noise.skipped is not is_skipped):
             return 0
-        if noise.data and noise.skipped is not is_skipped:
+        if not is_noise and (mode != "next_start" or self._rules.symbols is not None):
             return 0
         end = place + LONGEST - len(noise.data)
         return min(end, self._bad_until - stream.base) if is_skipped else end
 
-    def _bad_run(
-        self, frames: ExpectedFrames, info: FrameInfo | None, raw: bytes, found: list[Arrival], is_all: bool
-    ) -> int:
+    def _bad_run(self, info: FrameInfo | None, raw: bytes, found: list[Arrival], is_all: bool) -> int:
         """Tells of a bad frame at the present place, and up to where what is left of it is one run of noise.
 
         0: something else comes first.
         """
-        stream, noise = self.stream, self._noise
-        if info is None or not self._is_bytewise or frames.stops is not None or stream.silences or noise.is_long:
+        stream, noise, rules = self.stream, self._noise, self._rules
+        is_plain = rules.resync == "next_start" and rules.symbols is None and not stream.silences
+        if info is None or not is_plain or noise.is_long:
             return 0
         if noise.data:
             found.append(noise.take())
@@ -438,12 +451,15 @@ class Receiver:
         bad = self._candidates.intact_fault(info, raw)
         self._begin_bad(bad, len(raw))
         found.append(bad)
-        return self._run_end(frames, stream.position)
+        return self._run_end(stream.position, False)
 
     def _collect_run(self, start: int, end: int) -> None:
         """What stands between the two is noise."""
-        self.stream.position = start
-        self._collect(end - start, self.stream.base + start < self._bad_until)
+        stream = self.stream
+        self._noise.collect(stream, start, end, stream.base + start < self._bad_until)
+        stream.position = end
+        if self._candidates.said or (self._inside is not None and self._inside.places):
+            self._moved()
 
     def _is_begun(self, start: Start, left: Left, size: int, is_told: bool) -> bool:
         """Whether the frame that has begun here, as measuring says by `size`, wants more before anything else.
