@@ -119,7 +119,8 @@ def function_of(method: CheckMethod) -> Callable[[bytes | bytearray], int]:
     names |= {name: _constant(text, source.makers) for name, text in source.constants}
     for line in source.imports:
         exec(line, names)
-    function: Callable[[bytes | bytearray], int] = eval(f"lambda data: {source.expression}", names)
+    plain = source.expression.removesuffix("(data)")
+    function: Callable[[bytes | bytearray], int] = names.get(plain) or eval(f"lambda data: {source.expression}", names)
     return function
 
 

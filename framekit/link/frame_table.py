@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from binascii import unhexlify
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
-from functools import partial
-from typing import Any, NamedTuple, Protocol, TypeVar
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from functools import cache, partial
+from typing import Any, Literal, NamedTuple, Protocol, TypeVar
 
 from framekit.codec.checks import function_of, residue_of
 from framekit.codec.errors import FrameError, Misread
@@ -170,21 +170,43 @@ class Quick(NamedTuple):
 
 NOT_QUICK = Quick(0, UNKNOWN, UNKNOWN, [None] * 256)
 
-Ends = tuple[tuple[SizesByByte, Callable[..., int], Callable[..., int], Intact, Sequence[FrameInfo]], ...]
-"""Of candidates: `sizes`, `extent` and `measure` of several of them alike, a quick look whether one may be good, and
+Group = tuple[SizesByByte, Callable[..., int], Callable[..., int], Intact, Sequence[FrameInfo]]
+"""Candidates that are measured alike: their `sizes`, `extent` and `measure`, a quick look whether one may be good, and
 they."""
 
 
-def by_extent(infos: Sequence[FrameInfo]) -> Ends:
-    """Candidates together where the functions that find their ends do the very same."""
-    groups: dict[Any, list[FrameInfo]] = {}
-    for info in infos:
-        groups.setdefault(function_does(info.extent), []).append(info)
-    found = []
-    for group in groups.values():
-        look = any_intact([(one.frame, one.intact) for one in group])
-        found.append((group[0].sizes, group[0].extent, group[0].measure, look, group))
-    return tuple(found)
+class Ends:
+    """What finds the ends of candidates: together where the functions that do it do the very same.
+
+    By the byte at `at`, `silent` is 0 where no frame begins, minus the most where nothing does but frames that silence
+    ends; None where more has to be looked at. `look`: a quick look whether one of those that silence ends may be good.
+    """
+
+    __slots__ = ("at", "groups", "look", "silent")
+
+    def __init__(self, infos: Sequence[FrameInfo]) -> None:
+        alike: dict[Any, list[FrameInfo]] = {}
+        for info in infos:
+            alike.setdefault(function_does(info.extent), []).append(info)
+        groups = alike.values()
+        self.groups: tuple[Group, ...] = tuple(
+            (group[0].sizes, group[0].extent, group[0].measure, any_intact(group), group) for group in groups
+        )
+        tables = [group[0].sizes for group in groups]
+        self.at = tables[0].at if tables else 0
+        self.silent: Sequence[int | None] = NO_SIZES.sizes
+        if all(table.at == self.at for table in tables):
+            self.silent = [_silent_of([table.sizes[byte] for table in tables]) for byte in range(256)]
+        self.look = any_of(
+            [look for table, _, _, look, _ in self.groups if any(size is not None and size < 0 for size in table.sizes)]
+        )
+
+
+def _silent_of(sizes: Iterable[int | None]) -> int | None:
+    """Of candidates: 0 if none begins, minus the most if only silence ends those that do; None if that differs."""
+    found = set(sizes) - {0}
+    most = next(iter(found), 0)
+    return most if len(found) <= 1 and most is not None and most <= 0 else None
 
 
 def function_does(function: Callable[..., int]) -> Any:
@@ -295,7 +317,7 @@ class FrameTable:
         """What finds the ends of these candidates; made once for all receivers."""
         found = self._ends.get(infos)
         if found is None:
-            found = self._ends[infos] = by_extent(infos)
+            found = self._ends[infos] = Ends(infos)
         return found
 
     def received(self, name: str, fields: dict[str, Any], raw: bytes | None, refusal: int | None) -> FrameValue:
@@ -609,14 +631,18 @@ def are_bad(infos: Sequence[FrameInfo], raw: bytes | bytearray, names: Names) ->
     return True
 
 
-def any_intact(frames: Sequence[tuple[Frame, Intact | None]]) -> Intact:
+def any_intact(infos: Sequence[FrameInfo]) -> Intact:
     """Whether bytes may be a good one of several frames, told apart by one byte first; always where nothing tells."""
-    looks = {look: dict(_restricted(frame)) for frame, look in frames}
+    looks: dict[Intact | None, dict[int, frozenset[int]]] = {}
+    for info in infos:
+        bytes_at = dict(_restricted(info.frame))
+        before = looks.get(info.intact, bytes_at)
+        looks[info.intact] = {place: before[place] | allowed for place, allowed in bytes_at.items() if place in before}
     if None in looks:
-        return lambda raw: True
+        return _always
     known = Counter(place for allowed in looks.values() for place in allowed)
     if len(looks) == 1 or not known:
-        return _any_of(tuple(look for look in looks if look is not None))
+        return any_of([look for look in looks if look is not None])
     place = known.most_common(1)[0][0]
     left = [
         tuple(look for look, allowed in looks.items() if look and (place not in allowed or byte in allowed[place]))
@@ -631,8 +657,14 @@ def any_intact(frames: Sequence[tuple[Frame, Intact | None]]) -> Intact:
     return intact
 
 
-def _any_of(looks: tuple[Intact, ...]) -> Intact:
-    return looks[0] if len(looks) == 1 else lambda raw: any(look(raw) for look in looks)
+def _always(raw: bytes | bytearray) -> bool:
+    return True
+
+
+def any_of(looks: Sequence[Intact]) -> Intact:
+    """Whether one of these quick looks says that bytes may be good."""
+    different = tuple(dict.fromkeys(looks))
+    return different[0] if len(different) == 1 else lambda raw: any(look(raw) for look in different)
 
 
 def _restricted(frame: Frame, digits: bool = False) -> list[tuple[int, frozenset[int]]]:
@@ -694,8 +726,14 @@ def _check_in_digits(frame: Frame) -> Intact | None:
 
 
 def _code_of(check: Check) -> Intact:
-    code, size, order = function_of(check.method), check.size, check.order
-    residue = residue_of(check.method, size, order)
+    return _look_at(
+        function_of(check.method), residue_of(check.method, check.size, check.order), check.size, check.order
+    )
+
+
+@cache
+def _look_at(code: Callable[..., int], residue: int | None, size: int, order: Literal["big", "little"]) -> Intact:
+    """A look at a check code of so many bytes at the end; the same one for all frames that have it."""
     if residue is not None:
         return lambda raw: code(raw) == residue
     room = (1 << 8 * size) - 1

@@ -28,7 +28,7 @@ from framekit.link.candidates import (
 )
 from framekit.link.evaluate import CODEC_ERRORS, Names
 from framekit.link.events import CharacterFault
-from framekit.link.frame_table import FrameInfo, FrameTable, ProtocolCodec, are_bad, table_of
+from framekit.link.frame_table import FrameInfo, FrameTable, ProtocolCodec, any_of, are_bad, table_of
 from framekit.link.inside import InsideFinder
 from framekit.link.stream import LONGEST, NoiseRun, Pauses, Stream, scope_of
 
@@ -556,11 +556,16 @@ class Receiver:
                     if mark <= place:
                         mark = inside.first_mark(buffer, place, total)
                     reach = mark
-                silent = bad = None
-                jump = 0
-                for (at, sizes, counted, most), extent, measure, look, group in left.ends or every.ends(
-                    left, buffer[place]
-                ):
+                ends = left.ends or every.ends(left, buffer[place])
+                groups, silent, bad, jump = ends.groups, None, None, 0
+                only = ends.silent[buffer[place + ends.at]] if place + ends.at < reach else None
+                if only is not None:
+                    if only and not is_skipped:
+                        break
+                    groups = ()
+                    if reach - place <= -only:
+                        silent = ends.look
+                for (at, sizes, counted, most), extent, measure, look, group in groups:
                     known = sizes[buffer[place + at]] if place + at < reach else None
                     if known == 0:
                         continue
@@ -579,7 +584,7 @@ class Receiver:
                     if not is_skipped or (quiet < size < 0 and not (is_cut and reach == total)):
                         break
                     if size == quiet:
-                        silent = look
+                        silent = look if silent is None else any_of((silent, look))
                     elif size > 0 and look(raw := buffer[place : place + size]) and not are_bad(group, raw, names):
                         break
                     elif place < whole:

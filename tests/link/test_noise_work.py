@@ -237,3 +237,23 @@ frames:
         finally:
             sys.setprofile(None)
         assert count < 60
+
+
+@pytest.mark.parametrize("name", ["a", "b"])
+def test_of_frames_that_silence_ends_with_different_checks_each_is_found_in_what_a_bad_one_left(name: str) -> None:
+    text = """
+protocol: two-checks
+receiver: {gap: 100 ms, quiet: 10 ms, resync: next_start}
+frames:
+  a: {max: 20, body: [{field: s, type: u8}, {data: d, size: rest}, {check: sum8}]}
+  b: {max: 30, body: [{field: t, type: u16}, {data: d, size: rest}, {check: xor8}]}
+"""
+    protocol = load_protocol_text(text, "two-checks")
+    codec = compile_protocol(protocol)
+    good = codec.frames[name].encode({"s" if name == "a" else "t": 5, "d": b"\x09\x02"})
+    seen: list[Seen] = []
+    hearing = Engine(protocol, codec, None, own=1, monitor=seen.append)
+    hearing.opened(0)
+    hearing.receive(b"\x01\x07\x03\x11\x23" + good, 1_000_000_000)
+    hearing.tick(1_020_000_000)
+    assert [(one.frame, one.raw) for one in seen if one.kind == "frame"] == [(name, good)]

@@ -31,7 +31,7 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Const, Segments, Wrap
 from framekit.definition.problems import DefinitionError, Problem
 
-_ALWAYS = ("fault", "error")
+_ALWAYS = ("fault", "error", "spans")
 
 
 @cache

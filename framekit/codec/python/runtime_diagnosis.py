@@ -51,10 +51,10 @@ class Notes:
 class Diagnosis:
     """A frame being read carefully, one call a segment; `refuse` is the code of a fault there that is to be answered.
 
-    `fields`, `spans` (path, first byte, byte behind the last, value) grow as it goes. `n["name"]` is a field by name,
-    innermost record first; one that is left out is nothing, and the list around an item holds those before it. Places
-    count in the present buffer; `wire` turns them into those on the wire, also inside wraps. `turn` counts segments,
-    also those that take no bytes. `is_quiet`: the part that is read now has had its fault.
+    `fields` and `shown` (what `spans` are made of) grow as it goes. `n["name"]` is a field by name, innermost record
+    first; one that is left out is nothing, and the list around an item holds those before it. Places count in the
+    present buffer; `wire` turns them into those on the wire, also inside wraps. `turn` counts segments, also those that
+    take no bytes. `is_quiet`: the part that is read now has had its fault.
     """
 
     def __init__(self, data: bytes, ctx: Mapping[str, Any]) -> None:
@@ -71,7 +71,7 @@ class Diagnosis:
         self.turn = 0
         self.turns: dict[str, int] = {}
         self.starts: dict[str, int] = {}
-        self.spans: list[Span] = []
+        self.shown: list[tuple[str, str, int, int, Any, Sequence[int] | None]] = []
         self.notes = Notes()
         self.is_quiet = False
 
@@ -109,6 +109,19 @@ class Diagnosis:
         fault.fields = {name: value for name, value in self.fields.items() if self.turns.get(name, 0) < last}
         return fault
 
+    @property
+    def spans(self) -> list[Span]:
+        """What was read: path, first byte, byte behind the last, value; what is in a frame inside comes behind it."""
+        found: list[Span] = []
+        for path, segment, first, last, value, places in self.shown:
+            if not isinstance(value, Diagnosis):
+                found.append((path + shown(segment), wire_place(places, first), wire_place(places, last), value))
+                continue
+            for inner, start, end, one in value.spans:
+                place = wire_place(places, first + start), wire_place(places, first + end)
+                found.append((f"{path}{segment}.{inner}", *place, one))
+        return found
+
     def note(self, cause: str, segment: str, place: int, expected: str, found: str, refuse: int | None = None) -> None:
         """A fault; the first one in the frame counts."""
         self.note_at(self.wire(place), cause, segment, expected, found, refuse)
@@ -130,10 +143,10 @@ class Diagnosis:
 
     def wire(self, place: int) -> int:
         """Where a place in the present buffer is on the wire."""
-        return place if self.places is None else self.places[min(place, len(self.places) - 1)]
+        return place if self.places is None else wire_place(self.places, place)
 
     def show(self, segment: str, start: int, value: Any) -> None:
-        self.spans.append((self.path + shown(segment), self.wire(start), self.wire(self.at), value))
+        self.shown.append((self.path, segment, start, self.at, value, self.places))
 
     # ---- going on -----------------------------------------------------------------------------------------
 
@@ -141,8 +154,9 @@ class Diagnosis:
         """The turn of the next segment; gives the place where it begins."""
         self.turn += 1
         self.turns[name] = self.turn
-        self.starts[name] = self.wire(self.at)
-        return self.at
+        at = self.at
+        self.starts[name] = at if self.places is None else wire_place(self.places, at)
+        return at
 
     def take(self, name: str, size: int, refuse: int | None = None) -> bytes:
         """The next bytes. Raises Stop if they are not there."""
@@ -332,7 +346,8 @@ class Diagnosis:
             return
         self.scopes[-1][name] = value
         self.show(name, start, value)
-        self.judge(name, start, value, refuse, **rules)
+        if rules:
+            self.judge(name, start, value, refuse, **rules)
 
     def judge(
         self,
@@ -556,9 +571,7 @@ class Diagnosis:
 
     def adopt(self, name: str, start: int, inner: Diagnosis) -> None:
         """Takes over what was found out about a frame inside; its fault comes behind the frame itself."""
-        for path, first, last, value in inner.spans:
-            span = f"{self.path}{name}.{path}", self.wire(start + first), self.wire(start + last), value
-            self.spans.append(span)
+        self.shown.append((self.path, name, start, start, inner, self.places))
         self.notes.warnings.extend(inner.notes.warnings)
         fault = inner.fault
         if fault is not None:
@@ -579,6 +592,11 @@ class Diagnosis:
     def room(self, *names: str) -> int:
         """Bytes these segments take."""
         return sum(end - start for _, start, end in (self.bounds[name] for name in names if name in self.bounds))
+
+
+def wire_place(places: Sequence[int] | None, place: int) -> int:
+    """Where a place in a buffer is on the wire, if `places` are those of its bytes there."""
+    return place if places is None else places[min(place, len(places) - 1)]
 
 
 def shown(segment: str) -> str:
