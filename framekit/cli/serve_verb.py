@@ -256,7 +256,10 @@ class TextServeOutput(ServeOutput):
     def show_ready(self) -> None:
         devices = self.server.devices
         own = list(dict.fromkeys(device.station for device in devices if device.own is not None))
-        stations = f" station{'s' if len(own) > 1 else ''} {', '.join(own)}" if own else ""
+        if own:
+            stations = f" station{'s' if len(own) > 1 else ''} {', '.join(own)}"
+        else:
+            stations = " without a station of its own" if any(device.lacks_station for device in devices) else ""
         names = dict.fromkeys(device.protocol.name for device in devices)
         self.line(f"ready: {', '.join(names)}{stations} on {self.server.about}")
 

@@ -32,7 +32,7 @@ from framekit.memory.memory import DeviceMemory
 from framekit.memory.profile import ClockBit, FixedBit, MemoryProfile, load_profile, load_profile_node
 from framekit.run.model import FaultPlan, OwnPlace
 from framekit.run.own_memory import AnyAddresses, ProtocolAddresses, addresses_of
-from framekit.runfile.channels import read_mapping, read_params, read_station
+from framekit.runfile.channels import needs_station, read_mapping, read_params, read_station
 from framekit.runfile.fault_plans import load_fault_plan, misfits, read_fault_plan
 from framekit.runfile.transfers import number_for
 
@@ -71,6 +71,12 @@ class Device:
                 text.decode() if text.isascii() and text.decode().isprintable() and text else self.own.hex(" ").upper()
             )
         return "" if self.own is None else str(self.own)
+
+    @property
+    def lacks_station(self) -> bool:
+        """Whether it has no station of its own though requests of its protocol may name one."""
+        by_default = self.protocol.station.default is not None
+        return self.own is None and (by_default or needs_station(self.protocol))
 
     def areas_without_memory(self) -> list[str]:
         """Areas of the protocol that a memory of its own does not have: every request for them is refused."""

@@ -100,6 +100,22 @@ def test_a_pseudo_terminal_and_sigterm() -> None:
         assert any(where == "line" and text.startswith("bad frame: check") for where, text in summary)
 
 
+@pytest.mark.parametrize(
+    ("words", "ready"),
+    [
+        (("snp-x",), "snp-x without a station of its own"),
+        (("snp-x", "--station", "UNIT7"), "snp-x station UNIT7"),
+        (("modbus-tcp",), "modbus-tcp station 1"),
+        (("srtp",), "srtp"),
+    ],
+)
+def test_the_ready_line_says_which_station_answers(
+    capsys: pytest.CaptureFixture[str], words: tuple[str, ...], ready: str
+) -> None:
+    assert main(["serve", *words, "--port", "tcp://127.0.0.1:0", "--for", "1ms"]) == 0
+    assert capsys.readouterr().out.startswith(f"ready: {ready} on tcp://127.0.0.1:")
+
+
 def test_a_client_after_another_is_not_taken_for_it() -> None:
     """A DF1 receiver drops a command with the header of the one before: transactions begin with another number."""
     with serving("df1", "--role", "full", "--port", "pty:", "--json", "--quiet") as process:
