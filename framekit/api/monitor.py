@@ -233,12 +233,17 @@ class LineMonitor:
         self.protocol = protocol
         self.port = port
         self.clock = clock
+
+        def told(seen: Seen) -> None:
+            seen.client = port.sender
+            monitor(seen)
+
         self.listener = Listener(
-            protocol, compile_protocol(protocol), monitor, params=params, line=port.settings, now=clock.now()
+            protocol, compile_protocol(protocol), told, params=params, line=port.settings, now=clock.now()
         )
         self.lost: list[str] = []
         self._capture: Capture | None = None
-        self._driver = Driver(_Listening(self.listener, monitor), port, clock, on_state)
+        self._driver = Driver(_Listening(self.listener, told), port, clock, on_state)
 
     @classmethod
     def at(

@@ -380,7 +380,7 @@ def seen_text(seen: Seen, time: float | str, where: str, as_ascii: bool = False)
     """Time (seconds, or a text), where it was seen, direction, frame, size and bytes."""
     arrow = {"in": "←", "out": "→"}.get(seen.direction, " ")
     size = f"{len(seen.raw):4d} " if seen.raw else "     "
-    place = f"{where} " if where else ""
+    place = "".join(f"{one} " for one in (where, seen.client) if one)
     told = time if isinstance(time, str) else f"{time:10.3f}"
     return f"{told}  {place}{arrow} {what_was_seen(seen):<22}{size}{shown_bytes(seen.raw, as_ascii)}".rstrip()
 
@@ -391,6 +391,7 @@ def seen_data(seen: Seen, seconds: float, plain: PlainValues, **more: Any) -> di
         "event": seen.kind,
         "time": seconds,
         **more,
+        **({"client": seen.client} if seen.client else {}),
         "direction": seen.direction,
         "frame": seen.frame,
         "size": len(seen.raw) or "",

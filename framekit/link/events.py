@@ -82,12 +82,13 @@ class Seen:
     `kind`: a frame; a bad one; noise; a line break; the connection; `trouble` (a step that could not be worked out, a
     circle of steps); `not_taken` follows a frame that no step waited for. `reason`: the cause of a bad frame, or words.
     `place` is the byte of a bad frame where the fault is. `repeated`: the same bytes were sent before. `fields` are
-    made when they are asked for; `computed` reads them from the bytes of a frame that was sent.
+    made when they are asked for; `computed` reads them from the bytes of a frame that was sent. `client`: the other
+    side, HOST:PORT, where several can be on one port.
     """
 
     __slots__ = (
-        "_computed", "_fields", "at", "direction", "frame", "kind", "place", "raw", "reason", "repeated", "segment",
-        "started_at",
+        "_computed", "_fields", "at", "client", "direction", "frame", "kind", "place", "raw", "reason", "repeated",
+        "segment", "started_at",
     )  # fmt: skip
 
     def __init__(
@@ -100,6 +101,7 @@ class Seen:
         self.place, self.repeated = place, repeated
         self._fields: Mapping[str, Any] = _NOTHING if fields is None else fields
         self._computed = computed
+        self.client = ""
 
     @property
     def fields(self) -> dict[str, Any]:

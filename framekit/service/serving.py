@@ -213,6 +213,12 @@ def check_line(devices: list[Device]) -> None:
         raise ValueError("several devices on one line need stations – add station to their files")
 
 
+def _told_of_client(monitor: Monitor, port: str, number: int, seen: Seen) -> None:
+    """A serving monitor for one that gets only what was seen: this says which client it was."""
+    seen.client = port.partition("://")[2]
+    monitor(seen)
+
+
 class ListeningPort(Port):
     """Listens where `channel` says. Raises ValueError for what is no address, and on a clock that is not real."""
 
@@ -237,7 +243,7 @@ class ListeningPort(Port):
         store = DeviceStore(
             device, self.clock, access=access, server=server, link=counters, load=load, counters=services
         )
-        watch = None if monitor is None else lambda port, number, seen: monitor(seen)
+        watch = None if monitor is None else partial(_told_of_client, monitor)
         self.serving = Serving([store], self.clock, channel.line, watch, limits=channel.limits)
 
     def _accept(self, port: AcceptedPort) -> None:

@@ -505,6 +505,8 @@ class UdpPort(DatagramPort):
                 is_other, self.peer = self.peer is not None, peer
                 if is_other:
                     self._events.other_sender(self.clock.now())
+                if self.listens:
+                    self.sender = f"{bracketed(str(peer[0]))}:{peer[1]}"
             if data and self._events is not None:
                 self._events.received(data, self.clock.now())
 

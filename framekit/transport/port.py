@@ -56,6 +56,8 @@ class Port(ABC):
     """Whether it can be opened again after it was closed."""
     is_stream = False
     """Whether what is written is only a row of bytes, without times or pieces that the other side sees."""
+    sender = ""
+    """Who sent what was told last, HOST:PORT, where several can send."""
     in_time = False
     """Whether its time is that of the clock's calls, however late they come: so a busy process delays no device."""
 
@@ -163,6 +165,10 @@ class PassingPort(Port, PortEvents):
 
     def set_rts(self, on: bool) -> None:
         self.inner.set_rts(on)
+
+    @property
+    def sender(self) -> str:  # type: ignore[override]
+        return self.inner.sender
 
     def release(self) -> None:
         self.inner.release()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import signal
@@ -14,7 +15,12 @@ from pathlib import Path
 
 import pytest
 
+from framekit.api.monitor import LineMonitor
+from framekit.cli.common import seen_data, seen_text
 from framekit.cli.main import main
+from framekit.codec.plain import PlainValues
+from framekit.definition.load import load_protocol
+from framekit.link.events import Seen
 from framekit.service.capture import Capture, CaptureReader
 from framekit.transport.clock import VirtualClock
 from framekit.transport.port import LineEvent
@@ -185,6 +191,41 @@ def test_monitor_hears_both_sides_and_captures(tmp_path: Path) -> None:
     with CaptureReader(path) as reader:
         heard = b"".join(event.data for _, event in reader.events())
     assert heard == ASK + ANSWER + BAD
+
+
+def test_a_monitor_of_datagrams_says_who_sent_them() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        number = free.getsockname()[1]
+
+    async def scenario() -> list[Seen]:
+        seen: list[Seen] = []
+        protocol, came = load_protocol("modbus-rtu"), asyncio.Event()
+
+        def show(one: Seen) -> None:
+            seen.append(one)
+            came.set()
+
+        monitor = LineMonitor.at(protocol, f"udp-listen://127.0.0.1:{number}", show, line=None)
+        monitor.start()
+        for who in (None, *senders):
+            if who is not None:
+                who.sendto(ASK, ("127.0.0.1", number))
+            await asyncio.wait_for(came.wait(), 60)
+            came.clear()
+        monitor.stop()
+        return seen
+
+    senders = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2)]
+    try:
+        seen = asyncio.run(scenario())
+        names = [f"127.0.0.1:{sender.getsockname()[1]}" for sender in senders]
+    finally:
+        for sender in senders:
+            sender.close()
+    assert [one.client for one in seen if one.kind == "frame"] == names
+    assert f"0.500  {names[0]} ← request_adu" in seen_text(seen[1], 0.5, "")
+    assert seen_data(seen[1], 0.5, PlainValues(load_protocol("modbus-rtu")))["client"] == names[0]
 
 
 def test_monitor_filters_and_ascii() -> None:

@@ -151,8 +151,12 @@ def test_a_channel_answers_several_clients_over_tcp(tmp_path: Path) -> None:
         path.write_text(LISTENING, "utf-8")
         opened: dict[int, asyncio.Event] = {1: asyncio.Event(), 2: asyncio.Event()}
 
-        def seen(channel: int, what: object) -> None:
+        clients: list[str] = []
+
+        def seen(channel: int, what: Seen) -> None:
             opened[channel].set()
+            if channel == 1 and what.frame:
+                clients.append(what.client)
 
         service = RunService(load_run(path), AsyncioClock(asyncio.get_running_loop()), seen)
         service.start()
@@ -173,6 +177,8 @@ def test_a_channel_answers_several_clients_over_tcp(tmp_path: Path) -> None:
             status = {one.number: one for one in run_status(service).channels}
             assert (status[1].state, status[1].frames_in, status[1].bytes_in) == ("open", 3, 36)
             assert status[2].frames_in == 1
+            names = [f"127.0.0.1:{link[1].get_extra_info('sockname')[1]}" for link in (one, other)]
+            assert clients == [names[0]] * 2 + [names[1]] * 2 + [names[0]] * 2
             assert [(one.services, one.errors) for one in status.values()] == [(3, 0), (1, 0)]
         finally:
             for _, writer in links:
