@@ -138,6 +138,17 @@ def test_content_takes_nothing_but_bytes() -> None:
                 codec.encode("f", {"d": wrong})
 
 
+def test_a_record_in_a_wrap_that_is_not_there_has_no_fields() -> None:
+    """What reads them finds nothing: the frame is good or bad, and nothing else happens."""
+    wrap = "{when: k == 1, wrap: hex, of: [{include: part, as: r}]}"
+    layouts = "layouts: {part: [{field: f, type: u8}]}"
+    codec = compile_protocol(small_protocol(f"[{{field: k, type: u8}}, {wrap}, {{require: r.f != 77}}]", layouts))
+    assert codec.decode("f", b"\x02") == {"k": 2}
+    assert codec.decode("f", b"\x0105") == {"k": 1, "r": {"f": 5}}
+    with pytest.raises(FrameError, match="require"):
+        codec.decode("f", b"\x014D")
+
+
 def test_a_wrap_takes_as_many_bytes_as_its_size_says() -> None:
     """Also under a condition, where the length that counts it tells its size."""
     body = "[{field: n, type: u8}, {wrap: cobs, size: n, of: [{data: d, size: rest}]}]"

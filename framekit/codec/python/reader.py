@@ -8,7 +8,7 @@ read.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from framekit.codec.checks import residue_of
@@ -107,6 +107,15 @@ class Comparison:
 
     write: Callable[[], None]
     is_ready: Callable[[], bool]
+
+
+def _records_in(segment: Segment) -> Iterator[Segment]:
+    """The segment if it is a record; those that stand in it if it is a wrap."""
+    if segment.is_record:
+        yield segment
+    elif segment.is_there_inside:
+        for inner in (one for block in segment.blocks for one in block):
+            yield from _records_in(inner)
 
 
 class BufferReader:
@@ -662,9 +671,9 @@ class BufferReader:
         self.read_items(expanded, after)
         self.finish_deferred(all_is_read=False)
         left, self.deferred = self.deferred, outside
-        for item in items:
-            entry = item.scope.entries.get(item.segment.name or "")
-            if item.segment.is_record and entry is not None and entry.record is not None:
+        for scope, record in ((item.scope, one) for item in items for one in _records_in(item.segment)):
+            entry = scope.entries.get(record.name or "")
+            if entry is not None and entry.record is not None:
                 entry.record.attach()
                 entry.record.open(self.function.out)
                 entry.direct, entry.may_be_absent = False, True

@@ -119,10 +119,18 @@ def _within(protocol: Protocol, segments: Segments) -> dict[str, None]:
 
 
 def _spans(frame: Frame) -> Iterator[Problem]:
-    """What a check covers `from..to` is written in the order of the frame."""
-    order = [segment.name for segment in flat(frame.segments)]
+    """What a check covers `from..to` is written in the order of the frame, or of the record or item it stands in."""
     for check in parts_of(frame.segments, Check):
         yield from _covered_in_part(frame, check)
+    for holder in (None, *parts_of(frame.segments, Segment)):
+        segments = frame.segments if holder is None else holder.inner_record
+        if segments:
+            yield from _spans_in(segments)
+
+
+def _spans_in(segments: Segments) -> Iterator[Problem]:
+    order = [segment.name for segment in flat(segments)]
+    for check in (one for one in flat(segments) if isinstance(one, Check)):
         if check.span is None or not set(check.span) <= {*order, "here"}:
             continue
         first, last = check.span
