@@ -245,14 +245,14 @@ class Engine:
             self.counters.sent += 1
             self.output.put(Send(data, 0, False, None, info, on_sent))
 
-        self._send_in_turn(info.name, put_out)
+        self._send_in_turn(value or FrameValue(info.name, given), put_out)
         return self._finish()
 
-    def _send_in_turn(self, frame: str, put_out: Callable[[], None]) -> None:
+    def _send_in_turn(self, value: FrameValue, put_out: Callable[[], None]) -> None:
         """Puts a frame out that is sent by itself, or keeps it while a reply is due that its own could be taken for."""
         late = self.machine.late
-        if late.items or late.asked(frame, any(run.asked is not None for run in self.lanes.order)):
-            late.items.append(partial(self._send_in_turn, frame, put_out))
+        if late.items or late.asked(value, any(run.asked is not None for run in self.lanes.order)):
+            late.items.append(partial(self._send_in_turn, value, put_out))
         else:
             put_out()
 

@@ -7,15 +7,16 @@ and as much again, is over. Nothing is sent or received here.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple
 
 from framekit.definition.expression import Expression, names_in
-from framekit.definition.model.procedure import Role, Row, Step
+from framekit.definition.model.procedure import Role, Row, Sequence, Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.values import FrameOf
-from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, bare_name, compile_optional
+from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Inverse, Names, bare_name, compile_optional, inverse_of
 from framekit.link.scope import Scope
+from framekit.link.values import FrameValue
 
 LONGEST = 60_000_000_000
 """No late reply is waited for longer than this (ns)."""
@@ -24,14 +25,36 @@ MOST_HOLDS = 5
 """A request that is held back so many times the usual time fails: frames that were not asked for come without end."""
 
 
+class Beginning(NamedTuple):
+    """One of the first steps of an exchange: it sends `when` that holds, and then waits for a reply or for none."""
+
+    when: Evaluate | None
+    has_reply: bool
+
+
 class Replies(NamedTuple):
     """What exchanges of a role wait for. `frames`: replies that repeat no number of their request; `requests`: frames
-    that services ask for those with; `waits`: how long steps wait for them.
+    that services ask for those with; `waits`: how long steps wait for them. `stations`: which fields of such a frame
+    hold the station; `beginnings`: for each exchange its first steps that send, and whether a reply follows.
     """
 
     frames: frozenset[str]
     requests: frozenset[str]
     waits: tuple[Evaluate, ...]
+    stations: Mapping[str, tuple[str, Inverse]] = {}
+    beginnings: tuple[tuple[Beginning, ...], ...] = ()
+
+    def is_broadcast(self, value: FrameValue, names: Names) -> bool:
+        """Whether an exchange would send this request without waiting for a reply, as its station is everyone."""
+        if value.frame not in self.stations:
+            return False
+        field, inverse = self.stations[value.frame]
+        try:
+            station = inverse.solve(value.fields[field], names)
+            known = Names({"request": value, "station": station}, names)
+            return bool(self.beginnings) and not any(_has_reply(steps, known) for steps in self.beginnings)
+        except EVALUATION_ERRORS:
+            return False
 
 
 class LateReplies:
@@ -74,13 +97,13 @@ class LateReplies:
             self.until = max(self.until, self._scope.now)
             self.extend(names, started, within)
 
-    def asked(self, frame: str, is_asking: bool) -> bool:
+    def asked(self, value: FrameValue, is_asking: bool) -> bool:
         """Whether a frame sent by itself has to wait; if not, and a service asks with it, its reply is due from now.
 
-        `is_asking`: an exchange waits for its reply.
+        No reply is due to a broadcast. `is_asking`: an exchange waits for its reply.
         """
         scope = self._scope
-        asks = frame in self.expected.requests
+        asks = value.frame in self.expected.requests and not self.expected.is_broadcast(value, scope)
         if self.until > scope.now:
             return True
         if not asks:
@@ -161,7 +184,54 @@ def replies_of(protocol: Protocol, role: Role | None) -> Replies:
         if row.request is not None and any(reply.frame and reply.frame.frame in frames for reply in row.reply)
     )
     waits = tuple(wait for step in steps if (wait := compile_optional(step.within)) is not None)
-    return Replies(frames, requests, waits)
+    exchanges = [protocol.sequences[name] for lane in role.lanes for name in lane.exchange]
+    beginnings = tuple(tuple(_beginnings(sequence)) for sequence in exchanges)
+    return Replies(frames, requests, waits, _stations(protocol, requests), beginnings)
+
+
+def _has_reply(steps: tuple[Beginning, ...], names: Names) -> bool:
+    """Whether the first of these steps that is not skipped waits for a reply."""
+    return next((step.has_reply for step in steps if step.when is None or step.when(names)), True)
+
+
+def _beginnings(sequence: Sequence) -> Iterator[Beginning]:
+    """The steps with which it can begin."""
+    for number, step in enumerate(sequence.steps):
+        when = compile_optional(step.when)
+        yield Beginning(when, step.send is None or _waits(sequence, number))
+        if when is None:
+            return
+
+
+def _waits(sequence: Sequence, number: int) -> bool:
+    """Whether from this step on it may come to one that waits for a frame, or does what is not known here."""
+    numbers = {step.name: place for place, step in enumerate(sequence.steps)}
+    waiting, seen = [number], set[int]()
+    while waiting:
+        place = waiting.pop()
+        if place in seen or place >= len(sequence.steps):
+            continue
+        seen.add(place)
+        step = sequence.steps[place]
+        if step.receive or step.branch or step.call is not None or step.ask is not None:
+            return True
+        if step.then != "end":
+            waiting.append(place + 1 if step.then == "next" else numbers[step.then])
+        if step.when is not None and place != number:
+            waiting.append(place + 1)
+    return False
+
+
+def _stations(protocol: Protocol, requests: frozenset[str]) -> dict[str, tuple[str, Inverse]]:
+    """The field of each request that holds the station, and how it is read from that."""
+    found = {}
+    for request in (row.request for rows in protocol.services.values() for row in rows):
+        if request is not None and request.frame in requests:
+            for name, value in request.fields.items():
+                inverse = inverse_of(value) if isinstance(value, Expression) else None
+                if inverse is not None and inverse.name == "station":
+                    found[request.frame] = name, inverse
+    return found
 
 
 def is_numbered(step: Step, protocol: Protocol) -> bool:

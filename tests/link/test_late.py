@@ -272,6 +272,41 @@ def test_the_reply_to_a_frame_by_itself_is_no_reply_to_the_next_request() -> Non
     assert side.values == [[11]]
 
 
+EVERYONE = """
+sequences:
+  exchange:
+    takes: [request]
+    gives: {reply: answer}
+    local: {answer: frame}
+    steps:
+      - step: everyone
+        when: station == 0
+        send: request
+        then: pause
+      - step: ask
+        send: request
+        receive: [{frame: expected, set: {answer: it}, then: end}]
+        within: reply_timeout
+        on_timeout: {fail: no_reply}
+      - step: pause
+        wait: 100 ms
+        then: end
+"""
+
+
+@pytest.mark.parametrize(("text", "station", "sent"), [(EVERYONE, 0, 3), (EVERYONE, 3, 1), ("", 0, 1)])
+def test_no_reply_is_due_to_a_frame_by_itself_that_is_for_everyone(text: str, station: int, sent: int) -> None:
+    """The exchange of the definition tells which station is everyone: it sends, and waits for nothing."""
+    side = Side(REGISTERS + text)
+    for address in range(2):
+        side.do(side.engine.send_frame("read", side.now, ASKED | {"station": station, "address": address}))
+    side.read("R1", 11)
+    assert len(side.sent) == sent
+    if sent == 3:
+        side.reply(2)
+        assert side.values == [[11]]
+
+
 def test_frames_by_themselves_go_out_one_after_the_other() -> None:
     side = Side()
     for address in range(3):
