@@ -18,7 +18,7 @@ from framekit.definition.model.segments import Const
 from framekit.link.arrivals import BadFrame, EitherBad, Fault
 from framekit.link.evaluate import CODEC_ERRORS, Names
 from framekit.link.events import LineFault
-from framekit.link.frame_table import NO_SIZES, NOT_QUICK, Ends, FrameInfo, FrameTable, function_does
+from framekit.link.frame_table import NO_SIZES, NOT_QUICK, UNKNOWN, Ends, FrameInfo, FrameTable, function_does
 from framekit.link.inside import InsideFinder
 from framekit.link.stream import Stream
 
@@ -371,15 +371,17 @@ class Start:
     """What may begin with one byte: `at` is the place of the byte that tells the candidates apart (0: none does).
 
     `left`: what is left by each of its values. `wanted`: all that are expected. `is_noise`: nothing begins with it.
+    `enough`: so many bytes reach over all places that tell something.
     """
 
-    __slots__ = ("at", "is_noise", "left", "wanted")
+    __slots__ = ("at", "enough", "is_noise", "left", "wanted")
 
     def __init__(self, at: int, left: Mapping[int, Left], others: Left, wanted: Left) -> None:
         self.at = at
         self.is_noise = wanted.sure and not wanted.infos
         self.wanted = wanted
         self.left = [left.get(byte, others) for byte in range(256)]
+        self.enough = max((at + 1, *(one.enough for one in self.left if one.enough < UNKNOWN)))
 
 
 class ExpectedFrames:

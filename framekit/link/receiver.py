@@ -303,23 +303,26 @@ class Receiver:
         try:
             while place < end:
                 start = starting[buffer[place]] or frames.start(buffer[place])
-                at = place + start.at
-                if at >= end:
+                fields = row = None
+                if place + start.enough <= end:
+                    left = start.left[buffer[place + start.at]]
+                    if is_clean or (left.is_told and not said):
+                        row = left.rows[buffer[place + left.at]]
+                        if row is not None:
+                            size, counted, read = row
+                            if counted:
+                                size += buffer[place + counted]
+                            if is_clean and read is not None and place + size <= end:
+                                raw = buffer[place : place + size]
+                                try:
+                                    fields = read(raw, names)
+                                except CODEC_ERRORS:
+                                    is_clean = False
+                elif place + start.at < end:
+                    left = start.left[buffer[place + start.at]]
+                else:
                     break
-                left = start.left[buffer[at]]
-                info, fields, row = left.alone, None, None
-                if place + left.enough <= end and (is_clean or (left.is_told and not said)):
-                    row = left.rows[buffer[place + left.at]]
-                    if row is not None:
-                        size, counted, read = row
-                        if counted:
-                            size += buffer[place + counted]
-                        if is_clean and read is not None and place + size <= end:
-                            raw = buffer[place : place + size]
-                            try:
-                                fields = read(raw, names)
-                            except CODEC_ERRORS:
-                                is_clean = False
+                info = left.alone
                 if fields is None or info is None:
                     is_bad = False
                     if row is not None and info is not None:
@@ -467,14 +470,14 @@ class Receiver:
         `is_told`: bytes at fixed places tell its size, so that nothing has to be remembered of what was measured.
         """
         stream, info = self.stream, left.alone
-        if info is None or size <= self._quiet or stream.silences or self._noise.is_long:
+        if info is None or size <= self._quiet or stream.silences or self._noise.is_long or self._now != stream.last:
             return False
         if not left.sure:
             left = start.wanted
             if not (left.compare() if left.alike is None else left.alike):
                 return False
         place, end, inside = stream.position, len(stream.buffer), self._inside
-        if self._now != stream.last or (
+        if (
             inside is not None
             and not inside.holders.isdisjoint(left.names)
             and not inside.nothing_in(stream.buffer, place)

@@ -396,12 +396,12 @@ class Module:
         return literal(tuple(found)) if found else ""
 
     def embedded_frames(self, wrap: Wrap) -> list[bytes]:
-        """The bytes of those frames."""
+        """The bytes of those frames; the second one tells them apart from what else begins with the escape byte."""
         found = []
         for name in wrap.inside:
             segments = self.protocol.frames[name].segments
             data = b"".join(segment.data for segment in segments if isinstance(segment, Const))
-            if all(isinstance(segment, Const) for segment in segments) and data[0] == wrap.escape:
+            if all(isinstance(segment, Const) for segment in segments) and len(data) > 1 and data[0] == wrap.escape:
                 found.append(data)
         return found
 

@@ -147,18 +147,19 @@ def find_region_end(
 
     `seen`: up to there nothing was found before. `embedded`: what may stand in the region all the same.
     """
-    place = max(at, seen)
+    place = at if seen < at else seen
     while place > at and data[place - 1] == escape:
         place -= 1  # escape bytes are paired from the first one of their row
     while True:
         place = data.find(escape, place, end)
         if place < 0 or place + 1 >= end:
             return -1
-        if data[place + 1] == escape:
+        behind = data[place + 1]
+        if behind == escape:
             place += 2
             continue
         for frame in embedded:
-            if data.startswith(frame[:2], place):
+            if frame[1] == behind:
                 place += len(frame)
                 break
         else:
