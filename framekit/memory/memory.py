@@ -157,6 +157,12 @@ class Area:
             return partial(self.read_bytes, offset, count)
         return partial(bytes, memoryview(self._data)[offset : offset + count])
 
+    def bytes_writer(self, offset: int, count: int) -> Callable[[bytes], None]:
+        """`write_bytes` of `count` bytes with `force`, to be called again and again: its place is judged once."""
+        if offset < 0 or offset + count > len(self._data) - bool(self._spare):
+            return partial(self.write_bytes, offset, force=True)
+        return partial(self._store, offset)
+
     def byte_reader(self, offset: int) -> Callable[[], int]:
         """Reads byte `offset` as a number at every call."""
         return partial(self._data.__getitem__, offset)

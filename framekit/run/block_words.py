@@ -110,11 +110,12 @@ class StatusWords:
 class _WordPlace:
     """The words of one block in one section, with where everything in them stands."""
 
-    __slots__ = ("_area", "_at", "_every_pulse", "_flags", "_numbers", "_pulses", "_size", "shows_something")
+    __slots__ = ("_every_pulse", "_flags", "_numbers", "_pulses", "_read", "_size", "_write", "shows_something")
 
     def __init__(self, area: Area, first: int, section: BlockWords) -> None:
-        self._area = area
-        self._at, self._size = 2 * first, 2 * section.words
+        self._size = 2 * section.words
+        self._read = area.bytes_reader(2 * first, self._size)
+        self._write = area.bytes_writer(2 * first, self._size)
         self._numbers: list[tuple[Callable[[Shown], int], Callable[..., None], int, int]] = []
         self._flags: list[tuple[Callable[[Shown], int], int]] = []
         self._pulses = dict.fromkeys(PULSES, 0)
@@ -130,12 +131,12 @@ class _WordPlace:
         self.shows_something = bool(self._numbers or self._flags or self._every_pulse)
 
     def show(self, status: Shown) -> None:
-        before = self._area.read_bytes(self._at, self._size)
+        before = self._read()
         self._put(before, self._shown(before, status))
 
     def completed(self, status: Shown, pulse: str) -> bool:
         """Whether there is a pulse for it."""
-        before = self._area.read_bytes(self._at, self._size)
+        before = self._read()
         if self._every_pulse:
             before = self._without_pulses(before)
         self._put(before, self._shown(before, status), self._pulses[pulse])
@@ -143,16 +144,16 @@ class _WordPlace:
 
     def end_pulses(self) -> None:
         if self._every_pulse:
-            self._without_pulses(self._area.read_bytes(self._at, self._size))
+            self._without_pulses(self._read())
 
     def clear(self) -> None:
         """Everything that this place shows is 0."""
-        data = bytearray(self._area.read_bytes(self._at, self._size))
+        data = bytearray(self._read())
         for _, pack_into, at, _ in self._numbers:
             pack_into(data, at, 0)
         bits = self._every_pulse | sum(bit for _, bit in self._flags)
         left = int.from_bytes(data, "little") & ~bits
-        self._area.write_bytes(self._at, left.to_bytes(self._size, "little"), force=True)
+        self._write(left.to_bytes(self._size, "little"))
 
     def _shown(self, before: bytes, status: Shown) -> bytes:
         """The bytes with what the counts are now; bits beyond a counter's size are lost, so it begins anew at 0."""
@@ -171,7 +172,7 @@ class _WordPlace:
         if pulse:
             data = (int.from_bytes(data, "little") | pulse).to_bytes(self._size, "little")
         if data != before:
-            self._area.write_bytes(self._at, data, force=True)
+            self._write(data)
 
     def _without_pulses(self, before: bytes) -> bytes:
         """Ends the pulses that are on; the bytes as they are then."""
@@ -179,7 +180,7 @@ class _WordPlace:
         if not number & self._every_pulse:
             return before
         after = (number & ~self._every_pulse).to_bytes(self._size, "little")
-        self._area.write_bytes(self._at, after, force=True)
+        self._write(after)
         return after
 
 

@@ -414,11 +414,11 @@ class Scheduler:
                 self._due(state, now)
         for lane in self._ready.due(now):
             self._start_next(lane, now)
-            self._ready.schedule(lane)
 
     def _start_next(self, lane: BlockLane, now: int) -> None:
         state = lane.take(now)
-        if state is None:
+        if state is None:  # else its end says when the lane has something to do
+            self._ready.schedule(lane)
             return
         joins, state.companions = self._joins, ()
         if joins is None or not lane.waiting or state.probing:

@@ -318,7 +318,8 @@ class Turns:
         """So many bytes a piece should have."""
         if self._waiting:
             return FEWEST
-        return max(FEWEST, MOST - PIECE - (0 if self._is_over(self.now()) else self.used))
+        is_over = self.now() >= self._until and not self._ends
+        return max(FEWEST, MOST - PIECE - (0 if is_over else self.used))
 
     def take(self, size: int, callback: Callback) -> bool:
         """Makes the call that deals with `size` bytes: now (True), or when those before it have had their turn."""
@@ -332,14 +333,10 @@ class Turns:
             self._end_soon()
         return True
 
-    def _is_over(self, now: int) -> bool:
-        """Whether the turn is over, so that a piece would begin another one."""
-        return not self.used or (now >= self._until and not self._ends)
-
     def _has_begun(self, work: int) -> bool:
-        """Counts a piece that may begin in this turn."""
+        """Counts a piece that may begin in this turn, or begins another one."""
         now = self.now()
-        if self._is_over(now):
+        if not self.used or (now >= self._until and not self._ends):
             self.used, self._until = work, now + LONGEST
             return True
         if self.used + work > MOST or now >= self._until:
