@@ -130,21 +130,36 @@ class _WordPlace:
         self._every_pulse = sum(self._pulses.values())
         self.shows_something = bool(self._numbers or self._flags or self._every_pulse)
 
-    def show(self, status: Shown) -> None:
-        before = self._read()
-        self._put(before, self._shown(before, status))
+    def show(self, status: Shown, pulse: int = 0) -> None:
+        """What the counts are now, and then a pulse: both are there when the pulse is seen.
 
-    def completed(self, status: Shown, pulse: str) -> bool:
-        """Whether there is a pulse for it."""
+        Bits beyond a counter's size are lost, so it begins anew at 0.
+        """
         before = self._read()
-        if self._every_pulse:
-            before = self._without_pulses(before)
-        self._put(before, self._shown(before, status), self._pulses[pulse])
-        return bool(self._pulses[pulse])
+        data = bytearray(before)
+        for read, pack_into, at, most in self._numbers:
+            pack_into(data, at, read(status) & most)
+        if self._flags or pulse:
+            bits = int.from_bytes(data, "little") | pulse
+            for read, bit in self._flags:
+                bits = bits | bit if read(status) else bits & ~bit
+            data[:] = bits.to_bytes(self._size, "little")
+        if data != before:
+            self._write(bytes(data))
+
+    def completed(self, status: Shown, kind: str) -> bool:
+        """An exchange has ended: other pulses end. Whether there is a pulse for its kind."""
+        pulse = self._pulses[kind]
+        self.end_pulses()
+        self.show(status, pulse)
+        return bool(pulse)
 
     def end_pulses(self) -> None:
+        """Ends the pulses that are on."""
         if self._every_pulse:
-            self._without_pulses(self._read())
+            number = int.from_bytes(self._read(), "little")
+            if number & self._every_pulse:
+                self._write((number & ~self._every_pulse).to_bytes(self._size, "little"))
 
     def clear(self) -> None:
         """Everything that this place shows is 0."""
@@ -154,34 +169,6 @@ class _WordPlace:
         bits = self._every_pulse | sum(bit for _, bit in self._flags)
         left = int.from_bytes(data, "little") & ~bits
         self._write(left.to_bytes(self._size, "little"))
-
-    def _shown(self, before: bytes, status: Shown) -> bytes:
-        """The bytes with what the counts are now; bits beyond a counter's size are lost, so it begins anew at 0."""
-        data = bytearray(before)
-        for read, pack_into, at, most in self._numbers:
-            pack_into(data, at, read(status) & most)
-        if self._flags:
-            bits = int.from_bytes(data, "little")
-            for read, bit in self._flags:
-                bits = bits | bit if read(status) else bits & ~bit
-            return bits.to_bytes(self._size, "little")
-        return bytes(data)
-
-    def _put(self, before: bytes, data: bytes, pulse: int = 0) -> None:
-        """The counts, if they are others, and then a pulse: both are there when the pulse is seen."""
-        if pulse:
-            data = (int.from_bytes(data, "little") | pulse).to_bytes(self._size, "little")
-        if data != before:
-            self._write(data)
-
-    def _without_pulses(self, before: bytes) -> bytes:
-        """Ends the pulses that are on; the bytes as they are then."""
-        number = int.from_bytes(before, "little")
-        if not number & self._every_pulse:
-            return before
-        after = (number & ~self._every_pulse).to_bytes(self._size, "little")
-        self._write(after)
-        return after
 
 
 def words_of(sections: Iterable[BlockWords], key: Key) -> Iterator[tuple[BlockWords, int]]:

@@ -25,7 +25,7 @@ from framekit.transport.schemes import SCHEMES, Scheme
 
 MOST_FOR_A_REQUEST = 66
 MOST_FOR_A_READ = 90
-MOST_FOR_A_BLOCK = 168
+MOST_FOR_A_BLOCK = 164
 """What holds now, of the exchange with the fewest: clocks call something now and then. The goal for a block is 120."""
 
 READ_10 = bytes.fromhex("0001 0000 0006 01 03 0000 000A")
