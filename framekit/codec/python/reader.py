@@ -682,10 +682,9 @@ class BufferReader:
         for item in expanded:
             item.fields.entries = [entry for entry in item.fields.entries if entry[0] not in unconditional]
         self.function.flush()
-        for item in expanded:
-            item.fields.flush(self.function.out)
-        for item in items:
-            item.fields.flush(self.function.out)
+        for item in (*expanded, *items):
+            if holds_values(item.segment):  # else what waits was read before the branch
+                item.fields.flush(self.function.out)
         if left:
             self._compare_behind(flags.raised(), left, [item.fields for item in (*expanded, *items)])
         if self.place != Place(self.at, 0):
