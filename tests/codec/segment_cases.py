@@ -196,8 +196,8 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
              "- {field: n0, type: u8, build: n + 1}\n- {data: d, size: n}", {"n": 2, "d": b"ab"}, "03 61 62", {"n0": 3},
              {"03 61": "short"}),
         Case("a constant under a condition that does not hold", "- {field: k, type: u8}\n- {length: n, type: u8, of: [d]}\n"
-             "- {data: d, size: n}\n- {const: FF, when: k == 2}\n- {field: e, type: u8}",
-             {"k": 1, "d": b"ab", "e": 7}, "01 02 61 62 07", {"n": 2}),
+             "- {field: f, type: u8, when: k == 3}\n- {data: d, size: n}\n- {const: FF, when: k == 2}",
+             {"k": 1, "d": b"ab"}, "01 02 61 62", {"n": 2}),
         Case("a condition", "- {field: a, type: u8}\n- {require: a % 2 == 0}", {"a": 4}, "04", bad={"05": "require"}),
     ),
     "Wraps": (
