@@ -162,8 +162,8 @@ def _leading(segments: tuple[Segment, ...]) -> tuple[bytes, bool]:
         elif segment.is_record or isinstance(segment, Wrap):
             inner, whole = _leading(segment.of if isinstance(segment, Wrap) else segment.members)
             if isinstance(segment, Wrap):
-                inner = starts(segment.coding, plain := inner)
-                whole = whole and (bool(inner) or not plain)
+                inner = starts(segment.coding, inner)
+                whole = whole and bool(inner)
             found += inner
             if not whole:
                 return found, False
