@@ -229,12 +229,12 @@ class ServeOutput:
 
     def seen(self, port: str, number: int, seen: Seen) -> None:
         if self.is_ready:
-            self.show(port, self.server.devices[number], seen)
+            self.show(self.server.devices[number], seen)
 
     def show_ready(self) -> None:
         raise NotImplementedError
 
-    def show(self, port: str, device: Device, seen: Seen) -> None:
+    def show(self, device: Device, seen: Seen) -> None:
         raise NotImplementedError
 
     def summary(self) -> None:
@@ -243,11 +243,6 @@ class ServeOutput:
     def status(self) -> None:
         """The same while it goes on."""
         raise NotImplementedError
-
-
-def _client(port: str, served: str) -> str:
-    """A connection by its other side; nothing for the one port that is `served`."""
-    return "" if port == served else port.partition("://")[2]
 
 
 class TextServeOutput(ServeOutput):
@@ -263,8 +258,8 @@ class TextServeOutput(ServeOutput):
         names = dict.fromkeys(device.protocol.name for device in devices)
         self.line(f"ready: {', '.join(names)}{stations} on {self.server.about}")
 
-    def show(self, port: str, device: Device, seen: Seen) -> None:
-        self.line(seen_text(seen, self.seconds(seen.at), _client(port, self.server.port)))
+    def show(self, device: Device, seen: Seen) -> None:
+        self.line(seen_text(seen, self.seconds(seen.at), ""))
 
     def summary(self) -> None:
         rows, reasons, status = [], [], []
@@ -301,14 +296,12 @@ class JsonServeOutput(ServeOutput):
         line = server.about.removeprefix(server.port).removeprefix(" at ")
         self.data({**ready, "line": line} if line else ready)
 
-    def show(self, port: str, device: Device, seen: Seen) -> None:
+    def show(self, device: Device, seen: Seen) -> None:
         from framekit.codec.plain import PlainValues
 
-        client = _client(port, self.server.port)
-        where = {"client": client} if client else {}
-        if seen.direction == "out" and device.own is not None:
-            where["station"] = plain(device.own)
-        self.data(seen_data(seen, self.seconds(seen.at), PlainValues(device.protocol), **where))
+        is_answer = seen.direction == "out" and device.own is not None
+        station = {"station": plain(device.own)} if is_answer else {}
+        self.data(seen_data(seen, self.seconds(seen.at), PlainValues(device.protocol), **station))
 
     def summary(self) -> None:
         for one in self.server.status():

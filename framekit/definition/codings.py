@@ -31,8 +31,8 @@ class Coding:
         return EVERY_BYTE - self.never
 
     def sizes(self, plain: Sizes) -> Sizes:
-        """Bytes on the wire of so many plain ones."""
-        raise NotImplementedError
+        """Bytes on the wire of so many plain ones: each may become two, if the coding says nothing else."""
+        return Sizes(plain.least, plain.times(1, 2).most)
 
     def check(self) -> Iterator[Problem]:
         """What is wrong with it by itself."""
@@ -66,9 +66,6 @@ class Doubled(Coding):
 
     escape: int
 
-    def sizes(self, plain: Sizes) -> Sizes:
-        return Sizes(plain.least, plain.times(1, 2).most)
-
     @property
     def shown(self) -> str:
         return f"{self.escape:02X} doubled"
@@ -90,9 +87,6 @@ class Escaped(Coding):
     def escaped(self) -> frozenset[int]:
         """The bytes that are escaped."""
         return frozenset(byte for byte, _ in self.codes)
-
-    def sizes(self, plain: Sizes) -> Sizes:
-        return Sizes(plain.least, plain.times(1, 2).most)
 
     def check(self) -> Iterator[Problem]:
         if self.escape not in self.escaped:
@@ -122,8 +116,7 @@ class Cobs(Coding):
         return frozenset({0})
 
     def sizes(self, plain: Sizes) -> Sizes:
-        least = plain.least + 1 + max(plain.least - 1, 0) // 254
-        return Sizes(min(least, plain.least + 1), None if plain.most is None else plain.most + plain.most // 254 + 1)
+        return Sizes(plain.least + 1, None if plain.most is None else plain.most + plain.most // 254 + 1)
 
     @property
     def shown(self) -> str:

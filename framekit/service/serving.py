@@ -164,7 +164,14 @@ class Serving:
 
     def _shown_to(self, port: Port, number: int) -> Callable[[Seen], None] | None:
         monitor, name = self.monitor, port.name
-        return None if monitor is None else lambda seen: monitor(name, number, seen)
+        if monitor is None:
+            return None
+
+        def shown(seen: Seen) -> None:
+            seen.client = port.sender
+            monitor(name, number, seen)
+
+        return shown
 
     def _count_fault(self, number: int, seen: Seen) -> None:
         """All devices hear the same: one of them counts what was wrong with it. What a bad frame left goes with it."""
@@ -213,12 +220,6 @@ def check_line(devices: list[Device]) -> None:
         raise ValueError("several devices on one line need stations – add station to their files")
 
 
-def _told_of_client(monitor: Monitor, port: str, number: int, seen: Seen) -> None:
-    """A serving monitor for one that gets only what was seen: this says which client it was."""
-    seen.client = port.partition("://")[2]
-    monitor(seen)
-
-
 class ListeningPort(Port):
     """Listens where `channel` says. Raises ValueError for what is no address, and on a clock that is not real."""
 
@@ -243,7 +244,7 @@ class ListeningPort(Port):
         store = DeviceStore(
             device, self.clock, access=access, server=server, link=counters, load=load, counters=services
         )
-        watch = None if monitor is None else partial(_told_of_client, monitor)
+        watch = None if monitor is None else lambda port, number, seen: monitor(seen)
         self.serving = Serving([store], self.clock, channel.line, watch, limits=channel.limits)
 
     def _accept(self, port: AcceptedPort) -> None:

@@ -343,7 +343,8 @@ class _AcceptedConnection(Connection):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         host, number, *_ = transport.get_extra_info("peername") or (self.port.name, 0)
-        self.port.name = f"tcp://{bracketed(host)}:{number}"
+        self.port.sender = f"{bracketed(host)}:{number}"
+        self.port.name = f"tcp://{self.port.sender}"
         self.accepted_port.host = str(host)
         super().connection_made(transport)
         self.port.clock.turns.take(NEWCOMER, self._offer)
@@ -547,7 +548,8 @@ class SenderPort(DatagramPort, AcceptedPort):
         self.listener = listener
         self.address = address
         self.host = str(address[0])
-        self.name = f"udp://{bracketed(self.host)}:{address[1]}"
+        self.sender = f"{bracketed(self.host)}:{address[1]}"
+        self.name = f"udp://{self.sender}"
         self._waiting: list[bytes] = []
         self._is_open = False
 

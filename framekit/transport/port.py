@@ -57,7 +57,7 @@ class Port(ABC):
     is_stream = False
     """Whether what is written is only a row of bytes, without times or pieces that the other side sees."""
     sender = ""
-    """Who sent what was told last, HOST:PORT, where several can send."""
+    """Who sent what was told last, HOST:PORT, where several can be on the other side."""
     in_time = False
     """Whether its time is that of the clock's calls, however late they come: so a busy process delays no device."""
 

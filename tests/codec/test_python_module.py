@@ -105,7 +105,7 @@ def test_shipped_definitions_make_clean_modules(name: str) -> None:
     functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
     frames = [node for node in functions if node.name.startswith(("encode_", "decode_", "measure_", "diagnose_"))]
     assert all(ast.get_docstring(node) for node in frames)
-    assert all(len(line) <= 180 or '"' in line for line in source.splitlines())
+    assert all(len(line) <= 160 or '"' in line for line in source.splitlines())
     assert not any(line != line.rstrip() for line in source.splitlines())
     assert "framekit" not in "".join(line for line in source.splitlines() if "import" in line)
 

@@ -90,8 +90,8 @@ class WrapKind(SegmentKind[Wrap]):
     def diagnose(self, d: DiagnosisWriter, segment: Wrap, scope: Scope, behind: Behind) -> None:
         fixed = d.shapes.all(segment.of).fixed
         option, size = "", "None"
-        open_up = wire_coding(segment.coding).careful_text(d.module, segment.coding)
         if segment.escape is None:
+            open_up = wire_coding(segment.coding).careful_text(d.module, segment.coding)
             known = _size_on_wire(segment, fixed)
             size = "None" if known is None else d.ask(known, scope)
             option = d.behind_option(known is None, behind)

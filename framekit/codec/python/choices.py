@@ -14,6 +14,7 @@ from framekit.codec.python.expressions import constant_of
 from framekit.codec.python.source import quoted
 from framekit.definition.model.frames import StaticSizes, parts_of
 from framekit.definition.model.segments import Bits, Const, Field, FieldType, Inner, Segment
+from framekit.definition.wire_types import DIGITS
 
 Allowed = Mapping[int, frozenset[int]]
 """Place in the frame → the values its byte can have."""
@@ -89,7 +90,7 @@ def _groups(frames: tuple[str, ...], allowed: Mapping[str, Allowed], place: int)
     }
 
 
-_DIGITS = {10: frozenset(b"0123456789"), 16: frozenset(b"0123456789ABCDEFabcdef")}
+_DIGITS = {10: frozenset(b"0123456789"), 16: DIGITS}
 
 
 def fixed_bytes(segments: tuple[Segment, ...], digits: bool = False) -> Iterator[tuple[int, frozenset[int]]]:

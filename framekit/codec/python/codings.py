@@ -17,6 +17,8 @@ from framekit.definition.codings import Cobs, Coding, Doubled, Escaped, Hex, Ins
 class WireCoding(NamedTuple):
     """The names of the functions that build, read, and read with care; what each is given beside the bytes.
 
+    `careful` is empty where the kind `wrap` reads with care itself.
+
     `starts`: what stands on the wire for content that begins with some bytes, as far as these decide it.
     `brought`: the import with which the reading function comes.
     """
@@ -77,7 +79,7 @@ WIRE: Mapping[type[Coding], WireCoding] = {
     Doubled: WireCoding(
         "stuff",
         "unstuff",
-        "unstuffed",
+        "",
         lambda coding: f", {coding.escape:#04x}",
         lambda coding: f", {bytes_literal(_one(coding.escape))}, {bytes_literal(2 * _one(coding.escape))}",
         lambda coding, plain: support.stuff(plain, coding.escape),

@@ -65,10 +65,11 @@ from framekit.definition.model.segments import (
 from framekit.definition.problems import DefinitionError
 
 Placed = tuple[Segment, Scope]
+"""A segment and the scope its names belong to."""
 Waiting = tuple[str, Check, Scope]
 """A check code that covers what comes later: the mark in its place, the check, and the scope of its names."""
 Cases = list[tuple[str, tuple[Segment, ...] | None]]
-"""A segment and the scope its names belong to."""
+"""Headers of branches, each with what is there then; None where nothing may be."""
 
 
 @dataclass(slots=True)
@@ -189,8 +190,7 @@ class EncodeWriter(FunctionWriter):
     list's own. Bytes: `buffer` is the local of the whole frame; `wires` the local with the bytes of a segment, by its
     name; `parts` what checks may ask for; `plains` the local with that of something that may be absent; `late` the
     cases of choices with check codes: header, segments, scope; `postponed` the checks that wait for what comes later;
-    `gathered` the buffers that hold sums of bytes, by the
-    text of the sum.
+    `gathered` the buffers that hold sums of bytes, by the text of the sum.
     """
 
     def __init__(self, module: Module, title: str, segments: tuple[Segment, ...]) -> None:

@@ -91,7 +91,8 @@ def broken(line: str) -> list[str]:
         word = _weakest(start[3])
         if word is not None:
             first, *others = _split(start[3], word)
-            inner = [f"{start[1]}{INDENT}{first}", *(f"{start[1]}{INDENT}{word.strip()} {part}" for part in others)]
+            parts = [first, *(f"{word.strip()} {part}" for part in others)]
+            inner = [line for part in parts for line in broken(f"{start[1]}{INDENT}{part}")]
             return [f"{start[1]}{start[2]} (", *inner, f"{start[1]}):"]
     elif (logic := _LOGIC.fullmatch(line)) is not None:
         word = _weakest(logic[3])
