@@ -91,8 +91,11 @@ def broken(line: str) -> list[str]:
         word = _weakest(start[3])
         if word is not None:
             first, *others = _split(start[3], word)
-            parts = [first, *(f"{word.strip()} {part}" for part in others)]
-            inner = [line for part in parts for line in broken(f"{start[1]}{INDENT}{part}")]
+            deeper = f"{start[1]}{INDENT}"
+            inner = broken(deeper + first)
+            for part in others:
+                line, *rest = broken(deeper + part)
+                inner += [f"{deeper}{word.strip()} {line.strip()}", *rest]
             return [f"{start[1]}{start[2]} (", *inner, f"{start[1]}):"]
     elif (logic := _LOGIC.fullmatch(line)) is not None:
         word = _weakest(logic[3])
