@@ -90,19 +90,11 @@ def broken(line: str) -> list[str]:
     if (start := re.match(r"(\s*)(if|elif|while) (.*):$", line)) is not None:
         word = _weakest(start[3])
         if word is not None:
-            first, *others = _split(start[3], word)
-            deeper = f"{start[1]}{INDENT}"
-            inner = broken(deeper + first)
-            for part in others:
-                line, *rest = broken(deeper + part)
-                inner += [f"{deeper}{word.strip()} {line.strip()}", *rest]
-            return [f"{start[1]}{start[2]} (", *inner, f"{start[1]}):"]
+            return [f"{start[1]}{start[2]} (", *_joined(start[3], word, start[1]), f"{start[1]}):"]
     elif (logic := _LOGIC.fullmatch(line)) is not None:
         word = _weakest(logic[3])
         if word is not None:
-            first, *others = _split(logic[3], word)
-            inner = [f"{logic[1]}{INDENT}{first}", *(f"{logic[1]}{INDENT}{word.strip()} {part}" for part in others)]
-            return [f"{logic[1]}{logic[2]}(", *inner, f"{logic[1]}){logic[4]}"]
+            return [f"{logic[1]}{logic[2]}(", *_joined(logic[3], word, logic[1]), f"{logic[1]}){logic[4]}"]
     if (targets := re.match(r"(\s*)((?:\w+, )+\w+)( = .*)$", line)) is not None and len(targets[2]) > WIDTH // 2:
         rows = _packed(targets[2].split(", "), targets[1])
         return [f"{targets[1]}(", *rows, *broken(f"{targets[1]}){targets[3]}")]
@@ -127,6 +119,16 @@ def broken(line: str) -> list[str]:
             else:
                 inner += [one for item in row for one in broken(f"{indent}{INDENT}{item}{',' if is_tuple else ''}")]
     return [line[: opening + 1], *inner, indent + line[closing:]]
+
+
+def _joined(text: str, word: str, indent: str) -> list[str]:
+    """What an operator joins, each on lines of its own, deeper than `indent` and with the operator in front."""
+    first, *others = _split(text, word)
+    found = broken(f"{indent}{INDENT}{first}")
+    for part in others:
+        line, *rest = broken(f"{indent}{INDENT}{part}")
+        found += [f"{indent}{INDENT}{word.strip()} {line.strip()}", *rest]
+    return found
 
 
 def _weakest(text: str) -> str | None:
