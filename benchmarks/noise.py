@@ -23,6 +23,8 @@ from framekit.definition.model.protocol import Protocol
 from framekit.link.engine import Engine
 from framekit.link.frame_table import FrameTable
 from framekit.link.services.client import Client
+from framekit.transport.clock import LONGEST, MOST
+from framekit.transport.clock import PIECE as WORK
 
 PIECE = 4096
 """So many bytes come at once; of a connection that noise breaks so many come too, before there is a new one."""
@@ -78,7 +80,7 @@ class Line:
         self.link = link
         protocol, codec = compiled(link.protocol)
         self.station, own = STATIONS.get(link.protocol, (3, 1))
-        self.engine = Engine(protocol, codec, link.role, own=own)
+        self.engine = Engine(protocol, codec, link.role, own=own, monitor=lambda seen: None)
         self.client = Client(protocol, codec, self.engine)
         self.asks = link.role in ("client", "master")
         self.silence = QUIET_AGAIN if protocol.receiver.resync == "after_quiet" else 0
@@ -99,13 +101,13 @@ class Line:
                 self.engine.closed(self.now, "out of step")
                 self.engine.opened(self.now)
             if self.asks and not self.busy and not self.engine.receiver.broken:
-                self._ask()
+                self.ask()
             self.now += pause
             while (due := self.engine.deadline) <= self.now:
                 self.engine.tick(due)
             self.engine.receive(data[start : start + piece], self.now)
 
-    def _ask(self) -> None:
+    def ask(self) -> None:
         address = next(text for name, text in ADDRESSES.items() if self.link.protocol.startswith(name))
         self.busy = True
         self.client.read(address, station=self.station, now=self.now, on_done=self._over)
@@ -125,6 +127,18 @@ def seconds(link: Link, data: bytes, piece: int = PIECE) -> float:
     begin = time.process_time()
     line.hear(data, piece)
     return (time.process_time() - begin) / len(data)
+
+
+def turn(link: Link, data: bytes) -> float:
+    """The longest turn of a loop (s): as much as it takes at once of bytes that come first, behind other pieces."""
+    lines, times = [Line(link) for _ in range(5)], []
+    for line in lines:
+        if line.asks:
+            line.ask()
+        begin = time.process_time()
+        line.hear(data[: MOST - WORK])
+        times.append(time.process_time() - begin)
+    return LONGEST / 1e9 + min(times)
 
 
 def calls(link: Link, data: bytes, piece: int = PIECE) -> float:

@@ -5,11 +5,14 @@ from __future__ import annotations
 from random import Random
 
 from benchmarks.measure import quartiles
-from benchmarks.noise import PIECE, SMALL, Link, links, seconds, shipped, worst
+from benchmarks.noise import PIECE, SMALL, Link, links, seconds, shipped, turn, worst
 from benchmarks.row import Row, Target
 
-NAME = "Noise, time a byte"
-TARGET = "≤ 3 µs a byte of random noise, ≤ 6 µs of the worst that a search of a few seconds finds, also in small pieces"
+NAME = "Noise, time a byte and a turn of the loop"
+TARGET = (
+    "≤ 3 µs a byte of random noise, ≤ 6 µs of the worst that a search of a few seconds finds, also in small pieces; "
+    "a turn ≤ 10 ms"
+)
 SEARCH = 2.0
 """Seconds of search for each role and size of pieces."""
 
@@ -22,6 +25,9 @@ def run(rounds: int) -> list[Row]:
             bad = worst(link, SEARCH, piece)[1] * 20
             found.append(_row(link, f"random bytes{cut}", usual, piece, 3, rounds))
             found.append(_row(link, f"worst bytes{cut}", bad, piece, 6, rounds))
+            if piece == PIECE:
+                longest = 1000 * turn(link, bad)
+                found.append(Row(f"{link}: turn with them", "", longest, longest, longest, Target("at most", 10), "ms"))
     return found
 
 

@@ -385,22 +385,22 @@ class Start:
 
 
 class ExpectedFrames:
-    """The candidates for one pair of name lists. `starting`: what `start` has found, by the first byte.
+    """The candidates for one pair of name lists, for all receivers of a table.
+
+    `starting`: what `start` has found, by the first byte.
 
     `every`: for those as well as the others, told apart together. `starts` matches a byte that may begin a frame; None
     where any byte may; `stops` as well the symbol before a byte that belongs to it.
     """
 
     __slots__ = (
-        "_found", "_rest", "_starts", "_table", "_wanted", "every", "expected", "others", "starting", "starts", "stops"
+        "_found", "_rest", "_starts", "_table", "_wanted", "every", "starting", "starts", "stops"
     )  # fmt: skip
 
     def __init__(
         self, table: FrameTable, expected: tuple[str, ...], others: tuple[str, ...] = (), symbol: int | None = None
     ) -> None:
         self._table = table
-        self.expected = expected
-        self.others = others
         self._wanted = _on_line(table, expected)
         self._rest = _on_line(table, tuple(name for name in others if name not in expected))
         self._found: dict[int, tuple[Level, Level]] = {}
@@ -433,7 +433,7 @@ class ExpectedFrames:
     def ends(self, left: Left, byte: int) -> Ends:
         """What finds the ends of the expected candidates behind `byte`: those left, if that is sure."""
         if left.ends is None:
-            left.ends = self._table.ends(left.infos if left.sure else self.at(byte)[0])
+            left.ends = self._table.once(Ends, left.infos if left.sure else self.at(byte)[0])
         return left.ends
 
     def start(self, byte: int) -> Start:

@@ -6,11 +6,12 @@ at bytes at fixed places passes over candidates that cannot be good; what it can
 
 from __future__ import annotations
 
+import re
 from binascii import unhexlify
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import cache, partial
-from typing import Any, Literal, NamedTuple, Protocol, TypeVar
+from typing import Any, Literal, NamedTuple, Protocol, TypeVar, TypeVarTuple, Unpack
 
 from framekit.codec.checks import function_of, residue_of
 from framekit.codec.errors import FrameError, Misread
@@ -258,6 +259,10 @@ def shape_of(segments: tuple[Segment, ...]) -> Shape:
 
 Context = Mapping[str, Any]
 Made = TypeVar("Made")
+Of = TypeVarTuple("Of")
+
+MOST_KEPT = 4096
+"""So much of what receivers ask for is kept; which frames are expected together depends on what happens."""
 
 
 class ProtocolCodec(Protocol):
@@ -297,7 +302,7 @@ class FrameTable:
 
     def __init__(self, protocol: model.Protocol, codec: ProtocolCodec) -> None:
         self.codec = codec
-        self._ends: dict[tuple[FrameInfo, ...], Ends] = {}
+        self._kept: dict[tuple[Any, ...], Any] = {}
         self.infos = {name: FrameInfo(frame, codec.frames[name]) for name, frame in protocol.frames.items()}
         every = (segment for frame in protocol.frames.values() for segment in everything(frame.segments))
         inner = {name for segment in every if isinstance(segment, Inner) for name in segment.frames}
@@ -313,11 +318,13 @@ class FrameTable:
         outer = [info for info in self.infos.values() if info.on_line and info.frame.side != "none"]
         self.on_line = tuple(info.name for info in sorted(outer, key=lambda info: info.refuse is not None))
 
-    def ends(self, infos: tuple[FrameInfo, ...]) -> Ends:
-        """What finds the ends of these candidates; made once for all receivers."""
-        found = self._ends.get(infos)
+    def once(self, make: Callable[[Unpack[Of]], Made], *of: *Of) -> Made:
+        """What is made of these, once for all receivers."""
+        found: Made | None = self._kept.get((make, *of))
         if found is None:
-            found = self._ends[infos] = Ends(infos)
+            if len(self._kept) >= MOST_KEPT:
+                self._kept.clear()
+            found = self._kept[make, *of] = make(*of)
         return found
 
     def received(self, name: str, fields: dict[str, Any], raw: bytes | None, refusal: int | None) -> FrameValue:
@@ -606,13 +613,23 @@ def intact_of(frame: Frame) -> Intact | None:
     if check is None or not restricted:
         return check
 
+    end, fits = restricted[-1][0] + 1, _fitting(restricted).match
+
     def intact(raw: bytes | bytearray) -> bool:
-        for place, allowed in restricted:
-            if place < len(raw) and raw[place] not in allowed:
-                return False
-        return check(raw)
+        if len(raw) >= end:
+            return fits(raw) is not None and check(raw)
+        return all(place >= len(raw) or raw[place] in allowed for place, allowed in restricted) and check(raw)
 
     return intact
+
+
+def _fitting(restricted: Iterable[tuple[int, frozenset[int]]]) -> re.Pattern[bytes]:
+    """Matches bytes that are among those allowed at each place; places are in order."""
+    pattern, end = b"", 0
+    for place, allowed in restricted:
+        one = b"[" + re.escape(bytes(sorted(allowed))) + b"]" if allowed else rb"[^\x00-\xff]"
+        pattern, end = pattern + b".{%d}" % (place - end) + one, place + 1
+    return re.compile(pattern, re.DOTALL)
 
 
 def are_bad(infos: Sequence[FrameInfo], raw: bytes | bytearray, names: Names) -> bool:

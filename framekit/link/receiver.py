@@ -32,7 +32,7 @@ from framekit.link.frame_table import FrameInfo, FrameTable, ProtocolCodec, any_
 from framekit.link.inside import InsideFinder
 from framekit.link.stream import LONGEST, NoiseRun, Pauses, Stream, scope_of
 
-MOST_BAD, BAD_TIME, BAD_APART = 16, 10_000_000, 256
+MOST_BAD, BAD_TIME, BAD_APART = 8, 10_000_000, 256
 """Of bad frames without a good one between them so many are told in a row, then one for each such time (ns).
 
 Of those that come faster, one is told for so many bytes; what is between is what a bad frame left.
@@ -86,7 +86,7 @@ class Receiver:
         self._candidates = Candidates(self.stream, names, codec.QUIET, codec.LOST, trouble)
         inside = InsideFinder(self.table, names, codec.LOST)
         self._inside = inside if inside else None
-        self._known: dict[tuple[tuple[str, ...], tuple[str, ...]], ExpectedFrames] = {}
+        self._wanted: tuple[tuple[str, ...], tuple[str, ...]] = (), ()
         self._expected = self._expect((), ())
         self._all: list[Arrival] | None = None
         self._now = 0
@@ -244,7 +244,7 @@ class Receiver:
         self.waiting = ()
         self._all = found if is_all else None
         frames, stream, candidates = self._expected, self.stream, self._candidates
-        if frames.expected is not expected or frames.others is not others:
+        if self._wanted[0] is not expected or self._wanted[1] is not others:
             frames = self._expect(expected, others)
         if candidates.said and self._scope is not None and self._scope.version != self._version:
             candidates.forget()
@@ -271,14 +271,10 @@ class Receiver:
             self._version = self._scope.version
 
     def _expect(self, expected: tuple[str, ...], others: tuple[str, ...]) -> ExpectedFrames:
-        """What is prepared for these names; it keeps these very tuples, so that the next call knows them at once."""
-        frames = self._known.get((expected, others))
-        if frames is None:
-            frames = ExpectedFrames(self.table, expected, others, self._rules.symbols)
-            self._known[expected, others] = frames
-        frames.expected, frames.others = expected, others
-        self._expected = frames
-        return frames
+        """What is prepared for these names; the very tuples are kept, so that the next call knows them at once."""
+        self._wanted = expected, others
+        self._expected = self.table.once(ExpectedFrames, self.table, expected, others, self._rules.symbols)
+        return self._expected
 
     def _is_plain(self) -> bool:
         """Whether only the bytes themselves count: no long pause, damaged character or frame taken out."""

@@ -314,10 +314,11 @@ class Reception:
     def _bad(self, bad: BadFrame) -> None:
         self._told.bad(bad)
         self.counters.bad += 1
-        self.machine.show(
-            "bad", "in", bad.raw, bad.frame,
-            reason=bad.cause, started_at=bad.started_at, segment=bad.segment, place=bad.place,
-        )  # fmt: skip
+        if self.machine.is_watched:  # to find out what is wrong takes work
+            self.machine.show(
+                "bad", "in", bad.raw, bad.frame,
+                reason=bad.cause, started_at=bad.started_at, segment=bad.segment, place=bad.place,
+            )  # fmt: skip
         on_bad = self.on_bad
         if not self.cutting and not self.dispatcher.bad(bad) and on_bad is not None:
             self.machine.callbacks.append(lambda: on_bad(bad))

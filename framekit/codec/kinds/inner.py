@@ -167,11 +167,12 @@ def _first_that_fits(r: BufferReader, inner: Inner, local: str, choice: str, raw
         region = function.names.fresh(f"{inner.name}_bytes")
         function.add(f"{region} = {raw}")
         raw = region
-    one, tree = function.names.fresh("one"), tree_of(r.shapes, in_order(r.shapes, inner.frames))
+    one, misfit = function.names.fresh("one"), function.names.fresh("misfit")
+    tree = tree_of(r.shapes, in_order(r.shapes, inner.frames))
     at = tree.at if isinstance(tree, Switch) else 0
     anyway = f"{decode}({choice}, {raw}, ctx)"
     with function.out.block("try:"):
         function.add(f"{one} = {choice}.likely[{raw}[{at}]]")
         function.add(f"{local} = {anyway} if {one} is None else {{{one}[0]: {one}[1]({raw}, ctx)}}")
-    with function.out.block("except MISFITS:"):
-        function.add(f"{local} = {anyway}")
+    with function.out.block(f"except MISFITS as {misfit}:"):
+        function.add(f"{local} = {decode}({choice}, {raw}, ctx, {misfit})")

@@ -275,11 +275,18 @@ def fused_readers(choice: Choice, readers: dict[str, Any]) -> list[Any]:
     return [None if one is None else readers.get(one[0]) for one in choice.likely]
 
 
-def decode_first(choice: Choice, data: bytes, ctx: Context) -> dict[str, Any]:
-    """The first frame that fits, as `{name: fields}`. Raises FrameError if that frame is to be refused."""
+def decode_first(choice: Choice, data: bytes, ctx: Context, misfit: Exception | None = None) -> dict[str, Any]:
+    """The first frame that fits, as `{name: fields}`. Raises FrameError if that frame is to be refused.
+
+    `misfit`: what the likely frame has said, if that was read already.
+    """
     found: Any = choice
     while type(found) is Choice:
         found = found.readers[data[found.at]] if found.at < len(data) else found.absent
+    if isinstance(misfit, FrameError):
+        if misfit.refuse is not None:
+            raise misfit
+        found = found[1:]
     for name, decode in found:
         try:
             return {name: decode(data, ctx)}

@@ -259,6 +259,11 @@ class Machine:
 
     # ---- showing ------------------------------------------------------------------------------------------
 
+    @property
+    def is_watched(self) -> bool:
+        """Whether faults are shown to anybody."""
+        return self.on_fault is not None or self.monitor is not None
+
     def show(self, kind: Any, direction: Any = "", raw: bytes = b"", frame: str = "", **more: Any) -> None:
         on_fault = None if kind == "frame" else self.on_fault
         if on_fault is None and self.monitor is None:
