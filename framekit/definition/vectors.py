@@ -293,6 +293,13 @@ BESIDE_SERVICES = (
 """Keys of `do` that are no service: what goes with one, and what is done instead of one."""
 
 
+def role_of(conversation: Conversation, protocol: Protocol) -> str | None:
+    """The role it plays. Without `role:` that of a client where it has `do:`, else that of a server."""
+    if conversation.role is not None:
+        return conversation.role
+    return protocol.serving_role if conversation.do is None else protocol.asking_role
+
+
 def check_vectors(vectors: Vectors, protocol: Protocol) -> list[Problem]:
     """Everything in the cases that names what the protocol does not have."""
     found: list[Problem] = []
@@ -355,6 +362,19 @@ def _conversation(conversation: Conversation, protocol: Protocol) -> Iterator[Pr
     yield from case.unknown("result", conversation.result.state, {*protocol.state, *protocol.params}, "variable")
     if conversation.do is not None:
         yield from _asked(case, conversation.do, protocol)
+        yield from _cannot_ask(case, conversation, protocol)
+
+
+def _cannot_ask(case: _CaseCheck, conversation: Conversation, protocol: Protocol) -> Iterator[Problem]:
+    """`do` of a role that begins no exchanges; a frame alone can be sent by every role."""
+    role = protocol.roles.get(role_of(conversation, protocol) or "")
+    if role is None or role.exchanges or "send" in (conversation.do or {}):
+        return
+    asking = protocol.asking_role
+    what = f"role '{role.name}' begins no exchanges, and 'do' asks it to"
+    able = asking is not None and bool(protocol.roles[asking].exchanges)
+    todo = f"write role: {asking}" if able else "leave 'do' out, and write what this role receives and sends"
+    yield Problem(case.places.get("role") or case.places.get("do", case.at), what, todo)
 
 
 def _asked(case: _CaseCheck, do: MappingOf[str, Any], protocol: Protocol) -> Iterator[Problem]:

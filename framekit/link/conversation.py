@@ -12,7 +12,7 @@ from framekit.codec.shown import code_text, explain
 from framekit.definition.load.reader import parse_number
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER, LineFormat, parse_format, readable_time
-from framekit.definition.vectors import Conversation, FrameVector, ScriptLine
+from framekit.definition.vectors import Conversation, FrameVector, ScriptLine, role_of
 from framekit.link.arrivals import Arrival, BadFrame, FrameArrived
 from framekit.link.engine import Engine
 from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
@@ -290,7 +290,7 @@ class _Player:
         self.now = 0
         self.side = make_side(case, protocol, codec)
         self.engine = Engine(
-            protocol, codec, case.role, params=case.params, line=line, own=station_of(protocol, case.own),
+            protocol, codec, role_of(case, protocol), params=case.params, line=line, own=station_of(protocol, case.own),
             server=self.side.server, memory=self.side.memory, monitor=self.side.monitor,
         )  # fmt: skip
         self.engine.machine.on_fault = self._seen

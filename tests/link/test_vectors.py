@@ -12,7 +12,7 @@ from framekit.api.vectors import make_side
 from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol
 from framekit.definition.problems import DefinitionError
-from framekit.definition.vectors import Vectors, parse_wire
+from framekit.definition.vectors import Vectors, check_vectors, parse_wire
 from framekit.link.conversation import SideUnderTest, run_conversation, run_frame_vector
 from tests.shipped import load_vectors
 
@@ -177,6 +177,53 @@ def test_conversations(tmp_path: Path, script: list[str], more: str, words: str)
     (case,) = read(tmp_path, text).conversations
     problems = run_conversation(case, protocol, codec, make_side)
     assert problems == [] if not words else len(problems) >= 1 and words in problems[0], problems
+
+
+ROLES = """
+protocol: roles
+extends: standard
+groups:
+  request: {from: client, head: [{const: 01}, {field: x, type: u8}]}
+frames:
+  ask: {group: request}
+  got: {from: server, body: [{const: 02}, {field: x, type: u8}]}
+services:
+  fetch:
+    - {request: {ask: {x: 5}}, reply: {got: {x: 6}}, gives: {x: reply.x}}
+"""
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        "{name: c, do: {fetch: {}}, script: [{send: 01 05}, {receive: 02 06}], result: {values: {x: 6}}}",
+        "{name: c, script: [{receive: 01 05}, {send: 02 06}]}",
+        "{name: c, do: {send: {ask: {x: 7}}}, script: [{send: 01 07}]}",
+        "{name: c, role: server, do: {send: {got: {x: 7}}}, script: [{send: 02 07}]}",
+    ],
+)
+def test_a_conversation_without_a_role_is_that_of_a_client_where_it_does_something_else_of_a_server(
+    tmp_path: Path, case: str
+) -> None:
+    protocol, codec = compiled(ROLES)
+    vectors = read(tmp_path, f"vectors: roles\nconversations:\n  - {case}\n")
+    assert check_vectors(vectors, protocol) == []
+    assert run_conversation(vectors.conversations[0], protocol, codec, make_side) == []
+
+
+@pytest.mark.parametrize(
+    ("case", "says"),
+    [
+        ("{name: c, role: server, do: {fetch: {}}, script: []}", "3:21: role 'server' begins no exchanges, and 'do' asks it to"
+         " – write role: client"),
+        ("{name: c, role: server, do: {exchange: {ask: {x: 5}}}, script: []}", "3:21: role 'server' begins no exchanges"),
+    ],
+)  # fmt: skip
+def test_a_role_that_begins_no_exchanges_is_told_where_it_is_asked_to(tmp_path: Path, case: str, says: str) -> None:
+    protocol, _ = compiled(ROLES)
+    vectors = read(tmp_path, f"vectors: roles\nconversations:\n  - {case}\n")
+    (problem,) = check_vectors(vectors, protocol)
+    assert says in str(problem)
 
 
 CALLED = """
