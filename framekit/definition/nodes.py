@@ -475,7 +475,7 @@ def without_cuts(node: Node) -> Cuts:
 
 def is_cut(problem: Problem) -> bool:
     """Whether a problem is one of those that are noted here."""
-    return problem.what.endswith(" was cut at a comma")
+    return problem.what.endswith((" was cut at a comma", " has no value"))
 
 
 def looks_cut(text: str) -> bool:

@@ -295,11 +295,11 @@ class Messages:
         kinds = " or ".join(_SHAPES[name][0] for name in names)
         what = f"{self._subject(path)} must be {kinds}, not {_shape_of(node)}"
         if "scalar" not in names:
-            return self._value(path, what, _without_space(node) or _SHAPES[names[0]][1])
+            return self._value(path, what, _without_space(node) or schema.get("x-write", _SHAPES[names[0]][1]))
         expected = schema.get("x-expected", "one value")
         if names == ["scalar"] and not isinstance(node, Scalar) and node.flow:
             todo = QUOTE_EXPRESSION if "expression" in expected else "put it in quotes if the brackets belong to it"
-            return self._value(path, what, todo)
+            return self._value(path, what, schema.get("x-write", todo))
         return self._value(path, what, f"write {expected}")
 
     def _one_of(self, error: Any, path: Path) -> Iterator[_Complaint]:
@@ -340,13 +340,14 @@ class Messages:
         yield self._value(path, f"{self._subject(path)} is empty", "write some characters, or leave it out")
 
     def _few(self, error: Any, path: Path) -> Iterator[_Complaint]:
-        yield self._value(path, f"{self._subject(path)} is empty", "write at least one entry")
+        todo = error.schema.get("x-write", "write at least one entry")
+        yield self._value(path, f"{self._subject(path)} is empty", todo)
 
     def _many(self, error: Any, path: Path) -> Iterator[_Complaint]:
         keys = list(error.instance)
         at = self.places.key(path, keys[error.validator_value])
         what = f"{self._subject(path)} has more than one entry: {', '.join(keys)}"
-        yield _Complaint(path, "value", Problem(at, what, "keep one"))
+        yield _Complaint(path, "value", Problem(at, what, error.schema.get("x-write", "keep one")))
 
 
 _WORDS: dict[str, Callable[[Messages, Any, Path], Iterator[_Complaint]]] = {

@@ -483,7 +483,8 @@ SECTIONS = [
     ),
     (
         "services: {read: [{request: {a: {}, b: {}}}]}",
-        "37: 'request' of row 1 of service 'read' has more than one entry: a, b – keep one",
+        "37: 'request' of row 1 of service 'read' has more than one entry: a, b – "
+        "write the name of one frame with its values, {NAME: {field: value}}",
     ),
     (
         "roles: {a: {lanes: {main: {exchang: x}}}}",

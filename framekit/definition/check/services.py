@@ -759,10 +759,10 @@ def _errors(protocol: Protocol, broken: Collection[str]) -> Iterator[Problem]:
     errors = protocol.errors
     if errors is None:
         return
-    for name in dict.fromkeys(names.table for names in errors.names):
+    for name, at in {names.table: names.at for names in errors.names}.items():
         if name not in protocol.tables and name not in broken:
             hint = did_you_mean(name, protocol.tables) or "add it to tables:"
-            yield Problem(errors.at, f"there is no table '{name}'", hint)
+            yield Problem(at, f"there is no table '{name}'", hint)
         for key in _texts_for_numbers(protocol, name):
             what = f"'{key}' in the table '{name}' is no number, and the code of an error is one"
             yield Problem(protocol.tables[name].at, what, "write the number of the code")

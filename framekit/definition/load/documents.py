@@ -130,7 +130,8 @@ class Documents:
     def _near(self, text: str, beside: Path) -> str:
         folders = (beside.parent, shipped_folder("frames"))
         known = {file.stem for folder in folders for file in folder.glob("*.yaml") if "." not in file.stem}
-        return did_you_mean(text, known) or f"put {text}.yaml beside {beside.name}"
+        name = text.removesuffix(".yml").removesuffix(".yaml")
+        return did_you_mean(name, known) or f"put {name}.yaml beside {beside.name}"
 
     def source(self, path: Path, named: Position | None = None) -> SourceText:
         """The definition in `path` with everything it extends and uses; `named`: where it was asked for.

@@ -6,7 +6,7 @@ segments there are, and how each is read, stands in `definition/kinds`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +16,7 @@ from framekit.definition.kinds.base import KINDS, Segment, Segments, fixed_size
 from framekit.definition.load.namespace import Namespace, Owned
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.frames import Frame, Group, Side, change_all, field_names, flat, leaves
-from framekit.definition.problems import Position, did_you_mean
+from framekit.definition.problems import Position, did_you_mean, plural
 from framekit.definition.tree import Mapping, Node, Scalar, Sequence
 
 MOST_SEGMENTS = 4000
@@ -190,8 +190,37 @@ def apply_where(reader: Reader, parts: Parts, wheres: dict[str, Where], frame: S
 # ---- segments that name others ------------------------------------------------------------------------------
 
 
-def resolve_references(reader: Reader, parts: Parts, aliases: dict[str, tuple[str, ...]]) -> Parts:
-    """The segments with named includes, `body` and bit names written out; names that are not there are noted."""
+class MissingSegments:
+    """Names of segments that are not there. What a group says is told once for all of its frames."""
+
+    def __init__(self, reader: Reader) -> None:
+        self.reader = reader
+        self.told: set[tuple[Position, str]] = set()
+        self.found: dict[tuple[Position, str], dict[str, set[str]]] = {}
+
+    def add(self, at: Position, name: str, whose: str, known: Iterable[str]) -> None:
+        """`whose`: what lacks the segment, such as `frame 'A'`. `known`: the names that it has."""
+        self.found.setdefault((at, name), {})[whose] = {one for one in known if not one.startswith("_")}
+
+    def tell(self) -> None:
+        """Notes what was found since the last time, each place once."""
+        for (at, name), known in self.found.items():
+            if (at, name) not in self.told:
+                first, *others = known
+                more = f" and {plural(len(others), 'other')}" if others else ""
+                what = f"{first}{more} {'have' if others else 'has'} no segment '{name}'"
+                self.reader.note(at, what, did_you_mean(name, set.intersection(*known.values())))
+        self.told.update(self.found)
+        self.found.clear()
+
+
+def resolve_references(
+    parts: Parts, aliases: dict[str, tuple[str, ...]], whose: str, missing: MissingSegments
+) -> Parts:
+    """The segments with named includes, `body` and bit names written out; names that are not there are noted.
+
+    `whose`: what the segments are of, such as `frame 'A'`.
+    """
     head, body, tail = parts
     names = {segment.name: segment for segment in flat(head + body + tail) if segment.name}
     meant = dict(aliases)
@@ -199,7 +228,7 @@ def resolve_references(reader: Reader, parts: Parts, aliases: dict[str, tuple[st
         meant.setdefault("body", tuple(segment.name for segment in body if segment.name))
     for segment in names.values():
         meant |= {name: (segment.name or "",) for name in segment.value_names if name != segment.name}
-    resolver = _Resolver(reader, names, meant)
+    resolver = _Resolver(names, meant, whose, missing)
     head, body, tail = (change_all(part, lambda one: one.resolved(resolver)) for part in parts)
     return head, body, tail
 
@@ -207,14 +236,18 @@ def resolve_references(reader: Reader, parts: Parts, aliases: dict[str, tuple[st
 class _Resolver:
     """What names mean in one frame or record. `meant`: names that stand for others."""
 
-    def __init__(self, reader: Reader, names: dict[str, Segment], meant: dict[str, tuple[str, ...]]) -> None:
-        self.reader = reader
+    def __init__(
+        self, names: dict[str, Segment], meant: dict[str, tuple[str, ...]], whose: str, missing: MissingSegments
+    ) -> None:
+        self.reader = missing.reader
         self.names = names
         self.meant = meant
+        self.whose = whose
+        self.missing = missing
 
     def inside(self, segments: Segments) -> Segments:
         """The segments of a record inside, where names stand for the same."""
-        return resolve_references(self.reader, ((), segments, ()), dict(self.meant))[1]
+        return resolve_references(((), segments, ()), dict(self.meant), self.whose, self.missing)[1]
 
     def written_out(self, names: tuple[str, ...], at: Position) -> tuple[str, ...]:
         """The segments on the wire that names stand for."""
@@ -222,8 +255,7 @@ class _Resolver:
         for name in names:
             meant = [name] if name in self.names else self.meant.get(name)
             if meant is None:
-                known = [known for known in [*self.names, *self.meant] if not known.startswith("_")]
-                self.reader.note(at, f"there is no segment '{name}' in this frame", did_you_mean(name, known))
+                self.missing.add(at, name, self.whose, [*self.names, *self.meant])
                 continue
             on_wire = [one for one in meant if one not in self.names or any(leaves((self.names[one],)))]
             if not on_wire:
@@ -282,6 +314,7 @@ class FrameLoader:
         self.outlines: dict[str, Outline] = {}
         self.groups: dict[str, tuple[Namespace, Owned]] = {}
         self.frames: dict[str, Frame] = {}
+        self.missing = MissingSegments(self.reader)
         self._outline(space, inner_only=False)
 
     # ---- names first --------------------------------------------------------------------------------------
@@ -364,6 +397,7 @@ class FrameLoader:
                 tried.add(outline.name)
                 with self.reader.going_on():
                     self.frames[outline.name] = self._frame(outline)
+        self.missing.tell()
         return self.frames
 
     def load_groups(self) -> dict[str, Group]:
@@ -416,7 +450,8 @@ class FrameLoader:
         if loader.spoilt or outline.lacks_group:
             raise Broken(outline.name)
         parts = apply_where(reader, (head, body, tail), self._where(outline, own), outline.owned.entry.key)
-        head, body, tail = in_order(*resolve_references(reader, parts, loader.aliases))
+        whose = f"frame '{outline.name}'"
+        head, body, tail = in_order(*resolve_references(parts, loader.aliases, whose, self.missing))
         fill = keys.get("fill")
         return Frame(
             name=outline.name,

@@ -56,11 +56,16 @@ class ValueLoader:
 
     def frame_of(self, node: Node | None) -> FrameOf:
         """`{frame: {…}}` where a frame must stand. Raises Broken."""
+        return self._frame(self.only_entry(node))
+
+    def only_entry(self, node: Node | None) -> Entry:
+        """The one entry of a mapping. Raises Broken for another number, at the place where a schema tells it."""
         mapping = self.reader.mapping(node)
         entries = mapping.read_all()
         if len(entries) != 1:
-            raise self.reader.broken(mapping.at, "exactly one frame is wanted here", "write {frame: {field: value}}")
-        return self._frame(entries[0])
+            at = entries[1].key.at if entries else mapping.at
+            raise self.reader.broken(at, "exactly one entry is wanted here", "write {NAME: {name: value}}")
+        return entries[0]
 
     def _frame(self, entry: Entry) -> FrameOf:
         name = entry.key.text
@@ -205,12 +210,7 @@ class ProcedureLoader:
 
     def ask(self, node: Node) -> FrameOf:
         """`{service: {argument: value}}`: the service's name stands where a constructor has its frame."""
-        mapping = self.reader.mapping(node)
-        if len(mapping.read_all()) != 1:
-            raise self.reader.broken(
-                mapping.at, "ask runs exactly one service", "write ask: {service: {argument: value}}"
-            )
-        entry = mapping.entries[0]
+        entry = self.values.only_entry(node)
         return FrameOf(entry.key.text, self.values.fields(entry.value), entry.key.at)
 
     # ---- sequences ----------------------------------------------------------------------------------------

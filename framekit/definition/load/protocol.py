@@ -233,7 +233,9 @@ class ProtocolLoader:
                 loader = SegmentLoader(self.space, self.frames.find)
                 segments = loader.layout(Scalar(name, at, False))
                 if name in wanted:
-                    segments = resolve_references(self.reader, ((), segments, ()), loader.aliases)[1]
+                    whose, missing = f"layout '{name}'", self.frames.missing
+                    segments = resolve_references(((), segments, ()), loader.aliases, whose, missing)[1]
+                    missing.tell()
                 found[name] = Layout(name=name, segments=segments, at=at)
                 if loader.spoilt:
                     self.broken_layouts.add(name)

@@ -169,6 +169,12 @@ CALLS: dict[str, Any] = {
     },
 }
 _SESSION_WORDS = "new opens the session, end closes it; session variables return to their start values."
+ONE_SERVICE = {
+    "type": "object",
+    "minProperties": 1,
+    "maxProperties": 1,
+    "x-write": "write the name of one service with its arguments, {NAME: {argument: value}}",
+}
 _URGENT = "The other side waits for the step's frame: it goes out although late replies may still come."
 PARTS = mapping_of(
     Parts,
@@ -205,7 +211,7 @@ class Step:
     call: CallOf | None = keys(CALLS, lambda r: r.loader.call(r.keys), default=None)
     ask: FrameOf | None = key(
         "ask",
-        Form(here("constructor"), lambda r, node: r.loader.ask(node)),
+        Form(ONE_SERVICE, lambda r, node: r.loader.ask(node)),
         "Runs a service of this protocol here, {service: {argument: value}}.",
         default=None,
     )

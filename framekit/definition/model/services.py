@@ -461,6 +461,7 @@ class ServiceRow:
 class NameTable:
     """A table with names of codes, and when it counts: always without `when`."""
 
+    at: Position
     table: str
     when: Expression | None = None
 
@@ -470,9 +471,9 @@ def _name_tables(reading: KeyReading, node: Node) -> tuple[NameTable, ...]:
     reader = reading.reader
     given = [item if isinstance(item, Scalar) else reader.mapping(item) for item in reader.items(node)]
     return tuple(
-        NameTable(one.text)
+        NameTable(one.at, one.text)
         if isinstance(one, Scalar)
-        else NameTable(reader.text(one.get("table")), reader.expression(one.get("when")))
+        else NameTable(one.at, reader.text(one.get("table")), reader.expression(one.get("when")))
         for one in given
     )
 
