@@ -60,7 +60,6 @@ from framekit.definition.model.segments import (
     Repeat,
     Segment,
     Value,
-    Wrap,
 )
 from framekit.definition.problems import DefinitionError
 
@@ -297,10 +296,8 @@ class EncodeWriter(FunctionWriter):
 
     def size_by_length(self, segment: Segment) -> Expression | None:
         """The size of a segment that is nothing but a length that counts it: then it is as long as what is given."""
-        size = segment.size_expression if isinstance(segment, Field | Data | Wrap) else None
         lengths = (one for one in self.by_name.values() if isinstance(one, Length))
-        follows = isinstance(size, Expression) and any(follows_its_length(one, segment) for one in lengths)
-        return size if follows and isinstance(size, Expression) else None
+        return segment.size_expression if any(follows_its_length(one, segment) for one in lengths) else None
 
     def fills_up(self, item: Data | Field) -> bool:
         """Whether a value that is too short is filled up to a size that others tell."""

@@ -29,7 +29,6 @@ from framekit.definition.model.segments import (
     Check,
     Const,
     Count,
-    Data,
     Field,
     FieldType,
     Inner,
@@ -37,7 +36,6 @@ from framekit.definition.model.segments import (
     Repeat,
     Segment,
     Value,
-    Wrap,
 )
 
 Pairs = tuple[tuple[Segment, Scope], ...]
@@ -582,14 +580,8 @@ def needed_names(segments: tuple[Segment, ...], before: tuple[Segment, ...] = ()
 
 def size_expressions(segment: Segment) -> list[Expression]:
     """What decides about the size of a segment."""
-    found: list[object] = [segment.when, segment.chooses_by]
-    match segment:
-        case Data(size=size) | Inner(size=size) | Wrap(size=size):
-            found.append(size)
-        case Field(type=type_) | Bits(type=type_) | Length(type=type_) | Count(type=type_):
-            found.append(type_.size)
-        case Repeat(times=times):
-            found.append(times)
+    times = segment.times if isinstance(segment, Repeat) else None
+    found = (segment.when, segment.chooses_by, segment.size_expression, times)
     return [expression for expression in found if isinstance(expression, Expression)]
 
 
