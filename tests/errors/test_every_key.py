@@ -1,8 +1,12 @@
-"""Every key of rich files with every kind of wrong value: what is wrong is told as problems, never as a traceback."""
+"""Every key of rich files with wrong values: what is wrong is told as problems, never as a traceback.
+
+The long test gives each key two or three of the twelve kinds of values; `FRAMEKIT_EVERY=1` gives each key all of them.
+"""
 
 from __future__ import annotations
 
 import copy
+import os
 import shutil
 from pathlib import Path
 from typing import Any
@@ -18,6 +22,8 @@ FILES = ["oven.yaml", "oven.device.yaml", "plant.run.yaml"]
 WRONG: list[Any] = [[], {}, None, "", "-1", "nothing", "99999999", ["x"], {"x": "y"}, "1.5", [[]], "0"]
 EVERY = 151
 """The short test tries one in so many; prime, so that every kind of value has its turn."""
+LONG = int(os.environ.get("FRAMEKIT_EVERY", "5"))
+"""As many the long test."""
 
 
 def trees(name: str) -> Any:
@@ -25,7 +31,7 @@ def trees(name: str) -> Any:
 
 
 @pytest.mark.parametrize("name", FILES)
-@pytest.mark.parametrize("every", [EVERY, pytest.param(1, marks=pytest.mark.long)])
+@pytest.mark.parametrize("every", [EVERY, pytest.param(LONG, marks=pytest.mark.long)])
 def test_a_wrong_value_is_a_problem(name: str, every: int, tmp_path: Path) -> None:
     shutil.copytree(RICH, tmp_path, dirs_exist_ok=True)
     tree, file = trees(name), tmp_path / name
