@@ -20,7 +20,7 @@ from framekit.definition.tree import Mapping, Node, Sequence
 
 T = TypeVar("T")
 Schema = MappingOf[str, Any]
-ValueKind = Literal["number", "time", "text", "bytes", "list", "frame", "table", "any"]
+ValueKind = Literal["number", "time", "text", "bytes", "list", "record", "frame", "table", "any"]
 """What a value is, for expressions."""
 
 

@@ -72,6 +72,30 @@ FOUND: dict[str, tuple[str, dict[str, Any], str]] = {
         {"k": 0},
         "00",
     ),
+    "a condition on a record in an item": (
+        "[{repeat: xs, times: 2, of: [{include: hop, as: h}]}, {field: b, type: u8, when: 'xs[0].h.a'}, {const: 7E}]",
+        {"xs": [{"h": {"a": 1}}, {"h": {"a": 0}}], "b": 5},
+        "01 00 05 7E",
+    ),
+    "a condition on a record in an item that may be without it": (
+        "[{field: k, type: u8}, {repeat: xs, times: 2, of: [{field: f, type: u8}, {include: hop, as: h, when: f}]},"
+        " {field: b, type: u8, when: 'xs[0].h.a == 3'}, {const: 7E}]",
+        {"k": 1, "xs": [{"f": 1, "h": {"a": 3}}, {"f": 0}], "b": 5},
+        "01 01 03 00 05 7E",
+    ),
+    "a condition on what a case of an item holds": (
+        "[{repeat: xs, times: 2, of: [{field: f, type: u8},"
+        " {choose: f, cases: {1: [{field: a, type: u8}]}, else: []}]}, {field: b, type: u8, when: 'xs[0].a == 3'},"
+        " {const: 7E}]",
+        {"xs": [{"f": 1, "a": 3}, {"f": 0}], "b": 5},
+        "01 03 00 05 7E",
+    ),
+    "a condition on a record in a wrap in a case": (
+        "[{field: k, type: u8}, {choose: k, cases: {1: [{wrap: hex, of: [{include: hop, as: h}]}]}, else: []},"
+        " {field: b, type: u8, when: h.a == 1}, {const: 7E}]",
+        {"k": 2},
+        "02 7E",
+    ),
     "a length of computed size": (
         "[{field: s, type: u8}, {length: n, type: uint, size: s, of: [d]}, {data: d, size: n}]",
         {"s": 2, "d": b"abc"},

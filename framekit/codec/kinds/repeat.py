@@ -368,7 +368,7 @@ def _measure_records(m: MeasureWriter, repeat: Repeat, of: Segments, scope: Scop
     needed = m.needed
     if found is not None:
         inside.entries[repeat.name] = NameEntry(found, "list", inside)  # the items before this one
-        m.needed = needed | names_read(of) | {name for one in of for name in one.value_names}
+        m.needed = needed | names_read(of) | _names_in_items(of)
     with m.out.block(f"for {left} in range({times}, 0, -1):"):
         total = " + ".join([*([f"{least} * {left}"] if least else []), *([str(behind)] if behind else [])])
         if least:
@@ -386,10 +386,28 @@ def _measure_records(m: MeasureWriter, repeat: Repeat, of: Segments, scope: Scop
             with m.out.block(f"if at == {before}:"):
                 m.add("return LOST")
         if found is not None:
-            fields = ", ".join(
-                f"{quoted(name)}: {entry.text}" for name, entry in inside.entries.items() if entry.text != found
-            )
-            m.add(f"{found}.append({{{fields}}})")
+            m.add(f"{found}.append({_item_text(inside, found)})")
     m.needed = needed
     if found is not None:
+        inside.close()
         scope.entries[repeat.name] = NameEntry(found, "list", inside)
+
+
+def _names_in_items(segments: Segments) -> set[str]:
+    """The names of values in an item, also of those in records."""
+    found = set[str]()
+    for one in flat(segments):
+        found.update(one.value_names)
+        if one.is_record:
+            found |= _names_in_items(one.members)
+    return found
+
+
+def _item_text(scope: Scope, found: str = "") -> str:
+    """Source of an item, or of a record in it, without the list `found` itself."""
+    texts = {
+        name: _item_text(entry.inside) if entry.direct and entry.inside is not None else entry.text
+        for name, entry in scope.entries.items()
+        if entry.text != found
+    }
+    return f"{{{', '.join(f'{quoted(name)}: {text}' for name, text in texts.items())}}}"

@@ -1036,7 +1036,7 @@ class EncodeWriter(FunctionWriter):
         found: dict[str, str] = {}
         for one in flat((segment,)):
             for name in one.value_names:
-                if name in self.read_names and name not in found:
+                if name in self.read_names | self.fields_read and name not in found:
                     found[name] = self.names.fresh(name)
                     scope.entries[name] = NameEntry(found[name])
                     self.add(f"{found[name]} = None")

@@ -36,6 +36,7 @@ from framekit.definition.model.segments import (
     Repeat,
     Segment,
     Value,
+    Wrap,
 )
 
 Pairs = tuple[tuple[Segment, Scope], ...]
@@ -119,16 +120,21 @@ class MeasureWriter(FunctionWriter):
         """Text of where the careful function puts the values of a scope."""
         return self.paths.get(id(scope), "fields")
 
-    def absent(self, segments: Iterable[Segment], scope: Scope) -> None:
-        """Gives names that something else depends on no value, as long as nothing has been read that has them."""
-        for segment in flat(segments):
-            if segment.is_record:
+    def absent(self, segments: Iterable[Segment], scope: Scope, wrapped: bool = False) -> None:
+        """Gives names that something else depends on no value, as long as nothing has been read that has them.
+
+        `wrapped`: they stand in a wrap, of which records are read as one value.
+        """
+        for segment in segments:
+            if segment.is_record and not wrapped:
                 self.absent(segment.members, self._inside(segment, scope))
                 continue
             for name in segment.value_names:
                 if name in self.needed:
                     self.maybe_absent.add(name)
                     self.set_value(name, scope, "None")
+            for block in segment.blocks:
+                self.absent(block, scope, wrapped or isinstance(segment, Wrap))
 
     # ---- texts --------------------------------------------------------------------------------------------
 
@@ -152,7 +158,8 @@ class MeasureWriter(FunctionWriter):
 
     def set_value(self, name: str, scope: Scope, text: str) -> str:
         """Gives a name its value in a local."""
-        local = scope.entries[name].text if name in scope.entries else self.names.fresh(name)
+        known = scope.entries.get(name)
+        local = self.names.fresh(name) if known is None or known.kind == "record" else known.text
         scope.entries[name] = NameEntry(local)
         self.add(f"{local} = {text}")
         return local

@@ -7,7 +7,8 @@ what, and whether operators get what they can work with.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 from framekit.definition.expression import (
     FUNCTIONS,
@@ -30,13 +31,13 @@ from framekit.definition.expression import (
     Unary,
 )
 from framekit.definition.keys import ValueKind, expressions_with_kinds
-from framekit.definition.kinds.base import Segment
-from framekit.definition.model.frames import Frame, expressions_of, flat, parts_of
+from framekit.definition.kinds.base import Segment, Segments
+from framekit.definition.model.frames import Frame, expressions_of, field_names, flat, parts_of
 from framekit.definition.model.procedure import Action, Row, Sequence, Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import Parameter, StateVariable
 from framekit.definition.model.services import ServiceRow
-from framekit.definition.model.values import FrameOf
+from framekit.definition.model.values import FrameOf, Table
 from framekit.definition.problems import Position, Problem, did_you_mean
 
 Kind = ValueKind
@@ -48,6 +49,7 @@ WORDS: dict[str, str] = {
     "text": "a text",
     "bytes": "bytes",
     "list": "a list",
+    "record": "a record",
     "frame": "a frame",
     "table": "a table",
 }
@@ -73,6 +75,27 @@ _TAKES: dict[str, tuple[tuple[Kind, ...], ...]] = {
 """What functions take, as far as it is checked."""
 
 _SEQUENCES: frozenset[Kind] = frozenset({"text", "bytes", "list"})
+_WITHOUT_FIELDS: frozenset[Kind] = frozenset({"number", "time", "text", "bytes"})
+
+
+class _Held(NamedTuple):
+    """A record or a list of records, and what it holds. `is_one`: one record is meant; `is_item`: one of a list."""
+
+    name: str
+    members: Segments
+    is_one: bool
+    is_item: bool = False
+
+
+def held_in(segments: Iterable[Segment]) -> dict[str, _Held]:
+    """The records and lists of records by name; those of one name in several cases together."""
+    found: dict[str, _Held] = {}
+    for one in flat(segments):
+        if one.inner_record is not None and one.name is not None:
+            before = found.get(one.name)
+            members = one.members if before is None else (*before.members, *one.members)
+            found[one.name] = _Held(one.name, members, one.is_record)
+    return found
 
 
 def never_an_attribute(node: Attribute) -> Kind:
@@ -81,11 +104,16 @@ def never_an_attribute(node: Attribute) -> Kind:
 
 
 class KindChecker:
-    """Works out kinds, with the kinds of names given by `names`, and collects what does not fit."""
+    """Works out kinds, with the kinds of names given by `names`, and collects what does not fit.
+
+    `holders`: the records and lists of records that names stand for; `columns`: the names in the rows of tables.
+    """
 
     def __init__(self, names: Mapping[str, Kind], attributes: Attributes = never_an_attribute) -> None:
         self.names = names
         self.attributes = attributes
+        self.holders: Mapping[str, _Held] = {}
+        self.columns: Mapping[str, Collection[str]] = {}
         self.problems: list[Problem] = []
         self.expression: Expression | None = None
         self.named_numbers: frozenset[str] = frozenset()
@@ -137,10 +165,9 @@ class KindChecker:
             case Bytes():
                 return "bytes"
             case Name(name=name):
-                return self.names.get(name, "any")
-            case Attribute(value=value):
-                self._kind(value)
-                return self.attributes(node)
+                return "any" if self._is_whole(node) else self.names.get(name, "any")
+            case Attribute():
+                return self._attribute(node)
             case List(items=items):
                 for item in items:
                     self._kind(item)
@@ -152,6 +179,61 @@ class KindChecker:
             case Call():
                 return self._call(node)
         return self._operator(node)
+
+    def _attribute(self, node: Attribute) -> Kind:
+        holder = self._held(node.value)
+        if holder is None:
+            kind = self._kind(node.value)
+            if kind in _WITHOUT_FIELDS:
+                self._inside(node.at, f"{WORDS[kind]} has no '{node.name}'")
+            if isinstance(node.value, Name) and node.value.name == "line" and node.name != "speed":
+                self._inside(node.at, f"the line has no '{node.name}'", "write line.speed if that is meant")
+            columns = self._columns(node.value)
+            if columns is not None and node.name not in columns:
+                what = "has" if columns else "holds no rows with names, so there is"
+                self._inside(node.at, f"the table {what} no '{node.name}'", did_you_mean(node.name, columns))
+            return self.attributes(node)
+        names = field_names(holder.members)
+        if node.name not in names:
+            what = f"'{holder.name}' has no field '{node.name}'"
+            self._inside(node.at, what, did_you_mean(node.name, names))
+            return "any"
+        if self._is_whole(node):
+            return "any"
+        return field_kinds(holder.members).get(node.name, "any") if holder.is_one else "list"
+
+    def _columns(self, node: Node) -> Collection[str] | None:
+        """The names in the rows of the table that a row is taken of."""
+        if isinstance(node, Index) and isinstance(node.value, Name) and self.names.get(node.value.name) == "table":
+            return self.columns.get(node.value.name)
+        return None
+
+    def _held(self, node: Node) -> _Held | None:
+        """The record or list of records that a node stands for."""
+        match node:
+            case Name(name=name):
+                return self.holders.get(name)
+            case Index(value=value, index=index):
+                outer = self._held(value)
+                if outer is not None and not outer.is_one:
+                    self._kind(index)
+                    return outer._replace(is_one=True, is_item=True)
+            case Attribute(value=value, name=name):
+                outer = self._held(value)
+                found = None if outer is None else held_in(outer.members).get(name)
+                if outer is not None and found is not None:
+                    return found._replace(is_one=outer.is_one and found.is_one, is_item=outer.is_item)
+        return None
+
+    def _is_whole(self, node: Node) -> bool:
+        """Whether a node is a record by itself, which has fields but no value: that is noted."""
+        holder = self._held(node)
+        if holder is None or not holder.is_one or holder.is_item:
+            return False
+        what = f"the record '{holder.name}' has no value of its own"
+        field = min(field_names(holder.members), default="")
+        self._inside(node.at, what, field and f"name a field of it, such as {holder.name}.{field}")
+        return True
 
     def _operator(self, node: Node) -> Kind:
         match node:
@@ -176,10 +258,13 @@ class KindChecker:
 
     def _index(self, value: Node, index: Node) -> Kind:
         kind, place = self._kind(value), self._kind(index)
+        holder = self._held(value)
         if kind in ("number", "time"):
             self._inside(value.at, f"{WORDS[kind]} has no parts to take with [ ]")
         if kind in _SEQUENCES and place not in ("number", "any"):
             self._inside(index.at, f"a place in {WORDS[kind]} is a number, this is {WORDS[place]}")
+        if kind == "list" and holder is not None:
+            return "any" if holder.is_one else "record"
         if kind == "text":
             return "text"
         return "number" if kind == "bytes" else "any"
@@ -201,8 +286,21 @@ class KindChecker:
                 self._inside(argument.at, f"'{node.function}' takes {wanted} here, this is {WORDS[kind]}")
         gives = FUNCTIONS[node.function].gives
         if gives == "same":
+            self._same(node, kinds)
             return _common(kinds) if len(kinds) > 1 else "any"
         return _FUNCTION_KINDS.get(gives, "any")
+
+    def _same(self, node: Call, kinds: list[Kind]) -> None:
+        """`min` and `max` compare what is in one list, or several values of one kind."""
+        if len(kinds) == 1 and kinds[0] in ("number", "time"):
+            self._inside(node.at, f"'{node.function}' of one value takes a list, this is {WORDS[kinds[0]]}")
+        for argument, kind in zip(node.arguments[1:], kinds[1:], strict=True):
+            if (
+                "any" not in (kind, kinds[0])
+                and kind != kinds[0]
+                and not _zero_time(node.arguments[0], argument, kinds[0], kind)
+            ):
+                self._incomparable(argument, kinds[0], kind)
 
     def _argument(self, node: Node) -> Kind:
         return "number" if isinstance(node, Name) and node.name in self.named_numbers else self._kind(node)
@@ -342,6 +440,12 @@ _OFFERED: dict[str, Kind] = {
 _BUILT_IN: dict[str, Kind] = {"role": "text", "now": "time", "buffer": "bytes", "reply_buffer": "bytes"}
 
 
+def columns_of(table: Table) -> frozenset[str]:
+    """The names in the rows of a table."""
+    rows = [*table.entries.values(), *(value for _, _, value in table.ranges)]
+    return frozenset(name for row in rows if isinstance(row, Mapping) for name in row)
+
+
 def check_kinds(protocol: Protocol) -> list[Problem]:
     """Every expression whose value cannot be what its place wants."""
     return _Kinds(protocol).check()
@@ -358,6 +462,9 @@ class _Kinds:
         names |= dict.fromkeys(protocol.tables, "table")
         untold = protocol.kind == "application"  # the protocol that carries it says what stations are
         station = "any" if untold else VARIABLE_KINDS.get(protocol.station.type, "any")
+        self.columns = {
+            name: columns_of(table) for name, table in protocol.tables.items() if name not in protocol.state
+        }
         self.globally: dict[str, Kind] = names | {"station": station, "own": station}
 
     def check(self) -> list[Problem]:
@@ -384,6 +491,7 @@ class _Kinds:
     def _checker(self, local: Mapping[str, Kind] | None = None, attributes: Attributes | None = None) -> KindChecker:
         checker = KindChecker({**self.globally, **(local or {})}, attributes or never_an_attribute)
         checker.problems = self.found
+        checker.columns = self.columns
         return checker
 
     # ---- sections -----------------------------------------------------------------------------------------
@@ -407,14 +515,18 @@ class _Kinds:
 
     # ---- frames -------------------------------------------------------------------------------------------
 
-    def _segments(self, segments: tuple[Segment, ...], outer: Mapping[str, Kind]) -> None:
-        local = {**outer, **field_kinds(segments)}
+    def _segments(
+        self, segments: Segments, outer: Mapping[str, Kind], outer_held: Mapping[str, _Held] = MappingProxyType({})
+    ) -> None:
+        own = field_kinds(segments)
+        local = {**outer, **own}
         checker = self._checker(local)
+        checker.holders = {**{name: held for name, held in outer_held.items() if name not in own}, **held_in(segments)}
         checker.named_numbers = named_numbers(segments)
         for segment in flat(segments):
             self._segment(checker, segment)
             if segment.inner_record is not None:
-                self._segments(segment.inner_record, local)
+                self._segments(segment.inner_record, local, checker.holders)
 
     def _segment(self, checker: KindChecker, segment: Segment) -> None:
         for expression, kind, values in segment.given():

@@ -140,6 +140,9 @@ class Record(Segment):
     def inner_record(self) -> Segments | None:
         return self.of
 
+    def value_kinds(self) -> Iterator[tuple[str, ValueKind]]:
+        yield self.name, "record"
+
     @property
     def wanted_names(self) -> tuple[str, ...]:
         return (self.name,) if lack_default(self.of) else ()
