@@ -141,6 +141,15 @@ def test_frames_are_found_however_they_come(name: str) -> None:
     calls_until_complete(codec, "f", data)
 
 
+def test_a_frame_inside_with_an_end_of_its_own_before_a_delimited_body() -> None:
+    group = "groups: {g: {head: [{inner: i, of: [inside]}], tail: [{const: 7E}], delimited: yes}}"
+    inside = "frames:\n  inside: {body: [{const: 01}, {field: t, type: ascii, end: 00}]}"
+    codec = codec_of("[{field: a, type: ascii, size: 2}]", group, inside, keys="group: g")
+    data = codec.encode("f", {"i": {"inside": {"t": "abc"}}, "a": "xy"})
+    assert data == b"\x01abc\0xy\x7e"
+    calls_until_complete(codec, "f", data)
+
+
 def test_only_leading_constants_say_that_a_frame_does_not_begin_here() -> None:
     codec = codec_of(
         "[{const: 01}, {wrap: {escape: 01}, of: [{const: 01 02}, {field: a, type: u8, is: 5}, {const: 09}]}]"

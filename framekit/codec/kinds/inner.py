@@ -122,7 +122,7 @@ class InnerKind(SegmentKind[Inner]):
         most = m.shapes.all(segment for segment, _ in after).most
         m.asks_inside = True
         seen = ""
-        if most is not None:
+        if most is not None and not m.anew:
             offset = f"({place} - start) - {most}" if m.place.base == "at" else str(m.place.offset + most)
             seen = f", max(seen - {offset}, 0)" if offset != "0" else ", seen"
         several = behind if len(segment.frames) > 1 else 0  # one behind the frame that wants more may be shorter
