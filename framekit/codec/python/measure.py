@@ -132,7 +132,7 @@ class MeasureWriter(FunctionWriter):
             for name in segment.value_names:
                 if name in self.needed:
                     self.maybe_absent.add(name)
-                    self.set_value(name, scope, "None")
+                    self.set_value(name, scope, "None", segment.is_record)
             for block in segment.blocks:
                 self.absent(block, scope, wrapped or isinstance(segment, Wrap))
 
@@ -156,11 +156,11 @@ class MeasureWriter(FunctionWriter):
             self.add("return LOST" if by_fields else "return 0")
         return local
 
-    def set_value(self, name: str, scope: Scope, text: str) -> str:
-        """Gives a name its value in a local."""
+    def set_value(self, name: str, scope: Scope, text: str, is_record: bool = False) -> str:
+        """Gives a name its value in a local; of a record all fields in one, which may be nothing."""
         known = scope.entries.get(name)
-        local = self.names.fresh(name) if known is None or known.kind == "record" else known.text
-        scope.entries[name] = NameEntry(local)
+        local = self.names.fresh(name) if known is None or known.direct else known.text
+        scope.entries[name] = NameEntry(local, "record", Scope(), may_be_absent=True) if is_record else NameEntry(local)
         self.add(f"{local} = {text}")
         return local
 
