@@ -11,7 +11,7 @@ from types import CodeType, ModuleType
 from typing import Any, get_type_hints
 
 from framekit.codec.errors import EncodeError
-from framekit.codec.functions import Context, Decode, Encode, FrameFunctions, Span, module_of
+from framekit.codec.functions import Context, Decode, Encode, FrameFunctions, Span, module_of, run_in
 from framekit.definition.load.protocol import MOST_KEPT
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.sources import current_keeper
@@ -100,9 +100,10 @@ class Builders:
 
         name, source = self._modules.source(frames)
         encoder = self._codec.encoders[frames[0]]
-        names: dict[str, Any] = {"ctx": self._context, "EncodeError": EncodeError, ENCODER: encoder}
-        names["__name__"] = f"framekit_builders_{self._codec.protocol.name}"
-        exec(compile(source, f"<builder of {' with '.join(frames)}>", "exec"), names)
+        module = ModuleType(f"framekit_builders_{self._codec.protocol.name}")
+        names: dict[str, Any] = vars(module)
+        names |= {"ctx": self._context, "EncodeError": EncodeError, ENCODER: encoder}
+        run_in(module, compile(source, f"<builder of {' with '.join(frames)}>", "exec"))
         found: Build = names[name]
         found.__annotations__ = get_type_hints(found, names)
         return found

@@ -6,7 +6,9 @@ protocol it belongs to, is not known here.
 
 from __future__ import annotations
 
+import sys
 import typing
+from _thread import allocate_lock
 from collections.abc import Callable, Mapping, Sequence
 from types import CodeType, ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -22,11 +24,23 @@ Encode = Callable[..., bytes]
 Decode = Callable[..., dict[str, Any]]
 Span = tuple[str, int, int, Any]
 
+_NAMED = allocate_lock()
+"""Held while a module has its name."""
+
 
 def module_of(protocol: str, code: CodeType) -> ModuleType:
     """The module that the code of a protocol's frames makes."""
-    module = ModuleType(f"framekit_generated_{protocol}")
-    exec(code, vars(module))
+    return run_in(ModuleType(f"framekit_generated_{protocol}"), code)
+
+
+def run_in(module: ModuleType, code: CodeType) -> ModuleType:
+    """Runs code as that of a module, which meanwhile is found by its name: decorators of classes look there."""
+    with _NAMED:
+        sys.modules[module.__name__] = module
+        try:
+            exec(code, vars(module))
+        finally:
+            sys.modules.pop(module.__name__, None)
     return module
 
 

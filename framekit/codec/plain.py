@@ -81,7 +81,7 @@ class PlainValues:
                 if not isinstance(of, tuple):
                     return [_typed(of, item) for item in items]
                 known = by_value_name(of)
-                return [self._read(known, item) for item in items]
+                return [self._read(known, _mapping(item)) for item in items]
             case Segment(is_record=True):
                 return self._read(by_value_name(segment.members), _mapping(value))
             case Inner():

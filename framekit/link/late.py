@@ -34,8 +34,9 @@ class Beginning(NamedTuple):
 
 class Replies(NamedTuple):
     """What exchanges of a role wait for. `frames`: replies that repeat no number of their request; `requests`: frames
-    that services ask for those with; `waits`: how long steps wait for them. `stations`: which fields of such a frame
-    hold the station; `beginnings`: for each exchange its first steps that send, and whether a reply follows.
+    that services ask for those with, or that carry these; `waits`: how long steps wait for them. `stations`: which
+    fields of such a frame hold the station; `beginnings`: for each exchange its first steps that send, and whether a
+    reply follows.
     """
 
     frames: frozenset[str]
@@ -174,19 +175,22 @@ def replies_of(protocol: Protocol, role: Role | None) -> Replies:
     session = protocol.sessions.get(role.session or "")
     run = [name for lane in role.lanes for name in lane.exchange]
     run += () if session is None else (*session.open, *session.close)
-    steps = [step for sequence in protocol.called_from(run) for step in sequence.steps if step.receive]
+    sequences = list(protocol.called_from(run))
+    steps = [step for sequence in sequences for step in sequence.steps if step.receive]
     steps = [step for step in steps if not is_numbered(step, protocol)]
     frames = frozenset(name for step in steps for name in _waited_for(step.receive or (), protocol))
-    requests = frozenset(
-        row.request.frame
+    asking = [
+        row.request
         for rows in protocol.services.values()
         for row in rows
         if row.request is not None and any(reply.frame and reply.frame.frame in frames for reply in row.reply)
-    )
+    ]
+    asking += [carrier for one in sequences for carrier in _carriers(one, steps)]
+    requests = frozenset(one.frame for one in asking)
     waits = tuple(wait for step in steps if (wait := compile_optional(step.within)) is not None)
     exchanges = [protocol.sequences[name] for lane in role.lanes for name in lane.exchange]
     beginnings = tuple(tuple(_beginnings(sequence)) for sequence in exchanges)
-    return Replies(frames, requests, waits, _stations(protocol, requests), beginnings)
+    return Replies(frames, requests, waits, _stations(asking), beginnings)
 
 
 def _has_reply(steps: tuple[Beginning, ...], names: Names) -> bool:
@@ -222,15 +226,23 @@ def _waits(sequence: Sequence, number: int) -> bool:
     return False
 
 
-def _stations(protocol: Protocol, requests: frozenset[str]) -> dict[str, tuple[str, Inverse]]:
+def _carriers(sequence: Sequence, steps: list[Step]) -> Iterator[FrameOf]:
+    """The frames in which steps send the request that a sequence was given."""
+    for step in sequence.steps:
+        if step in steps and isinstance(step.send, FrameOf):
+            values = (one for one in step.send.fields.values() if isinstance(one, Expression))
+            if any(bare_name(value) in sequence.takes for value in values):
+                yield step.send
+
+
+def _stations(asking: list[FrameOf]) -> dict[str, tuple[str, Inverse]]:
     """The field of each request that holds the station, and how it is read from that."""
     found = {}
-    for request in (row.request for rows in protocol.services.values() for row in rows):
-        if request is not None and request.frame in requests:
-            for name, value in request.fields.items():
-                inverse = inverse_of(value) if isinstance(value, Expression) else None
-                if inverse is not None and inverse.name == "station":
-                    found[request.frame] = name, inverse
+    for request in asking:
+        for name, value in request.fields.items():
+            inverse = inverse_of(value) if isinstance(value, Expression) else None
+            if inverse is not None and inverse.name == "station":
+                found[request.frame] = name, inverse
     return found
 
 

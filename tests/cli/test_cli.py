@@ -94,6 +94,7 @@ def test_encode_takes_items_of_lists_by_their_index(capsys: pytest.CaptureFixtur
         ((items[0], both), "'variables[1].name' is a part of 'variables', which has a value too"),
         ((items[1], "variables[00].name=%PW2"), "'variables[00].name' is given twice"),
         (("variables[].name=1",), "'variables[]' is not a name"), (("variables[-1].name=1",), "'variables[-1]' is not"),
+        (("variables=5",), "'variables': a mapping {name: value} is wanted here"),
         (("[0]=1",), "'[0]' is not a name"), (("variables[0]name=1",), "'variables[0]name' is not a name"),
     ):  # fmt: skip
         status, out, err = call(capsys, *words, *texts)

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import pytest
 
 from framekit.codec import checks
-from framekit.codec.codec import compile_protocol
+from framekit.codec.codec import Builders, compile_protocol
 from framekit.codec.extend import add_check, add_type
 from framekit.codec.kinds import SegmentKind, register
 from framekit.codec.python import forms
@@ -367,6 +367,64 @@ def test_what_modules_import_stays_apart_too(bring: Bring, tmp_path: Path) -> No
     exec(generate_source(protocol), alone)
     for one in (codec.frames["one"], alone["FRAMES"]["one"]):
         assert one.encode(values, {}) == data and one.decode(data, {}) == values
+
+
+CLASSES = """
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import ClassVar
+
+from framekit.codec.extend import add_type
+
+
+class Part(IntEnum):
+    LOW = 0
+    HIGH = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    BASE: ClassVar[int] = 256
+    parts: list[int] = field(default_factory=list)
+
+    @property
+    def number(self) -> int:
+        return self.parts[Part.HIGH] * self.BASE + self.parts[Part.LOW]
+
+
+@dataclasses.dataclass(frozen=True)
+class Named(Pair):
+    name: str = ""
+
+
+def parse(raw: bytes) -> int:
+    return Named([*raw]).number
+
+
+def build(number: int, size: int) -> bytes:
+    return bytes(Named([number % Pair.BASE, number // Pair.BASE]).parts)
+
+
+add_type("made_up", 2, parse, build, most=65535)
+"""
+
+
+def test_classes_made_by_decorators_are_carried_along(
+    bring: Bring, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bring("made_up", CLASSES)
+    protocol = load_protocol_text("protocol: own\nframes:\n  one: {body: [{field: a, type: made_up}, {check: xor8}]}\n")
+    values, data = {"a": 0x0102}, bytes.fromhex("020103")
+    codec = compile_protocol(protocol)
+    assert codec.encode("one", values, {}) == data and codec.decode("one", data, {}) == values
+    assert Builders(codec, {}).builder("one")(**values) == data
+    (tmp_path / "made_alone.py").write_text(generate_source(protocol))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    alone = importlib.import_module("made_alone").FRAMES["one"]
+    assert alone.encode(values) == data and alone.decode(data) == values
 
 
 KIND = """

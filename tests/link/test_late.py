@@ -272,6 +272,27 @@ def test_the_reply_to_a_frame_by_itself_is_no_reply_to_the_next_request() -> Non
     assert side.values == [[11]]
 
 
+@pytest.mark.parametrize("name", ["modbus-rtu", "modbus-ascii"])
+def test_the_reply_to_a_frame_by_itself_that_carries_a_request_is_none_to_the_next_one(name: str) -> None:
+    """Services of these ask with the frame inside; a request to everyone is answered by no one."""
+    side = Side(name)
+    side.memory.write("holding", "word", 5, [99])
+    asked = {"read_holding": {"address": 5, "count": 1}}
+    side.do(side.engine.send_frame("request_adu", side.now, {"station": 3, "pdu": asked}))
+    side.read("40001", 11)
+    assert len(side.sent) == 1, "the reply to what was sent is due"
+    side.until(500 * MS)
+    side.reply(0)
+    assert [one.frame for one in side.unasked] == ["reply_adu"] and side.values == []
+    side.until(501 * MS)
+    side.reply(1)
+    assert side.values == [[11]]
+    side.do(side.engine.send_frame("request_adu", side.now, {"station": 0, "pdu": asked}))
+    side.read("40001", 12)
+    side.until(502 * MS)
+    assert len(side.sent) == 4
+
+
 EVERYONE = """
 sequences:
   exchange:
