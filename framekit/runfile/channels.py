@@ -119,6 +119,7 @@ class ChannelLoader:
             faults=self._faults(keys.get("faults"), port, protocol),
             limits=self.attempts.maybe(self._limits, keys.get("clients")) or DEFAULT_LIMITS,
         )
+        self._unused(keys, channel, entry.key.text)
         clients = keys.get("clients")
         if clients is not None and not channel.listens:
             what = f"channel {entry.key.text} does not listen, so it has no clients"
@@ -129,6 +130,17 @@ class ChannelLoader:
         if self.attempts.spoilt:
             raise Broken(entry.key.text)
         return channel
+
+    def _unused(self, keys: Mapping, channel: Channel, name: str) -> None:
+        """Keys of a channel that asks on one that only answers, and the reverse."""
+        role = None if channel.role is None else channel.protocol.roles[channel.role]
+        for key in () if channel.asks else OF_ASKING:
+            if (node := keys.get(key)) is not None:
+                todo = "write own: if its own station is meant" if key == "station" else "remove it"
+                self.reader.note(node.at, f"'{key}' has no effect: channel {name} only answers", todo)
+        node = keys.get("map")
+        if node is not None and (role is None or not role.listens):
+            self.reader.note(node.at, f"'map' has no effect: channel {name} answers nothing", "remove it")
 
     def _with_number(self, port: str, node: Node, protocol: Protocol) -> str:
         """The port with the protocol's own port number where it names none."""
@@ -272,6 +284,8 @@ PARAMETERS = {
 """Keys that are short for a parameter of the protocol, where it has one of this name."""
 
 OCCASIONS = ("between", "connect", "station")
+OF_ASKING = ("station", "stations", "merge", "answer")
+"""Keys that say something about what a channel asks for."""
 
 _LINE_TIME = re.compile(r"\s*(\d+)(?:\.(\d+))?\s*(char|bit)s?\s*")
 

@@ -14,10 +14,10 @@ from typing import Any, TypeVar
 from framekit.definition.check.services import is_unit
 from framekit.definition.expression import Expression, Name
 from framekit.definition.load.reader import Broken, Reader
-from framekit.definition.model.frames import Frame, field_names
+from framekit.definition.model.frames import Frame, field_names, names_needed
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import Argument
-from framekit.definition.model.segments import Data, Field
+from framekit.definition.model.segments import Data
 from framekit.definition.model.services import COUNTED_STRING, Packing, ServiceRow
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar
 from framekit.definition.nodes import Mapping as MappingNode
@@ -285,6 +285,8 @@ class FrameBlockLoader:
                 if entry.key.text not in known:
                     what = f"frame '{frame.name}' has no field '{entry.key.text}'"
                     raise self.reader.broken(entry.key.at, what, did_you_mean(entry.key.text, known))
+                if entry.key.text not in fields:
+                    raise self.reader.broken(entry.key.at, *_holds_others(entry.key.text, frame))
                 value = found[entry.key.text] = self.reader.constant(entry.value)
                 wrong = no_number(fields.get(entry.key.text), value)
                 if wrong is not None:
@@ -323,21 +325,23 @@ class FrameBlockLoader:
 
     def _missing(self, frame: Frame, given: set[str], unsized: set[str], keys: MappingNode) -> None:
         """Fields that nothing gives a value, and data whose size is not said."""
-        for part in frame.segments:
-            if part.when is not None or not isinstance(part, (Data, Field)):
-                continue
-            if part.name not in given and not _has_value(part):
-                what = f"nothing gives '{part.name}' of '{frame.name}'"
-                self.reader.note(keys.at, what, f"add data: {{{part.name}: ADDRESS}}, or values")
-            elif isinstance(part, Data) and part.name in unsized and not isinstance(part.size, int):
-                what = f"nothing says how many bytes '{part.name}' of '{frame.name}' has"
-                self.reader.note(keys.at, what, f"add size: {{{part.name}: N}}")
+        fields = dict(parts_of(frame.segments))
+        data = [one for one in frame.segments if isinstance(one, Data) and one.when is None]
+        for name in dict.fromkeys([*names_needed(frame.segments), *(one.name for one in data)]):
+            if name not in fields:
+                self.reader.note(keys.at, *_holds_others(name, frame))
+            elif name not in given:
+                what = f"nothing gives '{name}' of '{frame.name}'"
+                self.reader.note(keys.at, what, f"add data: {{{name}: ADDRESS}}, or values")
+        for one in data:
+            if one.name in unsized and not isinstance(one.size, int):
+                what = f"nothing says how many bytes '{one.name}' of '{frame.name}' has"
+                self.reader.note(keys.at, what, f"add size: {{{one.name}: N}}")
 
 
-def _has_value(part: Data | Field) -> bool:
-    if isinstance(part, Data):
-        return False
-    return any(value is not None for value in (part.is_, part.build, part.default, part.constants))
+def _holds_others(name: str, frame: Frame) -> tuple[str, str]:
+    """What is wrong with a value of a list, a record or a frame inside, and what to do."""
+    return f"a block cannot give '{name}' of '{frame.name}', which holds values itself", "send it from a program"
 
 
 _BYTES = ("text", "choice", "bytes")
