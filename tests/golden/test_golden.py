@@ -16,7 +16,7 @@ def test_nothing_has_changed(name: str) -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", NAMES)
-def test_nothing_has_changed_at_all(name: str) -> None:
+def test_nothing_else_has_changed(name: str) -> None:
     every = list(cases(Shipped(name)))
-    assert kept.differences(name, every) == [], HOW
+    assert kept.differences(name, (case for case in every if not case.quick)) == [], HOW
     assert kept.read(name).keys() <= {case.name for case in every}, "cases that are gone: --write forgets them"
