@@ -7,7 +7,7 @@ values is named by `EVALUATION_ERRORS`; a name that has no value may be a `Missi
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, Protocol
 
 from framekit.codec import support
@@ -64,8 +64,12 @@ def _compiled(source: str, attribute: Callable[[Any, str], Any]) -> Callable[[An
     return function
 
 
+@lru_cache(maxsize=8192)
 def compiled(node: Node, attribute: Callable[[Any, str], Any]) -> Callable[[Any], Any]:
-    """A function of what looks names up; `attribute` says what a dot means. It raises EVALUATION_ERRORS."""
+    """A function of what looks names up; `attribute` says what a dot means. It raises EVALUATION_ERRORS.
+
+    Kept for the many engines of one protocol, which all read the same expressions.
+    """
     return _compiled(emit(node, LookedUp()), attribute)
 
 

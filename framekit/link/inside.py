@@ -74,10 +74,9 @@ class InsideFinder:
     def __init__(self, table: FrameTable, names: Names, lost: int) -> None:
         self._names = names
         self._lost = lost
-        self._rules = inside_rules(table)
+        self._rules, self._marks = table.once(rules_and_marks, table)
         self.holders = frozenset(self._rules)
         self.places: dict[str, int] = {}
-        self._marks = marks_of(self._rules.values())
 
     def __bool__(self) -> bool:
         return bool(self._rules)
@@ -147,6 +146,12 @@ class InsideFinder:
                 return None
         self.places[outer] = DONE
         return None
+
+
+def rules_and_marks(table: FrameTable) -> tuple[dict[str, InsideRule], re.Pattern[bytes] | None]:
+    """What a finder looks for, the same for all receivers of a table."""
+    rules = inside_rules(table)
+    return rules, marks_of(rules.values())
 
 
 def marks_of(rules: Iterable[InsideRule]) -> re.Pattern[bytes] | None:

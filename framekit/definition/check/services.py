@@ -575,8 +575,10 @@ def _never_fit(protocol: Protocol, made: FrameOf, frame: Frame) -> Iterator[Prob
 
 
 def _fits(number: int | None, at: Position, name: str, frame: Frame) -> Iterator[Problem]:
+    if number is None:
+        return
     spans = _spans(name, frame)
-    if number is not None and spans and not any(low <= number <= high for low, high in spans):
+    if spans and not any(low <= number <= high for low, high in spans):
         low, high = spans[0]
         yield Problem(
             at, f"{number} does not fit: '{name}' of '{frame.name}' holds {low} to {high}", "correct one of them"

@@ -471,7 +471,8 @@ class ReadyReads:
         self._scope = scope if isinstance(scope, Scope) else None
         self._settings = -1
         self._kept: dict[Hashable, TransferPlan] = {}
-        self._lasting: dict[RowFacts, tuple[bool, bool]] = {}
+        self._chosen: dict[RowFacts, bool] = {}
+        self._lasting: dict[RowFacts, bool] = {}
 
     def find(self, key: Hashable) -> TransferPlan | None:
         """What was kept for this, to be done once more."""
@@ -489,29 +490,32 @@ class ReadyReads:
             return
         facts = read.exchanges[0].row.facts
         rows = facts.shared.rows[facts.row.service]
-        for row in rows:
-            if row not in self._lasting:
-                self._lasting[row] = self._lasts(row, self._scope)
-        if not all(self._lasting[row][0] for row in rows):
+        if not all(self._is_chosen_the_same(row, self._scope) for row in rows):
             return
         if len(self._kept) >= MOST_KEPT:
             self._kept.clear()
         # what is inside a request takes note of being sent, so that it cannot be sent twice
-        lasts = self._lasting[facts][1] and not any(_has_parts(one.made[0]) for one in read.exchanges)
+        lasts = self._lasts(facts, self._scope) and not any(_has_parts(one.made[0]) for one in read.exchanges)
         read.is_new_each_time = not lasts
         self._kept[key] = read
 
-    @staticmethod
-    def _lasts(facts: RowFacts, scope: Scope) -> tuple[bool, bool]:
-        """Whether nothing that changes by itself decides on a row and its cuts; whether its request lasts as well."""
-        row, protocol = facts.row, facts.shared.protocol
-        sent = [row.request, row.buffer]
-        made: Sequence[Any] = [
-            *(protocol.frames[part.frame].segments for part in parts_of(sent, FrameOf)),
-            *(protocol.layouts[part.layout].segments for part in parts_of(sent, LayoutOf)),
-        ]
-        chosen = not any(scope.changes(part) for part in expressions_of([row.when, row.limit, row.run]))
-        return chosen, chosen and not any(scope.changes(part) for part in expressions_of([sent, made]))
+    def _is_chosen_the_same(self, facts: RowFacts, scope: Scope) -> bool:
+        """Whether nothing that changes by itself decides on a row and its cuts."""
+        if facts not in self._chosen:
+            row = facts.row
+            self._chosen[facts] = not any(scope.changes(it) for it in expressions_of([row.when, row.limit, row.run]))
+        return self._chosen[facts]
+
+    def _lasts(self, facts: RowFacts, scope: Scope) -> bool:
+        """Whether nothing that changes by itself is in a row's request."""
+        if facts not in self._lasting:
+            protocol, sent = facts.shared.protocol, [facts.row.request, facts.row.buffer]
+            made: Sequence[Any] = [
+                *(protocol.frames[part.frame].segments for part in parts_of(sent, FrameOf)),
+                *(protocol.layouts[part.layout].segments for part in parts_of(sent, LayoutOf)),
+            ]
+            self._lasting[facts] = not any(scope.changes(part) for part in expressions_of([sent, made]))
+        return self._lasting[facts]
 
 
 def _has_parts(request: FrameValue | None) -> bool:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from framekit.codec.shown import explain
@@ -47,7 +48,7 @@ class ServiceRows:
         everything = (facts for one in rows.values() for facts in one)
         self.served = tuple(one for one in everything if one.row.request is not None and not one.row.client_only)
 
-    @property
+    @cached_property
     def error_frames(self) -> tuple[str, ...]:
         errors = self.protocol.errors
         frames = () if errors is None else errors.frames
