@@ -514,7 +514,7 @@ def quick_of(info: FrameInfo, shapes: StaticSizes, fused: tuple[int, Sequence[An
     """
     frame = info.frame
     fixed = None if frame.delimited else shapes.all(shapes.segments(frame)).fixed
-    if fixed and info.inner is None and (frame.most is None or fixed <= frame.most):
+    if fixed and info.flat and (frame.most is None or fixed <= frame.most):
         return Quick(0, 1, UNKNOWN, [(fixed, 0, info.decode)] * 256)
     if info.sizes is NO_SIZES:
         return NOT_QUICK

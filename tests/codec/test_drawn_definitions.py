@@ -583,6 +583,10 @@ REFUSED: dict[str, tuple[str, str]] = {
         "[{field: k, type: u8}, {include: checked, as: r, when: k}]",
         "a check in a record under a condition has to say what it covers – name it in over:",
     ),
+    "a check over everything before it, in a record of what may be left out": (
+        "[{field: k, type: u8}, {optional: [{include: checked, as: r}]}]",
+        "a check in a record of a case has to say what it covers – name it in over:",
+    ),
     "a record that is read inside itself": (
         "[{field: k, type: u8}, {include: itself, as: r}]",
         "'r' is read inside 'r' itself – write the name of a field alone, without 'r'",

@@ -7,13 +7,17 @@ import random
 from typing import Any
 
 import pytest
-from link.link_world import MS, cut_at
+from link.link_world import MS, cut_at, feed
 from link.test_shipped_streams import NAMES, loaded, receiver
+from small_protocol import small_protocol
 
+from framekit.codec.codec import compile_protocol
+from framekit.definition.times import LineFormat
 from framekit.link.arrivals import Arrival, BadFrame, FrameArrived
 from framekit.link.candidates import ExpectedFrames
 from framekit.link.events import CharacterFault, LineFault
 from framekit.link.receiver import Receiver
+from framekit.link.scope import Scope
 from framekit.link.values import plain
 
 
@@ -199,3 +203,16 @@ def test_a_frame_longer_than_what_is_copied_is_found() -> None:
             each.append(piece, now)
         assert [told(event) for event in quick.arrivals(expected)] == one_by_one(slow, expected)
         assert state(slow) == state(quick)
+
+
+def test_two_frames_inside_of_fixed_sizes_are_looked_at() -> None:
+    """A frame of always the same size whose second frame inside is none that is known: noise, however it comes."""
+    frames = "frames:\n  one: {body: [{const: 01}]}\n  two: {body: [{const: 02}, {field: a, type: u16}]}"
+    protocol = small_protocol("[{inner: i, of: [one]}, {inner: j, of: [two]}, {const: 7E}]", frames)
+    codec = compile_protocol(protocol)
+    good, wrong = bytes.fromhex("01 02 00 00 7E"), bytes.fromhex("01 09 00 00 7E")
+    for pieces in ([good + wrong + good], [bytes([byte]) for byte in good + wrong + good]):
+        names = Scope(protocol, params={}, line=LineFormat(9600))
+        found = feed(Receiver(codec, protocol, names), pieces, ("f",))
+        assert [(one[0], one[2]) for one in found if one[0] == "frame"] == [("frame", good), ("frame", good)]
+        assert wrong not in [one[2] for one in found if one[0] == "frame"]

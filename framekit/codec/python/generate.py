@@ -422,11 +422,20 @@ def refuse_vague_checks(segments: tuple[Segment, ...]) -> None:
     Raises DefinitionError for such a check.
     """
     for holder in everything(segments):
-        if holder.is_list or (holder.is_record and holder.when is not None):
-            for check in everything(holder.inner_record or ()):
-                if isinstance(check, Check) and check.over is None and check.span is None:
-                    where = "a list" if holder.is_list else "a record under a condition"
-                    raise not_possible(check, f"a check in {where} has to say what it covers", "name it in over:")
+        if holder.is_list:
+            _refuse_vague(holder.inner_record or (), "a list")
+        elif holder.is_record and holder.when is not None:
+            _refuse_vague(holder.members, "a record under a condition")
+        for case in holder.blocks if holder.has_cases else ():
+            for record in everything(case):
+                if record.is_record:
+                    _refuse_vague(record.members, "a record of a case")
+
+
+def _refuse_vague(segments: tuple[Segment, ...], where: str) -> None:
+    for check in everything(segments):
+        if isinstance(check, Check) and check.over is None and check.span is None:
+            raise not_possible(check, f"a check in {where} has to say what it covers", "name it in over:")
 
 
 _ALIASES = {
