@@ -55,7 +55,7 @@ NOT_READ = {
     "roles", "sessions", "services", "areas", "addresses", "errors", "server", "commands",
     "station", "line",
 }  # fmt: skip
-"""Sections that they do not read, so that no text of them can reach the source."""
+"""Sections that they do not read; `tests/link/test_hostile_services.py` tries what functions of services read."""
 
 
 FOLDED = """
