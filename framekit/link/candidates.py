@@ -324,7 +324,9 @@ def worse(first: Bad, second: Bad) -> Bad:
         return first
     if first.size == second.size and first.known_end == second.known_end:
         return Bad(lambda: EitherBad(first.bad, second.bad), first.size, first.known_end)
-    return second if second.bad.place > first.bad.place else first
+    if second.size > first.size and second.bad.place > first.size:  # no place is behind a frame's end
+        return second
+    return second if second.size > first.bad.place and second.bad.place > first.bad.place else first
 
 
 def first_of(first: Bad, second: Bad) -> Bad:
