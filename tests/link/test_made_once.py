@@ -11,6 +11,7 @@ from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol
 from framekit.link import inside
 from framekit.link.engine import Engine
+from framekit.link.services import rows
 from framekit.link.services.client import Client
 from framekit.link.services.server import MemoryServer
 from framekit.memory.memory import DeviceMemory
@@ -39,6 +40,7 @@ def test_a_second_side_compiles_no_expression_and_looks_for_no_frames_inside(mon
 
     watched(evaluate, "emit")
     watched(inside, "_is_findable")
+    watched(rows, "names_in")
     make()
     work.clear()
     make()

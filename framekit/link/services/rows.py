@@ -17,7 +17,7 @@ from framekit.definition.model.frames import everything, expressions_of, parts_o
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import Argument
 from framekit.definition.model.segments import Data, Segment
-from framekit.definition.model.services import Area, ServiceRow
+from framekit.definition.model.services import Area, Refusal, ServiceRow
 from framekit.definition.model.values import EachOf, FrameOf
 from framekit.definition.problems import did_you_mean, listed
 from framekit.link.addresses import Address, AddressGrammar, code_of
@@ -33,9 +33,15 @@ NATIVE = frozenset({"start", "count", "first"})
 COUNTING = frozenset({"count", "bytes", "data", "bits", "total"})
 """Names that say how many elements are meant: a row that sends none of them means one."""
 
+Rule = tuple[Evaluate, Evaluate, bool]
+"""When, code, and whether it looks at the bytes beside the request."""
+
 
 class ServiceRows:
-    """Everything the services of one protocol share; `rows` ask, `served` are answered, in the order of the file."""
+    """Everything the services of one protocol share; `rows` ask, `served` are answered, in the order of the file.
+
+    `refuse`: what a server refuses whatever row a request is for.
+    """
 
     def __init__(self, protocol: Protocol, codec: ProtocolCodec) -> None:
         self.protocol = protocol
@@ -46,6 +52,7 @@ class ServiceRows:
         asking = {name: tuple(facts for facts in one if not facts.row.server_only) for name, one in rows.items()}
         self.rows = {name: one for name, one in asking.items() if one}
         everything = (facts for one in rows.values() for facts in one)
+        self.refuse = rules(protocol.server_refusals)
         self.served = tuple(one for one in everything if one.row.request is not None and not one.row.client_only)
 
     @cached_property
@@ -67,8 +74,8 @@ class RowFacts:
     """
 
     __slots__ = (
-        "has_each", "limit_bytes", "limit_count", "mentions", "named_numbers", "packers", "row", "run", "shared",
-        "single", "wants_address", "when",
+        "has_each", "limit_bytes", "limit_count", "mentions", "named_numbers", "packers", "refuse", "row", "run",
+        "shared", "single", "wants_address", "when",
     )  # fmt: skip
 
     def __init__(self, row: ServiceRow, shared: ServiceRows) -> None:
@@ -77,6 +84,7 @@ class RowFacts:
         self.mentions = mentions_of(row)
         self.has_each = any(True for _ in parts_of([row.request, row.buffer], EachOf))
         self.when = compile_optional(row.when)
+        self.refuse = rules(row.refuse)
         self.run = compile_optional(row.run)
         self.limit_count = compile_optional(row.limit.count)
         self.limit_bytes = compile_optional(row.limit.bytes)
@@ -135,6 +143,14 @@ class RowFacts:
         if code is not None:
             names["code"] = code
         return names
+
+
+def rules(refusals: Sequence[Refusal]) -> list[Rule]:
+    """Refusals of a definition, compiled."""
+    return [
+        (compile_expression(rule.when), compile_expression(rule.code), "buffer" in names_in(rule.when.root))
+        for rule in refusals
+    ]
 
 
 def mentions_of(row: ServiceRow) -> frozenset[str]:

@@ -15,10 +15,10 @@ from functools import partial
 from typing import Any, Protocol, TypeVar
 
 from framekit.codec.shown import explain, refusal_text
-from framekit.definition.expression import Expression, Name, Text, names_in
+from framekit.definition.expression import Expression, Name, Text
 from framekit.definition.model import protocol as model
 from framekit.definition.model.procedure import Target as SetTarget
-from framekit.definition.model.services import After, BlockWork, PlaceOf, Refusal, ServeWork
+from framekit.definition.model.services import After, BlockWork, PlaceOf, ServeWork
 from framekit.definition.model.values import LayoutOf, Value
 from framekit.link.construct_values import EACH, Compute, ValueCompiler, compile_value
 from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, bare_name, compile_expression, compile_optional
@@ -36,7 +36,7 @@ from framekit.link.services.matching import (
     RefusedMatchError,
     Serve,
 )
-from framekit.link.services.rows import RowFacts, rows_of
+from framekit.link.services.rows import RowFacts, Rule, rows_of
 from framekit.link.values import FrameValue
 from framekit.memory.memory import (
     AccessError,
@@ -335,9 +335,6 @@ def scope_of(names: Names) -> Scope:
 NOTHING_SAID = 1
 """The code of a refusal for which the definition has none."""
 
-Rule = tuple[Evaluate, Evaluate, bool]
-"""When, code, and whether it looks at the bytes beside the request."""
-
 
 @dataclass(slots=True)
 class ServiceCounters:
@@ -406,7 +403,7 @@ class ServedRow:
         self.areas = areas
         self.service = row.service
         self.matching = Matching(facts, areas, codes, partial(self.go_on, check_only=False))
-        self.refuse = rules(row.refuse)
+        self.refuse = facts.refuse
         self.work = None if row.serve is None else Work(row.serve, facts, areas, codes)
         self.start_block = start_block
         self.transfers = row.service in ("read", "write") and (self.work is None or not self.work.moves_data)
@@ -500,7 +497,7 @@ class MemoryServer:
         self.counters = ServiceCounters() if counters is None else counters
         self.areas = DeviceAreas(protocol, codec, memory, mapping)
         self.shared = rows_of(protocol, codec)
-        self._refuse = rules(protocol.server_refusals)
+        self._refuse = self.shared.refuse
         self._rows: dict[str, list[ServedRow]] = {}
         self._serving: dict[str, list[tuple[Serve, str]]] = {}
         self.codes = codes = codes_of(protocol)
@@ -632,14 +629,6 @@ class MemoryServer:
             if name in self._memory_codes:
                 return int(self._memory_codes[name](names))
         return NOTHING_SAID
-
-
-def rules(refusals: Sequence[Refusal]) -> list[Rule]:
-    """Refusals of a definition, compiled."""
-    return [
-        (compile_expression(rule.when), compile_expression(rule.code), "buffer" in names_in(rule.when.root))
-        for rule in refusals
-    ]
 
 
 def validate(refuse: Sequence[Rule], names: Names, check_only: bool) -> None:
