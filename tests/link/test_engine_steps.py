@@ -668,6 +668,31 @@ def test_a_reply_that_has_gone_out_another_way_is_not_told_to_the_server(sent: s
         assert (len(side.taken()), server.not_answered) == (count, told), data
 
 
+SIDE_BY_SIDE = """
+slow:
+  local: {asked: frame}
+  steps:
+    - {step: idle, receive: [{frame: ask, set: {asked: it}, then: next}]}
+    - {step: work, serve: {request: asked}, then: next}
+    - {step: answer, wait: 100 ms, send: reply, then: idle}
+quick:
+  local: {asked: frame}
+  steps:
+    - {step: idle, receive: [{frame: enq, set: {asked: it}, then: next}]}
+    - {step: work, serve: {request: asked}, send: reply, then: idle}
+"""
+
+
+def test_a_reply_of_another_lane_meanwhile_hides_none_that_cannot_be_built() -> None:
+    text = protocol(SIDE_BY_SIDE, roles="server: {lanes: {one: {listen: slow}, other: {listen: quick}}}")
+    server = Echoing(lambda request: FrameValue("yes", {"x": request.fields.get("x", 0) + 0xFE}))
+    side = Side(text, "server", server=server)
+    side.gets(b"\x01\x02")
+    side.gets(b"\x05")
+    side.run(SECOND)
+    assert (side.taken(), server.not_answered) == ([b"\x02\xfe"], 1)
+
+
 def test_memory_is_stored_into_and_read() -> None:
     class Memory:
         def __init__(self) -> None:

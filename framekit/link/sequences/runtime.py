@@ -100,7 +100,6 @@ class Machine:
         self.queues = Queues(scope.protocol)
         self.session = SessionState(None, scope)
         self.server: RequestHandler | None = None
-        self.owed: tuple[FrameValue, FrameValue | None] | None = None  # the last reply; what it is to
         self.memory: MemoryAccess | None = None
         self.ask_service: Ask | None = None
         self.monitor: Monitor | None = None
@@ -153,7 +152,7 @@ class Machine:
     def _trouble(self, run: Run, error: Exception) -> None:
         """Something a definition wrote could not be worked out: the sequence ends, its callers may go on."""
         if self.server is not None and self._owes_reply(run):
-            self.owed = None
+            run.owed = None
             self.server.unanswered()
         while run.state is not DONE:
             run.cause = explain(error)
@@ -172,9 +171,9 @@ class Machine:
 
     def _owes_reply(self, run: Run) -> bool:
         """Whether the request it took last has been carried out and its reply was not built yet."""
-        if self.owed is None or run.state is DONE:
+        if run.owed is None or run.state is DONE:
             return False
-        reply, taken = self.owed
+        reply, taken = run.owed
         d = run.top.d
         return d.reply is reply and d.last_taken is taken and not reply.was_built
 
@@ -215,9 +214,9 @@ class Machine:
     def put_out(self, run: Run, data: bytes, value: FrameValue, repeated: bool = False) -> None:
         """Gives the bytes of a frame to the line, and shows it."""
         self.last_frame = self.scope.now
-        reply = None if self.owed is None else self.owed[0]
+        reply = None if run.owed is None else run.owed[0]
         if reply is not None and reply.raw is None and reply.pending is None and reply.frame in frames_in(value):
-            self.owed = None  # it was made anew of its fields, or stands deep inside
+            run.owed = None  # it was made anew of its fields, or stands deep inside
         if self.on_send is not None:
             self.on_send()
         if self.monitor is not None:
@@ -753,7 +752,7 @@ def serve(a: CallFrame, request: Any, buffer: bytes, station: Any, check_only: b
     d.reply, d.reply_buffer, d.refusal = served.reply, served.reply_buffer, served.refusal
     d.answers(request)
     is_owed = not check_only and served.reply is not None and not served.refusal
-    machine.owed = (served.reply, d.last_taken) if is_owed and served.reply is not None else None
+    a.run.owed = (served.reply, d.last_taken) if is_owed and served.reply is not None else None
     if not check_only:
         d.buffer = served.reply_buffer
 

@@ -261,13 +261,14 @@ class Run:
     so far, `deadline` when something has to happen. `exchange` is told the end. `agenda` are the sequences it runs one
     after the other, `doing` what the present one is for. `given_up`: nothing is repeated any more. `asked`: the
     sequence of an exchange that waits for what it has asked for. `rows`: by frame, what tries the rows of the step;
-    `has_always`: callers may have rows too. `go_on`: what a pause, or a request held back, goes on with.
+    `has_always`: callers may have rows too. `go_on`: what a pause, or a request held back, goes on with. `owed`: the
+    reply to the last request that it has had carried out, until that is sent, and what it is to.
     """
 
     __slots__ = (
         "agenda", "asked", "candidate", "cause", "clock_waits", "complete", "deadline", "doing", "exchange", "expected",
-        "gap", "given_up", "go_on", "has_always", "kind", "lane", "longest", "machine", "outcome", "pause", "rows",
-        "started", "state", "top", "unsent", "wait_number", "wants_others", "within",
+        "gap", "given_up", "go_on", "has_always", "kind", "lane", "longest", "machine", "outcome", "owed", "pause",
+        "rows", "started", "state", "top", "unsent", "wait_number", "wants_others", "within",
     )  # fmt: skip
 
     started: int
@@ -290,6 +291,7 @@ class Run:
         self.top: CallFrame = None  # type: ignore[assignment] # as long as it has not begun, and when it is over
         self.agenda: list[tuple[str, str, ExchangeContext]] = []
         self.outcome: Outcome | None = None
+        self.owed: tuple[FrameValue, FrameValue | None] | None = None
         self.state = State.GOING
         self.unsent = self.wait_number = 0
         self.candidate: int | None = None
