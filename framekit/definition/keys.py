@@ -16,6 +16,7 @@ from typing import Protocol as Interface
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.checks import CheckMethod
 from framekit.definition.model.values import Table
+from framekit.definition.problems import Position
 from framekit.definition.tree import Mapping, Node, Sequence
 
 T = TypeVar("T")
@@ -30,6 +31,7 @@ class Meanings(Interface):
     reader: Reader
     circles: set[frozenset[str]]
     too_much: bool
+    too_large: set[Position]
 
     def order(self, file: str) -> str: ...
     def turns_conversions(self, file: str) -> bool: ...

@@ -178,3 +178,16 @@ def test_frames_that_no_constant_tells_apart_have_a_bound(tmp_path: Path) -> Non
     )
     (problem,) = check_file(str(path)).problems
     assert problem.what == f"no constant tells 'F{ALIKE + 1}' from more than {ALIKE} frames that are tried before it"
+
+
+def test_what_includes_a_layout_that_is_too_large_is_not_read() -> None:
+    """Each of these layouts holds the one before twice, so all behind the twelfth are too large."""
+    twice = [f"  L{number}: [{{include: L{number - 1}}}, {{include: L{number - 1}}}]" for number in range(1, 26)]
+    layouts = ["  L0: [{const: 06}]", *twice]
+    text = "\n".join(["protocol: bomb", "layouts:", *layouts, "frames:", "  f: {body: [{include: L25}]}"])
+    profile = cProfile.Profile()
+    with profile, pytest.raises(DefinitionError, match="more than 4000 segments") as error:
+        load_protocol_text(text, "bomb")
+    assert len(error.value.problems) == 1
+    calls = {name: called[1] for (_, _, name), called in pstats.Stats(profile).stats.items()}
+    assert calls["_number"] < 8 * 4000

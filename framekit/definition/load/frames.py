@@ -28,7 +28,8 @@ class SegmentLoader:
 
     `space` gives the meaning of the names of types, tables and checks, `find_frames` the frames that an `inner` or
     `inside` means by a name. `side`: who sends the frame they belong to. `aliases` collects what a named include stands
-    for: its name → the names of its segments. `spoilt` says that segments were left out because they are broken.
+    for: its name → the names of its segments. `spoilt` says that segments were left out because they are
+    broken, `begun` is the layout that it reads by itself.
     """
 
     def __init__(self, space: Meanings, find_frames: Callable[[Any, Node], tuple[str, ...]]) -> None:
@@ -39,6 +40,7 @@ class SegmentLoader:
         self.aliases: dict[str, tuple[str, ...]] = {}
         self.under_way: list[tuple[str, Sequence]] = []
         self.read = 0
+        self.begun: Sequence | None = None
         self.unnamed = 0
         self.spoilt = False
 
@@ -61,6 +63,8 @@ class SegmentLoader:
             what = f"the frame has more than {MOST_SEGMENTS} segments with all it includes"
             self.reader.note(item.at, what, "take repeat: for what comes several times")
         if self.read >= MOST_SEGMENTS:
+            if self.begun is not None:
+                self.space.too_large.add(self.begun.at)
             raise Broken("too many segments")
 
     def _segment(self, keys: Mapping) -> Segments:
@@ -90,6 +94,10 @@ class SegmentLoader:
         place = next((place for place, (_, other) in enumerate(self.under_way) if other is nodes), None)
         if place is not None:
             raise self._circle(node, names[place:])
+        if nodes.at in self.space.too_large:
+            raise Broken("too many segments")
+        if not self.read:
+            self.begun = nodes
         outer, self.space = self.space, space
         self.under_way.append((self.reader.text(node), nodes))
         try:

@@ -14,7 +14,7 @@ from framekit.definition.model.checks import CheckMethod, ready_methods
 from framekit.definition.model.frames import expressions_of
 from framekit.definition.model.values import Table, TableValue
 from framekit.definition.nodes import Entry, Mapping, Node, Sequence
-from framekit.definition.problems import did_you_mean
+from framekit.definition.problems import Position, did_you_mean
 
 
 def load_table(reader: Reader, entry: Entry) -> Table:
@@ -115,7 +115,8 @@ class Namespace:
     """Looks names up for the loaders. One for every source; used files have their own.
 
     `circles`: layouts that include each other, `too_much`: includes of too many segments, as far as that has been
-    told. `twice`: names of a protocol and of its application too, so that it is open which is meant.
+    told. `too_large`: the layouts that hold too many. `twice`: names of a protocol and of its application too, so
+    that it is open which is meant.
     """
 
     def __init__(self, reader: Reader, source: SourceText) -> None:
@@ -125,6 +126,7 @@ class Namespace:
         self.uses = {name: Namespace(reader, used) for name, used in self._used()}
         self.circles: set[frozenset[str]] = set()
         self.too_much = False
+        self.too_large: set[Position] = set()
         self.twice: set[str] = set()
         self._tables: dict[str, Table | None] = {}
         self._checks: dict[str, CheckMethod | None] = {}
