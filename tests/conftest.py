@@ -46,5 +46,11 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The long ones first: one at the very end would leave all processors but one without work."""
-    items.sort(key=lambda item: item.get_closest_marker("long") is None)
+    """The long ones first, the longest before all: one at the very end would leave other processors without work."""
+    items.sort(key=minutes_of, reverse=True)
+
+
+def minutes_of(item: pytest.Item) -> float:
+    """About how long a test takes, where it says so: `long(minutes=1)`."""
+    long = item.get_closest_marker("long")
+    return 0 if long is None else long.kwargs.get("minutes", 0.1)

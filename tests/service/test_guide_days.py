@@ -155,7 +155,7 @@ def test_example_3_modbus_remote_io_for_ten_minutes() -> None:
     check_remote_io(600)
 
 
-@pytest.mark.long
+@pytest.mark.long(minutes=1)
 def test_example_3_modbus_remote_io_for_four_hours() -> None:
     check_remote_io(4 * 3600)
 
@@ -188,7 +188,7 @@ def test_example_4_third_party_plc_for_an_hour() -> None:
     check_third_party(3600)
 
 
-@pytest.mark.long
+@pytest.mark.long(minutes=1)
 def test_example_4_third_party_plc_for_a_day() -> None:
     check_third_party(DAY)
 
