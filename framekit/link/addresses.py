@@ -36,9 +36,8 @@ class AreaView(str):
         return self.columns[name]
 
 
-def area_views(areas: Mapping[str, Area], tables: Mapping[str, Table]) -> dict[str, AreaView]:
-    """The views of all areas."""
-    values = {name: table_values(table) for name, table in tables.items()}
+def area_views(areas: Mapping[str, Area], values: Mapping[str, Any]) -> dict[str, AreaView]:
+    """The views of all areas; `values` of tables by their names."""
 
     def column(value: Constant) -> Any:
         return values[value] if isinstance(value, str) and value in values else value
@@ -353,8 +352,8 @@ class AddressGrammar:
 
     def __init__(self, forms: Sequence[AddressForm], areas: Mapping[str, Area], tables: Mapping[str, Table]) -> None:
         self.areas = areas
-        self.views: dict[str, AreaView] = area_views(areas, tables)
         self._tables = Names({name: table_values(table) for name, table in tables.items()})
+        self.views: dict[str, AreaView] = area_views(areas, self._tables)
         self._forms = [_matcher(form, areas, tables) for form in forms]
         self.serves: Callable[[Address], bool] = lambda address: True
         self._read_before: dict[str, Address | None] = {}

@@ -76,7 +76,7 @@ def read(decode: Any) -> Any:
         return error.cause, error.refuse, error.offset, error.fields
 
 
-@pytest.mark.parametrize("name", spread([*PROTOCOLS, *APPLICATIONS], 3))
+@pytest.mark.parametrize("name", spread([*PROTOCOLS, *APPLICATIONS], 5))
 def test_both_compilers_agree(name: str) -> None:
     """On every frame; those of an application count there, not again in its protocols."""
     both = Pair(load_protocol(name))
