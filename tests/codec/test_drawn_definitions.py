@@ -96,6 +96,17 @@ FOUND: dict[str, tuple[str, dict[str, Any], str]] = {
         {"k": 2},
         "02 7E",
     ),
+    "a size by a record in a record that is not there": (
+        "[{field: k, type: u8}, {include: outer, as: r, when: k}, {data: d, size: 'either(r.i.a, 1)'}]",
+        {"k": 0, "d": b"x"},
+        "00 78",
+    ),
+    "a condition on a record in a record in a wrap in a case": (
+        "[{field: k, type: u8}, {choose: k, cases: {1: [{wrap: hex, of: [{include: outer, as: r}]}]}, else: []},"
+        " {field: b, type: u8, when: r.i.a == 1}, {const: 7E}]",
+        {"k": 2},
+        "02 7E",
+    ),
     "a length of computed size": (
         "[{field: s, type: u8}, {length: n, type: uint, size: s, of: [d]}, {data: d, size: n}]",
         {"s": 2, "d": b"abc"},

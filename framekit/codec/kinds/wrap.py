@@ -212,7 +212,7 @@ def _measure_content(
     It gets `further` bytes behind the wrap too, by which it finds the end; `is_there`: these have come.
     """
     needed = m.needed & needed_names(tuple(segment for segment, _ in after), m.segments)
-    names = {name: one.is_record for one in flat(wrap.of) for name in one.value_names if name in needed}
+    names = {name: one for one in flat(wrap.of) for name in one.value_names if name in needed}
     if names and m.in_digits:
         what = f"only '{next(iter(names))}' in a wrap tells how many digits there are around it"
         raise not_possible(wrap, what, "put a constant behind the digits that is none, or the wrap outside")
@@ -224,9 +224,9 @@ def _measure_content(
         stop = f"at + {further}" if further else "at"
         always = names_always_there(wrap.of)
         m.add(f"fields = diagnose_{m.identifier}(bytes(data[start:{stop}]), ctx).fields")
-        for name, is_record in names.items():
+        for name, one in names.items():
             there = f"[{quoted(name)}]" if name in always else f".get({quoted(name)})"
-            m.set_value(name, scope, f"{m.path_of(scope)}{there}", is_record)
+            m.set_value(name, scope, f"{m.path_of(scope)}{there}", one if one.is_record else None)
 
 
 def _measure_by_size_or_end(m: MeasureWriter, wrap: Wrap, scope: Scope, fixed: int | None, after: Pairs) -> None:

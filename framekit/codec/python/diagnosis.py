@@ -307,7 +307,7 @@ class DiagnosisWriter(FunctionWriter):
         """The call that says that what expressions read of these segments is nothing, but for what is `there`."""
         known = {name for one in flat(there) for name in one.value_names}
         wanted = [one for one in flat(segments) if set(one.value_names) & self.asked_by_name - known]
-        records = sorted({name for one in wanted if one.is_record for name in one.value_names})
+        records = sorted({path for one in wanted for path in _records_in(one)})
         names = {name for one in wanted for name in one.value_names} & self.asked_by_name - known - set(records)
         texts = [literal(tuple(sorted(names))), *([literal(tuple(records))] if records else [])]
         return f"n.without({', '.join(texts)})" if wanted else ""
@@ -340,3 +340,11 @@ def inside_of(scope: Scope, name: str) -> Scope:
     entry = scope.find(name)
     assert entry is not None and entry.inside is not None
     return entry.inside
+
+
+def _records_in(segment: Segment) -> Iterator[str]:
+    """The name of a record, and of those in it as `outer.inner`; no name for any other segment."""
+    if segment.is_record and segment.name is not None:
+        yield segment.name
+        for inside in flat(segment.members):
+            yield from (f"{segment.name}.{path}" for path in _records_in(inside))

@@ -132,7 +132,7 @@ class MeasureWriter(FunctionWriter):
             for name in segment.value_names:
                 if name in self.needed:
                     self.maybe_absent.add(name)
-                    self.set_value(name, scope, "None", segment.is_record)
+                    self.set_value(name, scope, "None", segment if segment.is_record else None)
             for block in segment.blocks:
                 self.absent(block, scope, wrapped or isinstance(segment, Wrap))
 
@@ -156,11 +156,11 @@ class MeasureWriter(FunctionWriter):
             self.add("return LOST" if by_fields else "return 0")
         return local
 
-    def set_value(self, name: str, scope: Scope, text: str, is_record: bool = False) -> str:
-        """Gives a name its value in a local; of a record all fields in one, which may be nothing."""
+    def set_value(self, name: str, scope: Scope, text: str, record: Segment | None = None) -> str:
+        """Gives a name its value in a local; of a `record` all fields in one, which may be nothing."""
         known = scope.entries.get(name)
         local = self.names.fresh(name) if known is None or known.direct else known.text
-        scope.entries[name] = NameEntry(local, "record", Scope(), may_be_absent=True) if is_record else NameEntry(local)
+        scope.entries[name] = NameEntry(local) if record is None else _whole(local, record)
         self.add(f"{local} = {text}")
         return local
 
@@ -555,6 +555,13 @@ class MeasureWriter(FunctionWriter):
                 self.out.extend(out)
 
     # ---- segments with others inside ----------------------------------------------------------------------
+
+
+def _whole(text: str, record: Segment) -> NameEntry:
+    """A record that is one value, as are those in it; each of them may be nothing."""
+    inside = Scope()
+    inside.entries = {one.name: _whole("", one) for one in flat(record.members) if one.is_record and one.name}
+    return NameEntry(text, "record", inside, may_be_absent=True)
 
 
 def _names_of(expression: Expression) -> set[str]:

@@ -26,10 +26,7 @@ class Stop(Exception):  # noqa: N818 - no error, a way out of a part that cannot
 
 
 class Nothing(dict[str, Any]):
-    """What stands for a record that is not there: all in it is nothing, too."""
-
-    def get(self, name: str, default: Any = None) -> Any:
-        return self
+    """What stands for a record that is not there: all in it is nothing, too. It holds those of the records in it."""
 
     def __eq__(self, other: object) -> bool:
         return other is None or other is self
@@ -88,9 +85,16 @@ class Diagnosis:
         raise KeyError(name)
 
     def without(self, names: Iterable[str], records: Iterable[str] = ()) -> None:
-        """Fields and records that are not there are nothing."""
+        """Fields and records that are not there are nothing; `outer.inner`, after `outer`, is a record in another."""
         scope = id(self.scopes[-1])
-        self.left_out |= {(scope, name): None for name in names} | {(scope, name): Nothing() for name in records}
+        self.left_out |= {(scope, name): None for name in names}
+        for path in records:
+            name, *inside = path.split(".")
+            if not inside:
+                self.left_out[scope, name] = Nothing()
+            found = self.left_out[scope, name]
+            for one in inside:
+                found = found.setdefault(one, Nothing())
 
     # ---- the result ---------------------------------------------------------------------------------------
 
