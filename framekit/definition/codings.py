@@ -1,6 +1,6 @@
 """How the content of a `wrap` may stand on the wire: with bytes escaped, without zeros, with bytes put in.
 
-A coding is a class here, with what must be known to judge a definition. Its bytes are made in `codec/codings.py`.
+A coding is a class here, with what must be known to judge a definition. Its bytes are made in `codec/stuffing.py`.
 """
 
 from __future__ import annotations
@@ -95,6 +95,9 @@ class Escaped(Coding):
             yield Problem(self.at, what, todo)
         behind = [code for _, code in self.codes]
         for byte, code in self.codes:
+            if [other for other, _ in self.codes].count(byte) > 1:
+                yield Problem(self.at, f"{byte:02X} is to be escaped twice", "give each byte once")
+                return
             if code in self.escaped:
                 what = f"{byte:02X} is sent as {self.escape:02X} {code:02X}, and {code:02X} is to be escaped itself"
                 yield Problem(self.at, what, "choose another code or xor; escape: alone doubles the escape byte")

@@ -19,6 +19,11 @@ from framekit.definition.load import load_protocol_text
 from framekit.definition.problems import DefinitionError
 
 FOUND: dict[str, tuple[str, dict[str, Any], str]] = {
+    "a frame inside called line, which hides the line": (
+        "[{inner: line, of: [counted]}, {value: v, read: len(line.counted.r)}, {field: a, type: u8}]",
+        {"line": {"counted": {"r": [7]}}, "a": 9},
+        "31 37 09",
+    ),
     "a check over a check in digits: it is worked out once, on what stood before it": (
         "[{field: f, type: u8}, {include: digits, as: r}, {check: sum16, size: 4, name: s}, {field: a, type: u8},"
         " {check: crc8, over: r..a}]",

@@ -245,7 +245,7 @@ def _measure_by_size_or_end(m: MeasureWriter, wrap: Wrap, scope: Scope, fixed: i
         _measure_content(m, wrap, scope, after)
         return
     first = after[0][0] if after else None
-    if isinstance(first, Const) and first.when is None and first.data[0] in wrap.coding.never:
+    if isinstance(first, Const) and first.when is None and first.data[:1] and first.data[0] in wrap.coding.never:
         m.settle()
         m.add(f"at = {m.search(f'{first.data[0]:#04x}', 'at', after)}")
         with m.out.block("if at < 0:"):

@@ -385,7 +385,7 @@ def _ends_itself(part: Segment) -> bool:
 def _is_end_of(constant: Const, part: Segment) -> bool:
     """Whether a constant shows where a part ends. It ends no frame inside, and no digits if it begins like one."""
     if isinstance(part, Wrap):
-        return constant.when is None and constant.data[0] in part.coding.never
+        return constant.when is None and constant.data[:1] in {bytes((byte,)) for byte in part.coding.never}
     return not _ends_itself(part)
 
 
@@ -401,7 +401,7 @@ def _begins_with(byte: int, segment: Segment) -> bool:
     """Whether a segment is surely there, and begins with that byte."""
     if segment.chooses_by is not None and segment.when is None and segment.usual_block:
         return all(bool(block) and _begins_with(byte, block[0]) for block in segment.blocks)
-    return isinstance(segment, Const) and segment.when is None and segment.data[0] == byte
+    return isinstance(segment, Const) and segment.when is None and segment.data[:1] == bytes((byte,))
 
 
 def _in_records(segments: Segments) -> Iterator[Segment]:

@@ -186,7 +186,10 @@ class KindChecker:
             kind = self._kind(node.value)
             if kind in _WITHOUT_FIELDS:
                 self._inside(node.at, f"{WORDS[kind]} has no '{node.name}'")
-            if isinstance(node.value, Name) and node.value.name == "line" and node.name != "speed":
+            is_line = isinstance(node.value, Name) and node.value.name == "line"
+            if is_line and "line" in self.names:  # a value of that name
+                return "any"
+            if is_line and node.name != "speed":
                 self._inside(node.at, f"the line has no '{node.name}'", "write line.speed if that is meant")
             columns = self._columns(node.value)
             if columns is not None and node.name not in columns:
