@@ -36,7 +36,6 @@ from framekit.definition.model.segments import (
     Repeat,
     Segment,
     Value,
-    Wrap,
 )
 
 Pairs = tuple[tuple[Segment, Scope], ...]
@@ -134,7 +133,7 @@ class MeasureWriter(FunctionWriter):
                     self.maybe_absent.add(name)
                     self.set_value(name, scope, "None", segment if segment.is_record else None)
             for block in segment.blocks:
-                self.absent(block, scope, wrapped or isinstance(segment, Wrap))
+                self.absent(block, scope, wrapped or segment.is_there_inside)
 
     # ---- texts --------------------------------------------------------------------------------------------
 
