@@ -19,6 +19,12 @@ from framekit.definition.load import load_protocol_text
 from framekit.definition.problems import DefinitionError
 
 FOUND: dict[str, tuple[str, dict[str, Any], str]] = {
+    "a check code behind data, over what comes later": (
+        "[{length: n, type: u8, of: [x]}, {length: m, type: u8, of: [d]}, {data: x, size: n},"
+        " {check: sum8, over: [d, m]}, {data: d, size: m}]",
+        {"x": b"a", "d": b"bc"},
+        "01 02 61 C7 62 63",
+    ),
     "a frame inside called line, which hides the line": (
         "[{inner: line, of: [counted]}, {value: v, read: len(line.counted.r)}, {field: a, type: u8}]",
         {"line": {"counted": {"r": [7]}}, "a": 9},

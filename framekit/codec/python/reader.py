@@ -341,7 +341,11 @@ class BufferReader:
         if covers_later(check, self.function.segments):
             if self.function.in_branch:
                 raise not_possible(check, "a check under a condition covers what comes later", "put it behind that")
-            self.function.late.append(lambda: self._compare_check(check, local, is_slice))
+            code = local
+            if not local.isidentifier():  # the place it is read at is another one by then
+                code = self.function.names.fresh(check.name or "check")
+                self.function.add(f"{code} = {local}")
+            self.function.late.append(lambda: self._compare_check(check, code, is_slice))
         else:
             self._compare_check(check, local, is_slice)
 
