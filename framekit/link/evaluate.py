@@ -41,6 +41,11 @@ class Names(dict[str, Any]):
             level = level.parent
         raise KeyError(name)
 
+    @property
+    def remembered(self) -> dict[Any, Any] | None:
+        """What measuring has found out of a frame that is still coming; None where nothing tells when that ends."""
+        return None if self.parent is None else self.parent.remembered
+
     def get(self, name: str, default: Any = None) -> Any:
         try:
             return self[name]

@@ -132,6 +132,7 @@ class Scope(Names):
         "_fits",
         "_lasting",
         "_overrides",
+        "_remembered",
         "clock",
         "device",
         "followers",
@@ -170,6 +171,7 @@ class Scope(Names):
         self.clock = self.device.clock
         self.line = LineTimes(line)
         self._cache: dict[str, tuple[int, Any]] = {}
+        self._remembered: tuple[int, dict[Any, Any]] = 0, {}
         self._lasting: frozenset[str] = frozenset()
         self._expressions: dict[str, Expression] = {}
         self._anew: dict[frozenset[str], dict[str, Formula]] = {}
@@ -193,6 +195,14 @@ class Scope(Names):
     def version(self) -> int:
         """Grows whenever a variable or parameter changes."""
         return self.writes + self.device.changes
+
+    @property
+    def remembered(self) -> dict[Any, Any]:
+        """As of all names, until a variable or parameter changes."""
+        version, found = self._remembered
+        if version != self.version:
+            self._remembered = self.version, (found := {})
+        return found
 
     def _put(self, name: str, value: Any) -> None:
         """A variable becomes `value`, where it is kept."""

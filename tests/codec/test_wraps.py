@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import cProfile
+import pstats
 import random
 import re
 from pathlib import Path
@@ -20,7 +22,10 @@ from framekit.codec.python.codings import wire_coding
 from framekit.definition.codings import Cobs, Coding, Escaped, Inserted
 from framekit.definition.model.segments import Wrap
 from framekit.definition.problems import DefinitionError, Position
+from framekit.definition.times import LineFormat
 from framekit.definition.wire_types import exactly
+from framekit.link.receiver import Receiver
+from framekit.link.scope import Scope
 
 MANUAL = Path(__file__).parents[2] / "docs" / "language.md"
 AT = Position("test", 1, 1)
@@ -215,3 +220,22 @@ def test_a_damaged_frame_is_bad_and_the_next_one_is_found(name: str) -> None:
         found = feed(receiver_of(text), [bytes(damaged) + good * 2], ("f",))
         assert ("frame", "f") in [one[:2] for one in found]
         assert not any(one[0] == "frame" and bytes(damaged) in one for one in found)
+
+
+@pytest.mark.parametrize("coding", ["cobs", "hex"])
+def test_content_that_tells_a_size_behind_it_is_read_a_few_times_while_the_rest_comes(coding: str) -> None:
+    end = "00" if coding == "cobs" else "03"
+    protocol = small_protocol(
+        f"[{{const: 02}}, {{wrap: {coding}, of: [{{field: n, type: u16}}, {{data: d, size: rest}}]}}, {{const: {end}}},"
+        " {data: e, size: n}, {check: sum8}]"
+    )
+    codec = compile_protocol(protocol)
+    data = codec.encode("f", {"n": 500, "d": bytes(range(1, 251)), "e": bytes(500)})
+    profile = cProfile.Profile()
+    with profile:
+        found = feed(
+            Receiver(codec, protocol, Scope(protocol, line=LineFormat(9600))), cut_at(data, range(len(data))), ("f",)
+        )
+    assert [one[2] for one in found] == [data]
+    calls = {name: called[1] for (_, _, name), called in pstats.Stats(profile).stats.items()}
+    assert calls["content_of"] > 500 and calls["diagnose_f"] < 5

@@ -223,7 +223,8 @@ def _measure_content(
             m.want(further, after[1:])
         stop = f"at + {further}" if further else "at"
         always = names_always_there(wrap.of)
-        m.add(f"fields = diagnose_{m.identifier}(bytes(data[start:{stop}]), ctx).fields")
+        content = m.module.function("content_of")
+        m.add(f"fields = {content}(diagnose_{m.identifier}, bytes(data[start:{stop}]), ctx)")
         for name, one in names.items():
             there = f"[{quoted(name)}]" if name in always else f".get({quoted(name)})"
             m.set_value(name, scope, f"{m.path_of(scope)}{there}", one if one.is_record else None)

@@ -113,6 +113,17 @@ def ends_here(decode: Callable[..., Any], data: bytes, ctx: Context, place: int)
     return True
 
 
+def content_of(diagnose: Callable[..., Any], data: bytes, ctx: Context) -> Any:
+    """The fields of a frame of which so much has come; a line remembers them while more of it comes."""
+    remembered = getattr(ctx, "remembered", None)
+    if remembered is None:
+        return diagnose(data, ctx).fields
+    found = remembered.get(diagnose)
+    if found is None or found[0] is not ctx or found[1] != data:
+        found = remembered[diagnose] = ctx, data, diagnose(data, ctx).fields
+    return found[2]
+
+
 def measure_hex(measure: Callable[..., int], data: bytes | bytearray, at: int, end: int, ctx: Context) -> int:
     """How many hex digits content takes whose length `measure` finds in the bytes they stand for, and one more.
 
