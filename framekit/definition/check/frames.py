@@ -299,11 +299,24 @@ class _Ends:
         yield from self._region(segments)
         for wrap in parts_of(frame.segments, Wrap):
             yield from self._region(wrap.of)
+            yield from self._size_of(wrap)
         for repeat in parts_of(frame.segments, Repeat):
             inner = next((one for one in repeat.members if isinstance(one, Inner) and one.size == "rest"), None)
             if inner is not None and self.is_open(repeat.members):
                 what = f"nothing shows where {inner.title} ends in an item of '{repeat.name}'"
                 yield Problem(inner.at, what, "give it a size, or put a constant behind it")
+
+    def _size_of(self, wrap: Wrap) -> Iterator[Problem]:
+        """A size that no content has on the wire; hex digits are two for each byte."""
+        size, found = wrap.size, wrap.coding.sizes(self.sizes.all(wrap.of))
+        if not isinstance(size, int):
+            return
+        if size < found.least or (found.most is not None and size > found.most):
+            most = "" if found.most in (None, found.least) else f" to {found.most}"
+            what = f"the content takes {found.least}{most} bytes on the wire, size says {size}"
+            yield Problem(wrap.at, what, "correct size")
+        elif isinstance(wrap.coding, Hex) and size % 2:
+            yield Problem(wrap.at, f"{size} hex digits are no whole bytes", "give an even size")
 
     def _escapes(self, segments: Segments, behind: Segments) -> Iterator[Problem]:
         """Wraps that nothing ends, wherever they stand; one in an item has to end in this item."""
