@@ -204,7 +204,10 @@ class Messages:
             if isinstance(node, Mapping) and node.flow and looks_cut(key):
                 yield _Complaint(path, "unknown", Problem(at, CUT, QUOTE_EXPRESSION))
                 return
-            hint = schema.get("x-hints", {}).get(key) or did_you_mean(key, known) or "remove it or correct its name"
+            hint = schema.get("x-hints", {}).get(key) or did_you_mean(key, known)
+            if not hint:
+                named = f"known: {', '.join(sorted(known))}"
+                hint = named if len(known) <= LONGEST_LIST else "remove it or correct its name"
             yield self._unknown(path, key, schema, hint)
 
     def _unknown(self, path: Path, key: str, schema: dict[str, Any], hint: str) -> _Complaint:
