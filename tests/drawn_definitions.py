@@ -116,7 +116,7 @@ class DrawnDefinition:
 
     def expression(self, holder: dict[str, Any], key: Any, text: str, scope: Scope) -> None:
         """Puts an expression into a place; its names are chosen when all of them are known."""
-        later = key not in ("when", "size", "choose", "times") or self.chance(0.03)
+        later = key not in ("when", "size", "choose", "times", "until") or self.chance(0.03)
         holder[key] = text if later else self._with_names(text, scope)
         if "§" in holder[key] or "¤" in holder[key]:
             self.free.append((holder, key, text, scope))
@@ -407,7 +407,15 @@ def _items(
     inside, inner = Scope(scope), {}
     if drawn.more and drawn.chance(0.3):
         inside.sized.append(name)  # the items before this one
+    if drawn.apart.random() < 0.3:
+        inside.numbers += ["index", drawn.apart.choice(["last", "index"])]
     segment["of"] = drawn.body(inside, inner, depth + 1)
+    own = [one for one in inside.numbers if one.isidentifier() and one not in ("index", "last")]
+    if own and drawn.apart.random() < 0.2:
+        segment["of"].append({"require": f"either(previous.{own[-1]}, 1) * 0 == {own[-1]} * 0"})
+    if times == "rest" and many and drawn.apart.random() < 0.4:
+        del segment["times"]
+        drawn.expression(segment, "until", drawn.apart.choice([f"index == {many - 1}", "§ == 8", "§ > 3"]), inside)
     values[name] = [dict(inner) for _ in range(many)]
     if drawn.chance(0.5):
         scope.sized.append(name)

@@ -12,6 +12,7 @@ from strategy_hints import Hints, hints_of, same_attributes
 from strategy_values import Draw, Values, built, flat, span_of
 
 from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName, start_values
+from framekit.codec.samples import item_of
 from framekit.definition.expression import Expression, Name, Node, names_in
 from framekit.definition.model import segments as model
 from framekit.definition.model.protocol import Protocol
@@ -53,6 +54,7 @@ class _Record:
         self.plan = plan
         self.outer = outer
         self.given: dict[str, Any] = {}
+        self.words: dict[str, Any] = {}
         self.all = flat(segments)
         self.segments = segments
         self.inputs = {name for segment in self.all for part in built(segment) for name in names_in(part.root)}
@@ -117,7 +119,9 @@ class _Record:
     # ---- expressions --------------------------------------------------------------------------------------
 
     def filling(self) -> Filling:
-        return Filling(self.plan, self.given, self.maker.names, self.outer)
+        found = Filling(self.plan, self.given, self.maker.names, self.outer)
+        found.words = self.words
+        return found
 
     def evaluate(self, node: Node) -> Any:
         """The value of an expression on what is given so far; UNKNOWN if it has none yet."""
@@ -311,11 +315,16 @@ class _Record:
         fields = self.plan.values[repeat.name][0].construct.fields  # type: ignore[attr-defined]
         items: list[dict[str, Any]] = []
         alike = same_attributes(self.all).get(repeat.name, [])
-        for _ in range(times):
-            item = self._item(repeat.of, fields.plan, items[0] if items else None, alike)
+        previous: Filling | None = None
+        for place in range(times):
+            words = {model.INDEX: place, model.LAST: place == times - 1, model.PREVIOUS: previous}
+            of = item_of(repeat, words[model.LAST])
+            item = self._item(of, fields.plan, items[0] if items else None, alike, words)
             if item is None:
                 return None
             items.append(item)
+            previous = Filling(fields.plan, item, self.maker.names, self.filling())
+            previous.words = words
         return items
 
     def _times(self, repeat: model.Repeat) -> int | None:
@@ -324,7 +333,7 @@ class _Record:
         found = self.evaluate(repeat.times.root) if isinstance(repeat.times, Expression) else UNKNOWN
         if isinstance(found, int) and not self._counts(repeat):
             return found if 0 <= found <= 64 else None
-        least, most = 0, 4
+        least, most = 0 if repeat.until is None else 1, 4
         for segment in self.all:
             if isinstance(segment, model.Count) and segment.of == repeat.name and segment.limits is not None:
                 least, most = max(least, segment.limits[0]), min(max(most, segment.limits[0]), segment.limits[1])
@@ -333,10 +342,19 @@ class _Record:
     def _counts(self, repeat: model.Repeat) -> bool:
         return any(isinstance(segment, model.Count) and segment.of == repeat.name for segment in self.all)
 
-    def _item(self, of: tuple[Segment, ...], plan: Plan, first: dict[str, Any] | None, alike: list[str]) -> Any:
+    def _item(
+        self,
+        of: tuple[Segment, ...],
+        plan: Plan,
+        first: dict[str, Any] | None,
+        alike: list[str],
+        words: dict[str, Any],
+    ) -> Any:
         """An item; one that agrees with the first where it has to, if that can be had."""
         for _ in range(TRIES):
-            item = _Record(self.maker, plan, of, self.filling()).made()
+            record = _Record(self.maker, plan, of, self.filling())
+            record.words = words
+            item = record.made()
             if item is not None and (first is None or self._agree(plan, first, item, alike)):
                 return item
         return None if first is None else dict(first)

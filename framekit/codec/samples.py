@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from framekit.codec.codec import Codec
@@ -26,6 +26,7 @@ from framekit.definition.expression import (
     Number,
     Slice,
     Text,
+    Unary,
     names_in,
 )
 from framekit.definition.model import segments as model
@@ -240,6 +241,7 @@ class _Record:
         self.outer = outer
         self.depth: int = 0 if outer is None else outer.depth + 1
         self.given: dict[str, Any] = {}
+        self.words: dict[str, Any] = {}  # what an item knows of itself
         self.records: dict[str, _Record | list[_Record]] = {}
         self.all = tuple(flat(segments))
         self.by_name = _by_name(self.all)
@@ -254,6 +256,8 @@ class _Record:
             return self.records[name]
         if name in self.given:
             return self.given[name]
+        if name in self.words:
+            return self.words[name]
         segment = self.by_name.get(name)
         if segment is not None and name not in self.working:
             self.working.add(name)
@@ -514,10 +518,12 @@ class _Record:
             return [self._some(least, most) for _ in range(times)]
         records: list[_Record] = []
         self.records[repeat.name] = records
-        alike = self.random.random() < 0.5
-        for _ in range(times):
+        alike = self.random.random() < 0.5 and repeat.until is None
+        for place in range(times):
             if not records or not alike:
-                record = _Record(self.sampler, self.random, repeat.of, self)
+                record = _Record(self.sampler, self.random, item_of(repeat, place == times - 1), self)
+                previous = records[-1] if records else None
+                record.words = {model.INDEX: place, model.LAST: place == times - 1, model.PREVIOUS: previous}
                 record.make()
             records.append(record)
         return [dict(record.given) for record in records]
@@ -527,9 +533,24 @@ class _Record:
         if counts:
             least, most = counts[0].limits or (0, 3)
             return self.random.randint(least, max(least, min(most, least + 2)))
-        if repeat.times == "rest":
+        if repeat.times is None or repeat.times == "rest":
             return self.random.randint(1, 3)
         return self._size(repeat.times, repeat.name)
+
+
+def item_of(repeat: model.Repeat, is_last: bool) -> tuple[Segment, ...]:
+    """The segments of an item; whether it ends the list is a condition that its values have to meet."""
+    until = repeat.until
+    if until is None:
+        return repeat.members
+    root = until.root
+    opposite = {"==": "!=", "!=": "=="}
+    if not is_last and isinstance(root, Compare) and len(root.rest) == 1 and root.rest[0][0] in opposite:
+        operator, right = root.rest[0]
+        root = replace(root, rest=((opposite[operator], right),))
+    elif not is_last:
+        root = Unary(root.at, "not", root)
+    return (*repeat.members[:-1], model.Require(at=until.at, condition=Expression(until.text, root)))
 
 
 def _by_name(segments: tuple[Segment, ...]) -> dict[str, Segment]:

@@ -164,6 +164,26 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
              "       {data: d, size: len(list)}]", {"list": [{"a": 5, "d": b""}, {"a": 7, "d": b"x"}]},
              "02 05 00 07 05 78", {"n": 2, "list": [{"a": 5, "at": 0, "sum": 0, "d": b""}, {"a": 7, "at": 1, "sum": 5, "d": b"x"}]},
              {"02 05 00 07 06 78": "value"}),
+        Case("a list that its last item ends", "- repeat: list\n  until: more == 0\n  of: [{bits: {more: 7, value: 0-6}, of: u8}]\n"
+             "- const: ETX", {"list": [{"more": 1, "value": 5}, {"more": 0, "value": 2}]}, "85 02 03",
+             bad={"85 02 04": "constant", "85 82 03": "short"}),
+        Case("items of any size, up to one that ends the list", "- repeat: list\n  until: tag == 0xFF\n"
+             "  of: [{field: tag, type: u8}, {length: n, type: u8, of: [d]}, {data: d, size: n}]\n- {field: a, type: u8}",
+             {"list": [{"tag": 1, "d": b"ab"}, {"tag": 255, "d": b""}], "a": 9}, "01 02 61 62 FF 00 09",
+             {"list": [{"tag": 1, "n": 2, "d": b"ab"}, {"tag": 255, "n": 0, "d": b""}]}, {"01 02 61 62 FF 01 09": "short"}),
+        Case("extension bits that follow from the number of items", "- repeat: list\n  until: more == 0\n"
+             "  of: [{bits: {more: 7, value: 0-6}, of: u8, is: {more: not last}}]\n- const: ETX",
+             {"list": [{"value": 5}, {"value": 2}, {"value": 1}]}, "85 82 01 03",
+             {"list": [{"more": 1, "value": 5}, {"more": 1, "value": 2}, {"more": 0, "value": 1}]}),
+        Case("items that know their number, the last one and the one before", "- {count: n, type: u8, of: list}\n- repeat: list\n"
+             "  times: n\n  of: [{field: number, type: u8, is: index + 1}, {field: a, type: u8},\n"
+             "       {field: sum, type: u8, is: 'either(previous.sum, 0) + a'}, {field: b, type: u8, when: last}]",
+             {"list": [{"a": 5}, {"a": 7, "b": 9}]}, "02 01 05 05 02 07 0C 09",
+             {"n": 2, "list": [{"number": 1, "a": 5, "sum": 5}, {"number": 2, "a": 7, "sum": 12, "b": 9}]},
+             {"02 01 05 05 03 07 0C 09": "value", "02 01 05 05 02 07 0B 09": "value"}),
+        Case("up to the end, the last item marked", "- repeat: list\n  times: rest\n  of: [{bits: {end: 7, value: 0-6}, of: u8, is: {end: last}}]",
+             {"list": [{"value": 5}, {"value": 2}]}, "05 82", {"list": [{"end": 0, "value": 5}, {"end": 1, "value": 2}]},
+             {"85 82": "value", "05 02": "value"}),
         Case("a fixed number of values", "- {repeat: list, times: 3, of: u8}", {"list": [1, 2, 3]}, "01 02 03"),
         Case("values up to the end", "- {repeat: list, times: rest, of: u16, order: little}", {"list": [1, 2]}, "01 00 02 00"),
         Case("values behind a number of another order", "- {field: a, type: u16, order: little}\n"

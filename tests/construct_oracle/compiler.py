@@ -14,6 +14,7 @@ from construct_oracle.frame import FrameConstruct
 from construct_oracle.holders import (
     ChooseConstruct,
     Fields,
+    ItemEndConstruct,
     OptionalConstruct,
     RecordConstruct,
     RepeatConstruct,
@@ -47,6 +48,7 @@ _PLAIN: dict[type[model.Segment], type[SegmentConstruct]] = {
     model.Value: DerivedConstruct,
     model.Require: RequireConstruct,
     model.Check: CheckConstruct,
+    model.ItemEnd: ItemEndConstruct,
 }
 
 

@@ -20,6 +20,7 @@ from construct_oracle.state import Writing
 from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName
 from framekit.codec.support import room
 from framekit.definition.expression import Expression, names_in
+from framekit.definition.model.segments import ITEM_WORDS
 
 Condition = Callable[["Filling"], bool]
 MISSING: Any = object()
@@ -78,6 +79,7 @@ class Filling(Mapping[str, Any]):
     """The values of one record under construction; reading one computes it. `path` is what its names begin with.
 
     `item`: the list the record is an item of, and its place there; in its expressions the list is what stands before.
+    `words`: what an item knows of itself.
     """
 
     def __init__(
@@ -97,6 +99,7 @@ class Filling(Mapping[str, Any]):
         self.path = path
         self.echo = echo or {}
         self.item = item
+        self.words: dict[str, Any] = {}
         self._done: dict[str, Any] = {}
         self._running: set[str] = set()
         for name in given:
@@ -212,6 +215,8 @@ class Filling(Mapping[str, Any]):
         """The expression's value; the name `own` means something outside this record. Raises EVALUATION_ERRORS too."""
 
         def lookup(name: str) -> Any:
+            if name in ITEM_WORDS.values():
+                return self.word(name)
             filling: Filling | None = self
             item: tuple[str, int] | None = None
             while filling is not None:
@@ -225,6 +230,14 @@ class Filling(Mapping[str, Any]):
             return self.names[name]
 
         return evaluate(expression.root, lookup)
+
+    def word(self, name: str) -> Any:
+        """What the item around knows of itself."""
+        filling: Filling | None = self
+        while filling is not None and not filling.words:
+            filling = filling.outer
+        assert filling is not None, "words of items are in items alone"
+        return filling.words[name]
 
     def compute(self, expression: Expression, own: str) -> Any:
         """The value an expression gives the field `own`. Raises EncodeError when it can't be worked out."""

@@ -17,7 +17,18 @@ from construct_oracle.state import Reading, Region, State
 from construct_oracle.values import DAMAGED, evaluated_size, of_type, read_wire, write_wire
 from framekit.codec.evaluate import EVALUATION_ERRORS
 from framekit.definition.expression import Expression
-from framekit.definition.model.segments import Choose, FieldType, Optional, Record, Repeat, lack_default
+from framekit.definition.model.segments import (
+    INDEX,
+    LAST,
+    PREVIOUS,
+    Choose,
+    FieldType,
+    ItemEnd,
+    Optional,
+    Record,
+    Repeat,
+    lack_default,
+)
 
 
 class Segments(Construct):
@@ -99,6 +110,7 @@ def open_context(
         _marks={},
         _left_out=set(),
         _item=None,
+        _words=None,
         _is_frame=is_frame,
     )
     context._root = outer.get("_root", context)
@@ -164,15 +176,27 @@ class RepeatConstruct(ValueSegment):
         reading.store(context, self.name, items, place)
         times = self._times(reading, context, place)
         with reading.within(self._room(reading, stream, context, place)), reading.as_it_stands(stream):
-            while len(items) < times if times is not None else stream.tell() < reading.region.end:
+            while self._goes_on(items, times, reading, stream):
                 before = stream.tell()
                 inner = self.fields.open(stream, context)
                 inner._item = self.name, len(items)
+                inner._words = {INDEX: len(items), PREVIOUS: items[-1] if items else None}
+                if times is not None:
+                    inner._words[LAST] = len(items) == times - 1
                 items.append(inner._values)
                 with reading.within(Region(reading.region.end, exact=False)):  # another item may follow
                     self.fields.segments._parse(stream, inner, f"{path}[{len(items) - 1}]")
                 if not isinstance(self.segment.times, int) and stream.tell() == before:
                     raise reading.stop(place, "length", "items that take room", "0 bytes")
+                if self.segment.until is not None and inner._words[LAST]:
+                    break
+                if self.segment.until is None and times is None:
+                    inner._words[LAST] = stream.tell() >= reading.region.end
+
+    def _goes_on(self, items: list[Any], times: int | None, reading: Reading, stream: BytesIO) -> bool:
+        if self.segment.until is not None:
+            return True  # until an item ends the list, or bytes are missing
+        return len(items) < times if times is not None else stream.tell() < reading.region.end
 
     def _read_values(self, reading: Reading, stream: BytesIO, context: Container, place: Place) -> None:
         """Plain values; there is no list when one of them cannot be read."""
@@ -199,7 +223,7 @@ class RepeatConstruct(ValueSegment):
         times = self.segment.times
         if isinstance(times, Expression):
             return evaluated_size(times, reading, context, place)
-        return None if times == "rest" else times
+        return times if isinstance(times, int) else None
 
     def fill(self, filling: Filling, name: str) -> Any:
         given = filling.given_of(name)
@@ -214,13 +238,19 @@ class RepeatConstruct(ValueSegment):
             return [of_type(of, item, f"{name}[{place}]", filling) for place, item in enumerate(given)]
         assert self.fields is not None
         plan = self.fields.plan
-        return [
+        items = [
             _inner_filling(plan, item, filling, f"{name}[{place}]", (name, place)) for place, item in enumerate(given)
         ]
+        for place, item in enumerate(items):
+            previous = items[place - 1] if place else None
+            item.words = {INDEX: place, LAST: place == len(items) - 1, PREVIOUS: previous}
+        return items
 
     def write(self, filling: Filling, stream: BytesIO, context: Container, path: str) -> None:
         items = filling[self.name]
-        if not context._state.measuring and self.segment.times != "rest":
+        if self.segment.until is not None and not items:
+            raise filling.error(self.name, f"'{self.name}' has at least one item")
+        if not context._state.measuring and self.segment.is_counted:
             times = self.segment.times
             wanted = filling.compute(times, self.name) if isinstance(times, Expression) else times
             if wanted != len(items):
@@ -239,6 +269,27 @@ class RepeatConstruct(ValueSegment):
             else:
                 assert isinstance(self.segment.of, FieldType)
                 write_wire(self.segment.of, item, f"{self.name}[{place}]", filling, stream, context)
+
+
+class ItemEndConstruct(SegmentConstruct):
+    """The end of an item. Parses to whether it is the last one, where `until` tells it; builds nothing."""
+
+    segment: ItemEnd
+
+    def read(self, stream: BytesIO, context: Container, path: str, place: Place) -> None:
+        if self.segment.until is None:
+            return
+        try:
+            context._words[LAST] = bool(context._state.evaluate(self.segment.until, context))
+        except EVALUATION_ERRORS:
+            raise context._state.stop(place, "value", str(self.segment.until), "nothing") from None
+
+    def write(self, filling: Filling, stream: BytesIO, context: Container, path: str) -> None:
+        until = self.segment.until
+        if until is None or context._state.measuring:
+            return
+        if bool(filling.compute(until, "until")) is not filling.word(LAST):
+            raise filling.error("", f"{until} must hold in the last item and in no other")
 
 
 class ChooseConstruct(SegmentConstruct):

@@ -21,6 +21,7 @@ from framekit.definition.model.segments import (
     Field,
     FieldType,
     Inner,
+    ItemEnd,
     Length,
     Record,
     Repeat,
@@ -89,7 +90,7 @@ class KnownSizes:
                 return len(data)
             case Skip(size=size) | Check(size=size):
                 return size
-            case Value() | Require():
+            case Value() | Require() | ItemEnd():
                 return 0
             case Field(long=long) if long is not None:
                 return None

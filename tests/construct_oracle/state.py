@@ -21,7 +21,7 @@ from construct_oracle.sizes import Evaluate, KnownSizes
 from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName
 from framekit.definition.expression import Expression
 from framekit.definition.model.frames import parts_of
-from framekit.definition.model.segments import Check, Segment
+from framekit.definition.model.segments import ITEM_WORDS, Check, Segment
 
 if TYPE_CHECKING:
     from construct_oracle.base import SegmentConstruct
@@ -199,6 +199,10 @@ class Reading(State):
             item: tuple[str, int] | None = None
             for scope in scopes(context):
                 if name == own and scope is context:
+                    continue
+                if name in ITEM_WORDS.values():
+                    if scope._words is not None:
+                        return scope._words[name]
                     continue
                 if name in scope._values:
                     value = scope._values[name]

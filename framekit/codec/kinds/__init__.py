@@ -13,7 +13,7 @@ from framekit.codec.kinds.field import FieldKind
 from framekit.codec.kinds.inner import InnerKind
 from framekit.codec.kinds.optional import OptionalKind
 from framekit.codec.kinds.record import RecordKind
-from framekit.codec.kinds.repeat import RepeatKind
+from framekit.codec.kinds.repeat import ItemEndKind, RepeatKind
 from framekit.codec.kinds.require import RequireKind
 from framekit.codec.kinds.skip import FillKind, SkipKind
 from framekit.codec.kinds.value import ValueKind
@@ -35,6 +35,7 @@ register(
     CheckKind,
     RecordKind,
     RepeatKind,
+    ItemEndKind,
     ChooseKind,
     OptionalKind,
     WrapKind,

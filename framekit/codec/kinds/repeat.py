@@ -1,4 +1,4 @@
-"""`repeat`: a list, of records or of plain values."""
+"""`repeat`: a list, of records or of plain values; and the end of an item, where it is told whether it is the last."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from framekit.codec.python import forms
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter, inside_of
 from framekit.codec.python.encode import EncodeWriter, Given
 from framekit.codec.python.encode_plan import Lengths, Rules, RuleWriter, Task
-from framekit.codec.python.expressions import NameEntry, Scope
+from framekit.codec.python.expressions import Kind, NameEntry, Scope
 from framekit.codec.python.facts import is_name, is_plain_name, may_be_empty, names_read
 from framekit.codec.python.function import Fields, Place, between
 from framekit.codec.python.measure import Finished, MeasureWriter, Pairs
@@ -15,13 +15,19 @@ from framekit.codec.python.reader import BufferReader, Item, without_end
 from framekit.codec.python.registry import summary, type_text
 from framekit.codec.python.source import Code, quoted, text_source
 from framekit.definition.expression import AND, BIT_OR, PRODUCT, Binary, Expression, Number
-from framekit.definition.model.frames import expressions_of, flat
+from framekit.definition.model.frames import expressions_of, flat, names_read_in
 from framekit.definition.model.segments import (
+    INDEX,
+    ITEM_WORDS,
+    LAST,
+    PREVIOUS,
     Count,
     FieldType,
+    ItemEnd,
     Length,
     Repeat,
     Segments,
+    Size,
 )
 
 
@@ -41,7 +47,7 @@ class RepeatKind(SegmentKind[Repeat]):
             gives = (f"items of {name}", f"bytes of {name}")
             waits = w.outer_names(segment) | {name}
             tasks.append(Task(gives, waits, lambda _: _put_records(w, segment, scope, given)))
-        if isinstance(segment.times, Expression) and not _is_counted(w, segment):
+        if isinstance(segment.times, Expression) and not _is_told(w, segment):
             waits = w.waits(segment.times, segment.when) | {name}
             tasks.append(Task((), waits, lambda _: _compare_times(w, segment, scope, given)))
         return tasks
@@ -65,15 +71,23 @@ class RepeatKind(SegmentKind[Repeat]):
         scope.entries[segment.name] = NameEntry(f"n[{quoted(segment.name)}]", "list", inside)
 
     def diagnose(self, d: DiagnosisWriter, segment: Repeat, scope: Scope, behind: Behind) -> None:
-        name, times = quoted(segment.name), d.ask(segment.times, scope)
+        name = quoted(segment.name)
+        times = "None" if segment.times is None else d.ask(segment.times, scope)
         option = d.behind_option(segment.times == "rest", behind)
         if isinstance(segment.of, FieldType):
             parse = d.parse(segment.of)
             d.out.add(f"n.values({name}, {times}, {segment.of.fixed_size}, {parse}{d.refuse(segment)}{option})")
             return
-        with d.out.block(f"for _ in n.items({name}, {times}{option}):"):
+        inside = inside_of(scope, segment.name)
+        words, item = item_words(segment), "_"
+        if words:
+            item = d.names.fresh("item")
+            for word in words:
+                inside.entries[word] = _word_entry(word, f"{item}.{word.partition('.')[2]}", segment)
+        option += ", until=True" if segment.until is not None else ""
+        with d.out.block(f"for {item} in n.items({name}, {times}{option}):"):
             outside, d.in_item = d.in_item, True
-            d.list(segment.of, inside_of(scope, segment.name), ())
+            d.list(segment.of, inside, ())
             d.in_item = outside
 
     def measure(self, m: MeasureWriter, segment: Repeat, scope: Scope, after: Pairs) -> None:
@@ -83,7 +97,7 @@ class RepeatKind(SegmentKind[Repeat]):
         times = str(segment.times)
         if isinstance(segment.times, Expression):
             times = m.size_text(segment.times, scope, PRODUCT + 1)
-        if item.fixed is not None and segment.name not in m.needed:
+        if item.fixed is not None and segment.name not in m.needed and segment.until is None:
             whole = str(int(times) * item.fixed) if times.isdigit() else f"{item.fixed} * {times}"
             m.skip(times if item.fixed == 1 else whole)
         elif isinstance(segment.of, FieldType):
@@ -100,10 +114,71 @@ class RepeatKind(SegmentKind[Repeat]):
     def describe(self, segment: Repeat) -> str:
         of = segment.of
         inside = type_text(of) if isinstance(of, FieldType) else f"({summary(of)})"
+        if segment.until is not None:
+            return f"{segment.name} {inside} until {segment.until}"
         return f"{segment.name} {segment.times} × {inside}"
 
     def rules(self, w: RuleWriter, segment: Repeat, always: bool, lengths: Lengths) -> Rules:
         yield segment.name, _rule(w, segment, always, lengths)
+
+
+class ItemEndKind(SegmentKind[ItemEnd]):
+    model = ItemEnd
+
+    def read(self, r: BufferReader, item: Item, segment: ItemEnd, after: tuple[Item, ...]) -> None:
+        function = r.function
+        last = function.names.fresh("is_last")
+        if segment.until is None:
+            function.add(f"{last} = {r.place.text(r.buffer)} >= {r.list_end}")
+        else:
+            function.flush()
+            function.add(f"{last} = {function.writer(item.scope).text(segment.until)}")
+        item.scope.entries[LAST] = NameEntry(last)
+
+    def tasks(self, w: EncodeWriter, segment: ItemEnd, scope: Scope, given: Given) -> list[Task]:
+        if segment.until is None:
+            return []
+        until = segment.until
+        return [Task((), w.waits(until), lambda _: _end_as_told(w, until, scope, given))]
+
+    def diagnose(self, d: DiagnosisWriter, segment: ItemEnd, scope: Scope, behind: Behind) -> None:
+        if segment.until is not None:
+            item = scope.entries[LAST].text.partition(".")[0]
+            d.out.add(f"n.ends({item}, lambda n: {d.writer(scope).text(segment.until)})")
+
+    def measure(self, m: MeasureWriter, segment: ItemEnd, scope: Scope, after: Pairs) -> None:
+        if segment.until is not None:
+            m.item_ends = m.text(segment.until, scope)
+
+
+def item_words(repeat: Repeat) -> list[str]:
+    """The words of items that expressions in this list's items read; `last` where an item itself tells it."""
+    read = names_read_in(repeat.members)
+    return [word for word in (INDEX, LAST, PREVIOUS) if word in read or (word == LAST and repeat.until is not None)]
+
+
+def _word_entry(word: str, text: str, repeat: Repeat) -> NameEntry:
+    """What a word of items stands for, by the text of its value."""
+    if word == PREVIOUS:
+        return NameEntry(text, "record", _names_of_record(repeat.members), may_be_absent=True)
+    return NameEntry(text)
+
+
+def _names_of_record(segments: Segments) -> Scope:
+    """The names in a record that is one value."""
+    found = Scope()
+    for one in flat(segments):
+        inside = _names_of_record(one.members) if one.inner_record is not None else None
+        kind: Kind = "list" if one.is_list else "record" if one.is_record else "value"
+        for name in one.value_names:
+            found.entries[name] = NameEntry("", kind, inside)
+    return found
+
+
+def _end_as_told(w: EncodeWriter, until: Expression, scope: Scope, given: Given) -> None:
+    where = (*given.path[:-1], "]")
+    message = text_source("'", *where, f"': {until} must hold in the last item and in no other")
+    w.complain(f"bool({w.text(until, scope)}) is not {scope.entries[LAST].text}", text_source(*where), message)
 
 
 def _rule(w: RuleWriter, repeat: Repeat, always: bool, lengths: Lengths) -> str:
@@ -138,7 +213,7 @@ def _is_asked_often(w: EncodeWriter, repeat: Repeat) -> bool:
     return repeat.name in w.asked_for or any(one.of == repeat.name for one in counts)
 
 
-def _is_counted(w: EncodeWriter, repeat: Repeat) -> bool:
+def _is_told(w: EncodeWriter, repeat: Repeat) -> bool:
     """Whether a count or a length follows the list by itself."""
     here = [target.only for target in w.targets.values()]
     return any(isinstance(one, (Count, Length)) and _is_told_by(repeat, one) for one in here)
@@ -176,7 +251,8 @@ def _put_records(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) ->
     item, wire = w.names.fresh("item"), w.names.fresh(f"{repeat.name}_bytes")
     w.flush()
     w.add(f'{wire} = b""')
-    whole = _is_read_inside(w, repeat)
+    words = item_words(repeat)
+    whole = PREVIOUS in words or _is_read_inside(w, repeat)
     complete = w.names.fresh(f"{repeat.name}_complete") if whole else ""
     if whole:
         w.add(f"{complete} = []")
@@ -187,6 +263,15 @@ def _put_records(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) ->
     path = (*given.path, f"{repeat.name}[", Code(place), "].")
     inner = Given(item, f"{given.rules}[{quoted(repeat.name)}].inside", path)
     before = w.names.fresh("before") if may_be_empty(w.shapes, repeat) else ""
+    if repeat.until is not None:
+        where = *given.path, repeat.name
+        empty = f"not {items}" if repeat.when is None else f"{w.text(repeat.when, scope, AND)} and not {items}"
+        w.complain(empty, text_source(*where), text_source("'", *where, "' has at least one item"))
+    texts = {
+        INDEX: place, LAST: f"({place} == len({items}) - 1)", PREVIOUS: f"({complete}[-1] if {complete} else None)"
+    }  # fmt: skip
+    for word in words:
+        inside.entries[word] = _word_entry(word, texts[word], repeat)
     with w.out.block(f"for {place}, {item} in enumerate({there}):"), w.apart():
         if before:
             w.add(f"{before} = len({wire})")
@@ -199,15 +284,24 @@ def _put_records(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) ->
             message = text_source("'", *where, "' takes no bytes, so nothing shows that it is there")
             w.complain(f"len({wire}) == {before}", text_source(*where), message)
         if whole:
-            names = {name for one in flat(repeat.of) for name in one.value_names}
-            fields = ", ".join(
-                f"{quoted(name)}: {inside.entries[name].text}" for name in sorted(names) if name in inside.entries
-            )
-            w.add(f"{complete}.append({{{fields}}})")
+            w.add(f"{complete}.append({_values_text(repeat.of, inside)})")
     w.wires[repeat.name] = wire
     inside.close()
     text = w.or_nothing(repeat.name, complete, repeat.when, scope) if complete else items
     scope.entries[repeat.name] = NameEntry(text, "list", inside)
+
+
+def _values_text(segments: Segments, scope: Scope) -> str:
+    """Source of the values of a record, also of those in it, which may be computed."""
+    texts: dict[str, str] = {}
+    for one in flat(segments):
+        for name in one.value_names:
+            entry = scope.entries.get(name)
+            if entry is not None and entry.direct and entry.inside is not None:
+                texts[name] = _values_text(one.members, entry.inside)
+            elif entry is not None:
+                texts[name] = entry.text
+    return f"{{{', '.join(f'{quoted(name)}: {texts[name]}' for name in sorted(texts))}}}"
 
 
 def _is_read_inside(w: EncodeWriter, repeat: Repeat) -> bool:
@@ -280,7 +374,7 @@ def _list_text(r: BufferReader, of: FieldType, size: int, first: Place, last: Pl
     return f"list({constant}[{count}].unpack_from({r.buffer}{behind}))"
 
 
-def _count(r: BufferReader, item: Item, times: int | Expression | str) -> str:
+def _count(r: BufferReader, item: Item, times: Size | None) -> str:
     """Text of how often something is repeated; a name or a number."""
     if isinstance(times, int):
         return str(times)
@@ -299,11 +393,13 @@ def _read_records(r: BufferReader, item: Item, repeat: Repeat, of: Segments, aft
     inside = Scope(item.scope, of)
     fields = Fields(function.names.fresh("item"))
     found = function.local(repeat.name, item.scope)
-    least = r.shapes.all(of).least
-    end = None
+    least, words = r.shapes.all(of).least, item_words(repeat)
+    end = count = None
     if repeat.times == "rest":
         end = _region_limit(r, after)
         header = f"while {r.at} < {end}:"
+    elif repeat.times is None:
+        header = "while True:"
     else:
         count = _count(r, item, repeat.times)
         header = f"for _ in range({count}):"
@@ -326,21 +422,43 @@ def _read_records(r: BufferReader, item: Item, repeat: Repeat, of: Segments, aft
         if may_be_empty(r.shapes, repeat):
             begin = function.names.fresh("item_start")
             function.add(f"{begin} = {r.at}")
-        outside = r.deferred, r.in_item
-        r.deferred, r.in_item = [], True
+        _words_of_item(r, repeat, words, found, count, inside)
+        outside = r.deferred, r.in_item, r.list_end
+        r.deferred, r.in_item, r.list_end = [], True, end or ""
         r.read(of, inside, fields)
-        r.deferred, r.in_item = outside
+        r.deferred, r.in_item, r.list_end = outside
         r.settle()
         if begin is not None:
             function.misfit_if(f"{r.at} == {begin}")
+        if repeat.until is not None:
+            function.misfit_if(f"{r.at} > len({r.buffer})")
         function.flush()
         function.add(f"{found}.append({fields.text(function.out)})")
+        if repeat.until is not None:
+            with function.out.block(f"if {inside.entries[LAST].text}:"):
+                function.add("break")
     function.in_branch -= 1
     function.stands(repeat, r.buffer, first, r.place)
     inside.close()
     item.scope.entries[repeat.name] = NameEntry(found, "list", inside)
     function.names_of_values[repeat.name] = found
     item.fields.add(repeat.name, found)
+
+
+def _words_of_item(
+    r: BufferReader, repeat: Repeat, words: list[str], found: str, count: str | None, inside: Scope
+) -> None:
+    """Locals with what an item knows of itself, before it is read."""
+    for word in words:
+        if word == LAST and count is None:
+            inside.entries[LAST] = NameEntry("", is_read=False)
+            continue
+        texts = {
+            INDEX: f"len({found})", LAST: f"len({found}) == {count} - 1", PREVIOUS: f"{found}[-1] if {found} else None"
+        }  # fmt: skip
+        local = r.function.names.fresh(word.partition(".")[2])
+        r.function.add(f"{local} = {texts[word]}")
+        inside.entries[word] = _word_entry(word, local, repeat)
 
 
 def _region_limit(r: BufferReader, after: tuple[Item, ...]) -> str:
@@ -355,9 +473,9 @@ def _region_limit(r: BufferReader, after: tuple[Item, ...]) -> str:
 
 def _measure_records(m: MeasureWriter, repeat: Repeat, of: Segments, scope: Scope, times: str, after: Pairs) -> None:
     """Items of different size are walked through; what the others take at least is wanted at once."""
-    empty, behind = may_be_empty(m.shapes, repeat), m.least(after)
+    empty, behind, words = may_be_empty(m.shapes, repeat), m.least(after), item_words(repeat)
     least = 1 if empty else m.shapes.all(of).least
-    if not times.isdigit():
+    if repeat.until is None and not times.isdigit():
         with m.out.block(f"if {times} > {m.most}:"):
             m.add("return LOST")
     m.settle()
@@ -368,10 +486,24 @@ def _measure_records(m: MeasureWriter, repeat: Repeat, of: Segments, scope: Scop
     needed = m.needed
     if found is not None:
         inside.entries[repeat.name] = NameEntry(found, "list", inside)  # the items before this one
+    if found is not None or PREVIOUS in words:
         m.needed = needed | names_read(of) | _names_in_items(of)
-    with m.out.block(f"for {left} in range({times}, 0, -1):"):
-        total = " + ".join([*([f"{least} * {left}"] if least else []), *([str(behind)] if behind else [])])
-        if least:
+    texts = {INDEX: f"{times} - {left}", LAST: f"{left} == 1", PREVIOUS: m.names.fresh("previous")}
+    if repeat.until is not None and INDEX in words:
+        texts[INDEX] = m.names.fresh("index")
+        m.add(f"{texts[INDEX]} = 0")
+    if PREVIOUS in words:
+        m.add(f"{texts[PREVIOUS]} = None")
+    for word in words:
+        inside.entries[word] = _word_entry(word, texts[word] if word == PREVIOUS else f"({texts[word]})", repeat)
+    if repeat.until is not None and found is None and _can_be_resumed(m, repeat):
+        _resume(m, repeat, after)
+    header = f"for {left} in range({times}, 0, -1):" if repeat.until is None else "while True:"
+    with m.out.block(header):
+        if repeat.until is not None:
+            _want_item(m, least, behind)
+        elif least:
+            total = f"{least} * {left}" + (f" + {behind}" if behind else "")
             with m.out.block(f"if end < at + {least}:"):
                 m.add(f"return end - at - ({total})" if behind else f"return end - at - {total}")
         before = m.names.fresh("before")
@@ -379,6 +511,7 @@ def _measure_records(m: MeasureWriter, repeat: Repeat, of: Segments, scope: Scop
             m.add(f"{before} = at")
         outside, m.anew = m.anew, True
         finished = m.branch(m.pairs(of, inside), ())
+        ends, m.item_ends = m.item_ends, ""
         m.anew = outside
         if finished:
             raise Finished
@@ -387,10 +520,39 @@ def _measure_records(m: MeasureWriter, repeat: Repeat, of: Segments, scope: Scop
                 m.add("return LOST")
         if found is not None:
             m.add(f"{found}.append({_item_text(inside, found)})")
+        if repeat.until is not None:
+            with m.out.block(f"if {ends}:"):
+                m.add("break")
+        if repeat.until is not None and INDEX in words:
+            m.add(f"{texts[INDEX]} += 1")
+        if PREVIOUS in words:
+            m.add(f"{texts[PREVIOUS]} = {_item_text(inside, found or '')}")
     m.needed = needed
     if found is not None:
         inside.close()
         scope.entries[repeat.name] = NameEntry(found, "list", inside)
+
+
+def _want_item(m: MeasureWriter, least: int, behind: int) -> None:
+    """Goes on if the next item of a list can be there: nothing tells how many come, so only that one is wanted."""
+    with m.out.block(f"if end < at + {least}:"):
+        total = least + behind
+        m.add(f"return end - at - {total} if at - start + {total} <= {m.most} else LOST")
+
+
+def _can_be_resumed(m: MeasureWriter, repeat: Repeat) -> bool:
+    """Whether an item that did not end the list in an earlier call does not end it now, wherever it stands."""
+    own = {name for one in repeat.members for name in one.value_names}
+    asked = names_read_in(repeat.members)
+    return m.shapes.all(repeat.members).fixed is not None and asked <= own
+
+
+def _resume(m: MeasureWriter, repeat: Repeat, after: Pairs) -> None:
+    """Passes over items of fixed size that an earlier call has looked at, but for the last of them."""
+    size, resume = m.shapes.all(repeat.members).fixed, m.resume(after)
+    if size and resume is not None:
+        passed = f"{resume} - at - {size}" if size > 1 else f"{resume} - at - 1"
+        m.add(f"at += max({passed}, 0)" if size == 1 else f"at += max({passed}, 0) // {size} * {size}")
 
 
 def _names_in_items(segments: Segments) -> set[str]:
@@ -408,6 +570,6 @@ def _item_text(scope: Scope, found: str = "") -> str:
     texts = {
         name: _item_text(entry.inside) if entry.direct and entry.inside is not None else entry.text
         for name, entry in scope.entries.items()
-        if entry.text != found
+        if entry.text != found and name not in ITEM_WORDS.values()
     }
     return f"{{{', '.join(f'{quoted(name)}: {text}' for name, text in texts.items())}}}"

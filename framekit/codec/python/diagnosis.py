@@ -19,6 +19,7 @@ from framekit.codec.python.source import Source, bytes_literal, literal, quoted
 from framekit.definition.expression import BIT_OR, PRODUCT, Expression, names_in
 from framekit.definition.model.frames import Frame, everything, flat, leaves, without_when
 from framekit.definition.model.segments import (
+    LAST,
     Check,
     Const,
     Count,
@@ -276,7 +277,7 @@ class DiagnosisWriter(FunctionWriter):
         """Writes a call when the segments of these names, and those an expression reads, have been read."""
         names = {one for one in needed if isinstance(one, str)}
         names.update(name for one in needed if isinstance(one, Expression) for name in names_in(one.root))
-        self.deferred.append(Comparison(line, frozenset(names) & (self.field_names | self.by_name.keys())))
+        self.deferred.append(Comparison(line, frozenset(names) & (self.field_names | self.by_name.keys() | {LAST})))
 
     def finish(self, *, all_is_read: bool) -> None:
         """Comparisons that need what comes later."""

@@ -37,7 +37,7 @@ from framekit.definition.expression import (
     walk,
 )
 from framekit.definition.model.frames import flat
-from framekit.definition.model.segments import Field, Segment
+from framekit.definition.model.segments import LAST, Field, Segment
 
 Kind = Literal["value", "list", "record", "inner"]
 _WIRE = "bytes on the wire of "
@@ -105,7 +105,7 @@ def entry_of(node: Node, scope: Scope) -> NameEntry | None:
 
 def entries_read(node: Node, scope: Scope, fields: Iterable[str]) -> Iterator[NameEntry | None]:
     """The fields that an expression reads, of a record those of it; None for one that nothing is known of yet."""
-    if isinstance(node, Name) and node.name in fields:
+    if isinstance(node, Name) and (node.name in fields or node.name == LAST):
         yield scope.find(node.name)
     outer = entry_of(node.value, scope) if isinstance(node, Attribute) else None
     if isinstance(node, Attribute) and outer is not None and outer.kind == "record" and outer.inside is not None:
@@ -242,6 +242,8 @@ def is_flag(node: Node) -> bool:
             return is_flag(then) or is_flag(otherwise)
         case Call(function=function):
             return FUNCTIONS[function].gives == "flag"
+        case Name(name=name):
+            return name == LAST
     return False
 
 

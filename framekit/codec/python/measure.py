@@ -25,6 +25,7 @@ from framekit.codec.python.source import Source, bytes_literal, literal, quoted
 from framekit.definition.expression import SUM, Attribute, Expression, names_in, walk
 from framekit.definition.model.frames import Frame, bytes_of, everything, flat, without_when
 from framekit.definition.model.segments import (
+    PREVIOUS,
     Bits,
     Check,
     Const,
@@ -32,6 +33,7 @@ from framekit.definition.model.segments import (
     Field,
     FieldType,
     Inner,
+    ItemEnd,
     Length,
     Repeat,
     Segment,
@@ -95,6 +97,7 @@ class MeasureWriter(FunctionWriter):
         self.anew = False
         self.in_digits = False
         self.looks_for_end = False
+        self.item_ends = ""  # what says at the end of an item whether it is the last one
 
     def pairs(self, segments: tuple[Segment, ...], scope: Scope) -> Pairs:
         """The segments with those of records."""
@@ -573,7 +576,7 @@ def needed_names(segments: tuple[Segment, ...], before: tuple[Segment, ...] = ()
     """Names that sizes, counts and conditions depend on, and those these depend on; also of records `before`."""
     found: set[str] = set()
     values: dict[str, set[str]] = {}
-    records = {segment.name for segment in everything((*before, *segments)) if segment.is_record}
+    records = {segment.name for segment in everything((*before, *segments)) if segment.is_record} | {PREVIOUS}
     for segment in everything(segments):
         if isinstance(segment, Value):
             values[segment.name] = _names_of(segment.read)
@@ -594,7 +597,8 @@ def needed_names(segments: tuple[Segment, ...], before: tuple[Segment, ...] = ()
 def size_expressions(segment: Segment) -> list[Expression]:
     """What decides about the size of a segment."""
     times = segment.times if isinstance(segment, Repeat) else None
-    found = (segment.when, segment.chooses_by, segment.size_expression, times)
+    until = segment.until if isinstance(segment, ItemEnd) else None
+    found = (segment.when, segment.chooses_by, segment.size_expression, times, until)
     return [expression for expression in found if isinstance(expression, Expression)]
 
 

@@ -135,6 +135,7 @@ class BufferReader:
         self.body_begins: Segment | None = None  # of a body that ends at the first byte of the tail
         self.body_place = START
         self.in_item = False  # of a list: what follows is the next item, not the end of the buffer
+        self.list_end = ""  # the local with the end of the list around, where it reaches to the end of its region
 
     def items(self, segments: Iterable[Segment], scope: Scope, fields: Fields) -> list[Item]:
         """The segments with those of records, so that structs may reach over their borders."""

@@ -34,6 +34,24 @@ class Nothing(dict[str, Any]):
     __hash__ = None
 
 
+class ItemPlace:
+    """An item being read: its number from 0, the item before; `count` items come, or `ended` tells it at its end."""
+
+    def __init__(self, reading: Diagnosis, index: int, previous: Any, count: int | None) -> None:
+        self.reading = reading
+        self.index = index
+        self.previous = previous
+        self.count = count
+        self.ended: bool | None = None
+
+    @property
+    def last(self) -> bool:
+        """Whether it is the last one; without a count it is known at the end of the item."""
+        if self.ended is not None:
+            return self.ended
+        return self.reading.at >= self.reading.end if self.count is None else self.index == self.count - 1
+
+
 class Notes:
     """The first fault and its turn, a wrong check code, whether one was not reached, and checks that only warn."""
 
@@ -261,31 +279,41 @@ class Diagnosis:
         self.scopes.pop()
         self.path = outer
 
-    def items(self, name: str, times: int | Ask | None, behind: int | Ask = 0) -> Iterator[int]:
-        """Every item of a list of records; `times` None: as many as fit before the last `behind` bytes."""
+    def items(
+        self, name: str, times: int | Ask | None, behind: int | Ask = 0, until: bool = False
+    ) -> Iterator[ItemPlace]:
+        """Every item of a list of records; `times` None: as many as fit before the last `behind` bytes.
+
+        `until`: the items tell themselves which is the last one (`ends`).
+        """
         start = self.begin(name)
         items: list[dict[str, Any]] = []
         self.scopes[-1][name] = items
-        outer, index = self.path, 0
+        outer = self.path
         count = None if times is None else self.ask(times, "length", name)
         if count is not None and count < 0:
             raise self.stop("length", name, "at least 0 items", str(count))
-        whole = self.end
-        if count is None:
+        whole, ended = self.end, False
+        if count is None and not until:
             self.end = start + self.rest(behind, name)
-        while self.at < self.end if count is None else index < count:
+        while not ended if until else self.at < self.end if count is None else len(items) < count:
             before = self.at
+            item = ItemPlace(self, len(items), items[-1] if items else None, count)
             items.append({})
-            self.path = f"{outer}{name}[{index}]."
+            self.path = f"{outer}{name}[{item.index}]."
             self.scopes.append(items[-1])
-            yield index
+            yield item
             self.scopes.pop()
             self.path = outer
-            index += 1
+            ended = bool(item.ended)
             if self.at == before and not isinstance(times, int):
                 raise self.stop("length", name, "items with bytes", "an empty one")
         self.end = whole
         self.bounds[name] = (self.data, start, self.at)
+
+    def ends(self, item: ItemPlace, until: Ask) -> None:
+        """Whether the item that was read is the last one of its list."""
+        item.ended = bool(self.ask(until, "value", "until"))
 
     @contextmanager
     def inside(

@@ -22,6 +22,7 @@ from framekit.definition.model.frames import (
 )
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import (
+    LAST,
     MOST_BYTES,
     Check,
     Const,
@@ -45,6 +46,8 @@ def check_frame(protocol: Protocol, frame: Frame) -> list[Problem]:
     """Everything wrong with one frame by itself."""
     found = list(_level(protocol, frame.segments))
     found += _order_of_sizes(frame.segments, set())
+    for repeat in parts_of(frame.segments, Repeat):
+        found += () if repeat.is_counted else _last_too_soon(repeat.members)
     found += _lengths_of_numbers(frame)
     found += _lengths_that_never_fit(protocol, frame)
     ends = _Ends(protocol)
@@ -249,6 +252,20 @@ def _order_of_sizes(
         known.update(segment.value_names)
         if segment.name:
             known.add(segment.name)
+
+
+def _last_too_soon(segments: Segments) -> Iterator[Problem]:
+    """Where no number tells how many items come, `last` is known at the end of an item alone."""
+    for segment in flat(segments):
+        late = {id(one) for _, one in segment.computed()}
+        if isinstance(segment, Field) and segment.when is not None:
+            late.discard(id(segment.default))
+        for expression in expressions_of(segment.with_lists(lambda _: ())):
+            if LAST in names_in(expression.root) and id(expression) not in late:
+                what = f"only the end of an item shows whether it is the last one, and '{expression}' is read before"
+                yield Problem(expression.at, what, "take last in is: or build: only, or give times a number")
+        if segment.is_record:
+            yield from _last_too_soon(segment.members)
 
 
 def _lengths_of_numbers(frame: Frame) -> Iterator[Problem]:

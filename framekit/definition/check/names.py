@@ -26,6 +26,7 @@ from framekit.definition.kinds.base import Segment
 from framekit.definition.model.frames import Frame, expressions_of, field_names, flat, parts_of
 from framekit.definition.model.procedure import Action, Row, Sequence, Step, Target
 from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.segments import INDEX, LAST, PREVIOUS
 from framekit.definition.model.services import ServiceRow
 from framekit.definition.model.values import Value
 from framekit.definition.problems import Position, Problem, did_you_mean
@@ -38,7 +39,7 @@ class NameChecker:
         self.protocol = protocol
         self.broken = broken
         self.globally = BUILT_IN | protocol.params.keys() | protocol.state.keys() | protocol.tables.keys()
-        self.globally |= protocol.queues.keys()
+        self.globally |= protocol.queues.keys() | {INDEX, LAST, PREVIOUS}  # the loader puts them into items alone
         self.serves = any(step.serve is not None for step in parts_of(dict(protocol.sequences), Step))
         self.problems: list[Problem] = []
 

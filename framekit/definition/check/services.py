@@ -65,6 +65,9 @@ ONLY_THERE = {
     "frame": "it is known in on_bad and other handlers; a frame's name is it.frame",
     "outcome": "it is known in on_fail",
     "reply": "it is what serve: answers: add serve: {request: …} before",
+    "index": "it is the number of an item: use it in the segments of a repeat",
+    "last": "it tells whether an item is the last one: use it in the segments of a repeat",
+    "previous": "it is the item before: use it in the segments of a repeat",
 }
 """Words that have a value only in some places."""
 

@@ -36,6 +36,7 @@ from framekit.definition.model.frames import Frame, expressions_of, field_names,
 from framekit.definition.model.procedure import Action, Row, Sequence, Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import Parameter, StateVariable
+from framekit.definition.model.segments import INDEX, LAST, PREVIOUS
 from framekit.definition.model.services import ServiceRow
 from framekit.definition.model.values import FrameOf, Table
 from framekit.definition.problems import Position, Problem, did_you_mean
@@ -528,7 +529,11 @@ class _Kinds:
         checker.named_numbers = named_numbers(segments)
         for segment in flat(segments):
             self._segment(checker, segment)
-            if segment.inner_record is not None:
+            if segment.is_list and segment.inner_record is not None:
+                words: dict[str, Kind] = {INDEX: "number", LAST: "number", PREVIOUS: "record"}
+                before = _Held("previous", segment.inner_record, is_one=True, is_item=True)
+                self._segments(segment.inner_record, local | words, checker.holders | {PREVIOUS: before})
+            elif segment.inner_record is not None:
                 self._segments(segment.inner_record, local, checker.holders)
 
     def _segment(self, checker: KindChecker, segment: Segment) -> None:

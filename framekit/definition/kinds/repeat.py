@@ -1,4 +1,8 @@
-"""`repeat`, and layouts included `as` a name: lists and records."""
+"""`repeat`, and layouts included `as` a name: lists and records.
+
+Expressions in an item know its number, whether it is the last one, and the item before. The loader gives these three
+names of their own, which no file can write (`load/items.py`).
+"""
 
 from __future__ import annotations
 
@@ -23,12 +27,21 @@ from framekit.definition.problems import Problem
 from framekit.definition.tree import Mapping, Sequence
 from framekit.definition.wire_types import SIZE, FieldType, Size, Sizes, load_type
 
+INDEX, LAST, PREVIOUS = "item.index", "item.last", "item.previous"
+ITEM_WORDS = {"index": INDEX, "last": LAST, "previous": PREVIOUS}
+"""What is written in the items of a list, and the name that it stands for."""
+
 
 def _items(reading: KeyReading) -> Segments | FieldType:
-    node = reading.keys.get("of")
+    node, until = reading.keys.get("of"), reading.keys.get("until")
     if isinstance(node, Sequence):
         found: Segments = reading.loader.load(node)
+        if until is not None:
+            found = (*found, ItemEnd(at=until.at, until=reading.reader.expression(until)))
         return found
+    if until is not None:
+        what = "until asks for fields of an item, and these items are plain values"
+        raise reading.reader.broken(until.at, what, "write of: [{field: NAME, type: …}]")
     return load_type(reading.space, reading.keys, node)
 
 
@@ -43,17 +56,37 @@ _ITEMS = {
     "size": {**here("size"), "description": "Number of bytes or digits of a plain number."},
     "order": here("number_order"),
     "case": here("digit_case"),
+    "until": {**ref("expression"), "description": "The list ends after the item for which this is true."},
 }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ItemEnd(Segment):
+    """The end of an item, where it is told whether it is the last one: by `until`, else by the end of the region."""
+
+    takes_bytes: ClassVar[bool] = False
+
+    until: Expression | None = None
+
+    def needed(self) -> Iterator[tuple[str, Expression]]:
+        if self.until is not None:
+            yield "end of the list", self.until
+
+    def given(self) -> Iterator[Given]:
+        yield self.until, "any", None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Repeat(Segment):
-    """A list: of records when `of` is segments, of plain values when it is a type."""
+    """A list: of records when `of` is segments, of plain values when it is a type.
+
+    `times` is None where the items themselves tell which is the last one.
+    """
 
     KEY: ClassVar[str] = "repeat"
 
     name: str = key("repeat", IDENTIFIER, "Name of the list.")
-    times: Size = key("times", SIZE, "Number of items; an expression; or rest, as many as fit.")
+    times: Size | None = key("times", SIZE, "Number of items; an expression; or rest, as many as fit.", default=None)
     of: Segments | FieldType = keys(_ITEMS, _items)
 
     @classmethod
@@ -72,12 +105,25 @@ class Repeat(Segment):
     def is_list(self) -> bool:
         return True
 
+    @property
+    def until(self) -> Expression | None:
+        """The condition whose item is the last one."""
+        last = self.members[-1:]
+        return last[0].until if last and isinstance(last[0], ItemEnd) else None
+
+    @property
+    def is_counted(self) -> bool:
+        """Whether the number of items is known before the first one is read."""
+        return self.times is not None and self.times != "rest"
+
     def with_record(self, change: Callable[[Segments], Segments]) -> Self:
         return self if isinstance(self.of, FieldType) else replace(self, of=change(self.of))
 
     def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
         item = self.of.sizes if isinstance(self.of, FieldType) else sizes_of(self.of, of_frame)
-        return item.times(self.times, self.times) if isinstance(self.times, int) else item.times(0, None)
+        if isinstance(self.times, int):
+            return item.times(self.times, self.times)
+        return item.times(1 if self.times is None else 0, None)
 
     def contents(self, of_frame: Contents) -> frozenset[int]:
         return self.of.contents if isinstance(self.of, FieldType) else contents_of(self.of, of_frame)
@@ -108,6 +154,11 @@ class Repeat(Segment):
         yield self.times if isinstance(self.times, Expression) else None, "number", None
 
     def check(self) -> Iterator[Problem]:
+        if self.times is None and self.until is None:
+            yield Problem(self.at, f"nothing says how many items '{self.name}' has", "add times or until")
+        elif self.times is not None and self.until is not None:
+            what = f"times and until both say where '{self.name}' ends"
+            yield Problem(self.at, what, "leave one of them out")
         if isinstance(self.of, FieldType):
             return
         if not self.of:

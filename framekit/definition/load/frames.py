@@ -13,6 +13,7 @@ from typing import Any
 from framekit.definition.expression import Expression, names_in
 from framekit.definition.keys import Meanings
 from framekit.definition.kinds.base import KINDS, Segment, Segments, fixed_size
+from framekit.definition.load.items import with_item_words
 from framekit.definition.load.namespace import Namespace, Owned
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.frames import Frame, Group, Side, change_all, field_names, flat, leaves
@@ -29,7 +30,8 @@ class SegmentLoader:
     `space` gives the meaning of the names of types, tables and checks, `find_frames` the frames that an `inner` or
     `inside` means by a name. `side`: who sends the frame they belong to. `aliases` collects what a named include stands
     for: its name → the names of its segments. `spoilt` says that segments were left out because they are
-    broken, `begun` is the layout that it reads by itself.
+    broken, `begun` is the layout that it reads by itself, `known` the names that
+    expressions may read beside values.
     """
 
     def __init__(self, space: Meanings, find_frames: Callable[[Any, Node], tuple[str, ...]]) -> None:
@@ -43,6 +45,7 @@ class SegmentLoader:
         self.begun: Sequence | None = None
         self.unnamed = 0
         self.spoilt = False
+        self.known = _names_everywhere(space)
 
     def load(self, node: Node | None) -> Segments:
         """The segments of a list; those that are broken are left out after their problem is noted."""
@@ -98,6 +101,8 @@ class SegmentLoader:
             raise Broken("too many segments")
         if not self.read:
             self.begun = nodes
+        if space is not self.space:
+            self.known |= _names_everywhere(space)
         outer, self.space = self.space, space
         self.under_way.append((self.reader.text(node), nodes))
         try:
@@ -151,6 +156,11 @@ def _names_of(segment: Segment) -> set[str]:
 
 def _read_by(value: Segment) -> set[str]:
     return {name for one in (value.follows, value.when) if one is not None for name in names_in(one.root)}
+
+
+def _names_everywhere(space: Meanings) -> set[str]:
+    """The names of a file that its expressions may read wherever they stand."""
+    return {name for section in ("params", "state", "tables", "queues") for name in space.section(section)}
 
 
 # ---- names that frames and segments mention -----------------------------------------------------------------
@@ -459,7 +469,9 @@ class FrameLoader:
             raise Broken(outline.name)
         parts = apply_where(reader, (head, body, tail), self._where(outline, own), outline.owned.entry.key)
         whose = f"frame '{outline.name}'"
-        head, body, tail = in_order(*resolve_references(parts, loader.aliases, whose, self.missing))
+        parts = resolve_references(parts, loader.aliases, whose, self.missing)
+        known = loader.known | field_names(part for segments in parts for part in segments)
+        head, body, tail = in_order(*(with_item_words(part, known) for part in parts))
         fill = keys.get("fill")
         return Frame(
             name=outline.name,

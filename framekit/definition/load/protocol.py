@@ -14,6 +14,7 @@ from framekit.definition.check import check_protocol
 from framekit.definition.keys import read_part
 from framekit.definition.load.documents import Documents, SourceText, joined, merged, scalar_of
 from framekit.definition.load.frames import FrameLoader, SegmentLoader, resolve_references
+from framekit.definition.load.items import with_item_words
 from framekit.definition.load.namespace import Namespace, Owned, names_mentioned, used_entries
 from framekit.definition.load.procedure import ProcedureLoader, ValueLoader
 from framekit.definition.load.reader import Broken, Reader
@@ -235,6 +236,7 @@ class ProtocolLoader:
                 if name in wanted:
                     whose, missing = f"layout '{name}'", self.frames.missing
                     segments = resolve_references(((), segments, ()), loader.aliases, whose, missing)[1]
+                    segments = with_item_words(segments, loader.known)
                     missing.tell()
                 found[name] = Layout(name=name, segments=segments, at=at)
                 if loader.spoilt:

@@ -14,7 +14,7 @@ from functools import cache
 from types import NoneType
 from typing import Any, Literal, TypeVar
 
-from framekit.definition.expression import Expression
+from framekit.definition.expression import Expression, names_in
 from framekit.definition.kinds.base import Segment, Segments, all_fixed, contents_of, fixed_size, least_size, sizes_of
 from framekit.definition.kinds.const import Fill, Skip
 from framekit.definition.problems import Position
@@ -147,6 +147,17 @@ def _names_of(kind: type) -> tuple[str, ...]:
 def expressions_of(value: Any) -> Iterator[Expression]:
     """Every expression inside `value`."""
     return parts_of(value, Expression)
+
+
+def names_read_in(segments: Iterable[Segment]) -> set[str]:
+    """The names that expressions in one record or item read, those of records in it too, not those of lists in it."""
+    found: set[str] = set()
+    for segment in flat(segments):
+        for expression in expressions_of(segment.with_lists(lambda _: ())):
+            found |= names_in(expression.root)
+        if segment.is_record:
+            found |= names_read_in(segment.members)
+    return found
 
 
 # ---- groups, frames, layouts --------------------------------------------------------------------------------
