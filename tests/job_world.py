@@ -9,9 +9,8 @@ from framekit.definition.times import NEVER
 from framekit.link.addresses import Address
 from framekit.memory.profile import load_profile
 from framekit.run.block_state import Failure
-from framekit.run.job_profile import JobProfile
 from framekit.run.job_table import Attempt, JobTable
-from framekit.run.model import JobCommand, Order, OwnPlace
+from framekit.run.model import JobCommand, JobProfile, Order, OwnPlace
 from framekit.run.own_memory import addresses_of
 from framekit.runfile.job_profiles import load_job_profile
 

@@ -13,9 +13,9 @@ from framekit.definition.problems import DefinitionError, Problem, plural
 from framekit.definition.schema import kind_of
 
 if TYPE_CHECKING:
-    from framekit.run.feasibility import BlockLoad as BlockLoad
-    from framekit.run.feasibility import ChannelLoad as ChannelLoad
     from framekit.run.model import RunModel
+    from framekit.service.feasibility import BlockLoad as BlockLoad
+    from framekit.service.feasibility import ChannelLoad as ChannelLoad
 
 
 @dataclass(frozen=True)
@@ -86,11 +86,10 @@ def _run(path: Path) -> Checked:
 
 def loads_of(run: RunModel) -> tuple[tuple[ChannelLoad, ...], list[Problem]]:
     """The load of each channel of a run, worked out on simulated lines; a warning for each cycle without time."""
-    from framekit.run.feasibility import load_problems
-    from framekit.service import simulation
+    from framekit.service import feasibility
 
-    loads = simulation.loads_of(run)
-    return loads, load_problems(loads)
+    loads = feasibility.loads_of(run)
+    return loads, feasibility.load_problems(loads)
 
 
 def _vectors(path: Path) -> Checked:

@@ -27,8 +27,8 @@ from framekit.run.commands import CommandEnd as CommandEnd
 from framekit.run.commands import CommandFaultError as CommandFaultError
 from framekit.run.commands import CommandWords, bytes_of, meaning_of
 from framekit.run.commands import Meaning as Meaning
-from framekit.run.job_profile import JobProfile as JobProfile
 from framekit.run.job_table import JobStatus as JobStatus
+from framekit.run.model import JobProfile as JobProfile
 from framekit.runfile.blocks import commands_for
 from framekit.runfile.devices import memory_of
 from framekit.runfile.job_profiles import load_job_profile

@@ -18,8 +18,8 @@ from framekit.definition.times import LineFormat
 from framekit.link.evaluate import EVALUATION_ERRORS
 from framekit.link.events import CharacterFault, Command, Monitor, Seen
 from framekit.link.listener import Listener
-from framekit.link.parameters import ParameterError
 from framekit.link.scope import Scope
+from framekit.link.variables import ParameterError
 from framekit.run.block_state import BlockStatus
 from framekit.service.capture import Capture, CaptureDecoder, CaptureReader
 from framekit.service.driver import Driver, LineLoad

@@ -22,8 +22,8 @@ from framekit.runfile.channels import line_of
 from framekit.runfile.devices import Device as Device
 from framekit.runfile.devices import DeviceSettings, load_devices, with_faults
 from framekit.service.capture import Capture
+from framekit.service.device import Serving, ServingMonitor, check_line
 from framekit.service.driver import LineLoad
-from framekit.service.serving import Serving, ServingMonitor, check_line
 from framekit.transport.clock import AsyncioClock
 
 

@@ -17,9 +17,20 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import StateVariable
 from framekit.definition.times import LineFormat
 from framekit.link.evaluate import Formula, Names, compile_expression, compile_optional
-from framekit.link.parameters import ParameterError, check_value, depending, given_value, lasting
 from framekit.link.values import attribute
-from framekit.link.variables import Fit, StateTable, empty_of, empty_record, fit_of, table_values
+from framekit.link.variables import (
+    Fit,
+    ParameterError,
+    StateTable,
+    check_value,
+    depending,
+    empty_of,
+    empty_record,
+    fit_of,
+    given_value,
+    lasting,
+    table_values,
+)
 
 
 class LineTimes:

@@ -27,7 +27,6 @@ from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
 from framekit.link.events import Command as LinkCommand
 from framekit.link.frame_table import FrameTable, ProtocolCodec
 from framekit.link.packing import cut_memory, values_of
-from framekit.link.parameters import ParameterError
 from framekit.link.receiver import Receiver
 from framekit.link.scope import CommandScope, Scope
 from framekit.link.services.areas import DeviceAreas, Span, address_of, codes_of, span_of
@@ -44,6 +43,7 @@ from framekit.link.services.server import (
     compile_afters,
 )
 from framekit.link.values import FrameValue, plain
+from framekit.link.variables import ParameterError
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError, UnknownAreaError, unit_bits
 from framekit.run.block_state import Failure
 

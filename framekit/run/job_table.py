@@ -25,8 +25,19 @@ from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits
 from framekit.run.block_state import Failure
 from framekit.run.commands import CommandBlocks, CommandFaultError, StatusPlaceError
 from framekit.run.commands import CommandFrame as CommandWords
-from framekit.run.job_profile import OTHERWISE, AfterLate, CodeClass, EventCode, JobProfile, StatusBits
-from framekit.run.model import CommandKind, JobCommand, Order, OrderKind, OwnPlace
+from framekit.run.model import (
+    OTHERWISE,
+    AfterLate,
+    CodeClass,
+    CommandKind,
+    EventCode,
+    JobCommand,
+    JobProfile,
+    Order,
+    OrderKind,
+    OwnPlace,
+    StatusBits,
+)
 
 
 class JobState(Enum):

@@ -21,7 +21,6 @@ from framekit.definition.problems import DefinitionError, Position, Problem, did
 from framekit.definition.times import NEVER, format_time
 from framekit.link.addresses import AddressError, AddressGrammar
 from framekit.memory.memory import unit_bits
-from framekit.run.job_profile import JobProfile
 from framekit.run.model import (
     BLOCKS_IN_SET,
     Block,
@@ -29,6 +28,7 @@ from framekit.run.model import (
     CommandKind,
     Instruction,
     JobCommand,
+    JobProfile,
     JobRecord,
     JobsSection,
     Order,

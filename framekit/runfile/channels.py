@@ -30,8 +30,8 @@ from framekit.definition.times import (
     parse_format,
 )
 from framekit.link.addresses import AddressGrammar
-from framekit.link.parameters import ParameterError, given_item, given_value
 from framekit.link.scope import LineTimes
+from framekit.link.variables import ParameterError, given_item, given_value
 from framekit.run.model import (
     DEFAULT_LIMITS,
     Channel,

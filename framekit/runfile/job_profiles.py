@@ -14,7 +14,7 @@ from framekit.definition.problems import NOWHERE, Position
 from framekit.definition.sources import find_profile
 from framekit.definition.times import NEVER
 from framekit.memory.profile import DEFAULT_SCAN, read_scan
-from framekit.run.job_profile import (
+from framekit.run.model import (
     OTHERWISE,
     WORDS,
     AfterLate,

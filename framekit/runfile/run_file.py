@@ -28,12 +28,13 @@ from framekit.link.addresses import AddressGrammar
 from framekit.memory.memory import unit_bits
 from framekit.memory.profile import BlockWords, MemoryProfile, load_profile, load_profile_node, read_scan
 from framekit.run.block_words import check_items, status_sections, words_of
-from framekit.run.job_profile import AfterLate, JobProfile
 from framekit.run.model import (
     BLOCKS_IN_SET,
     HOST,
+    AfterLate,
     Block,
     Channel,
+    JobProfile,
     JobsSection,
     KeptState,
     Opening,

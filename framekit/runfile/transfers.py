@@ -24,8 +24,8 @@ from framekit.definition.nodes import Mapping as MappingNode
 from framekit.definition.problems import Position, did_you_mean, is_nearly, listed, parted, plural
 from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.link.packing import PackingError, memory_of
-from framekit.link.parameters import ParameterError, given_value
 from framekit.link.services.rows import TYPES, checked, wants_address
+from framekit.link.variables import ParameterError, given_value
 from framekit.memory.memory import MemoryValueError, unit_bits
 from framekit.memory.views import CountedTextView, NumberView, view_of
 from framekit.run.model import ArgumentPlace, Channel, OwnPlace, ResultPlace

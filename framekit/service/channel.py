@@ -26,9 +26,8 @@ from framekit.run.lanes import LaneRules
 from framekit.run.model import STATIONED, Block, Channel, JobCommand, JobRecord, RunModel
 from framekit.run.own_memory import AddressedMemory
 from framekit.run.transfer import BlockTransfers, Ended, Read, neighbours
-from framekit.service.device import DeviceService, devices_of, port_for
+from framekit.service.device import DeviceService, ListeningPort, devices_of, port_for
 from framekit.service.driver import Driver, Moment
-from framekit.service.serving import ListeningPort
 from framekit.transport.clock import Clock
 from framekit.transport.port import Port
 

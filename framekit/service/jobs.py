@@ -30,11 +30,11 @@ from framekit.link.services.client import TransferResult
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits
 from framekit.run.block_state import Failure, failure_of
 from framekit.run.commands import CommandFaultError, StatusPlaceError
-from framekit.run.job_profile import JobProfile
 from framekit.run.job_table import Attempt, JobTable, RecordReader
 from framekit.run.model import (
     Channel,
     JobCommand,
+    JobProfile,
     JobRecord,
     JobsSection,
     Opening,

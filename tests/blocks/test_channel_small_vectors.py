@@ -10,7 +10,7 @@ from framekit.link.scope import Scope
 from framekit.memory.memory import DeviceMemory
 from framekit.memory.views import as_signed
 from framekit.run.commands import CommandBlocks, bytes_of, meaning_of, words_of
-from framekit.run.job_profile import CodeClass
+from framekit.run.model import CodeClass
 from framekit.runfile.blocks import commands_for
 from framekit.runfile.devices import memory_of
 from framekit.runfile.job_profiles import load_job_profile

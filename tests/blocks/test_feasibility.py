@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from framekit.run.feasibility import BlockLoad, ChannelLoad, Cost, channel_loads, load_problems
 from framekit.runfile.run_file import load_run
-from framekit.service.simulation import simulated_costs
+from framekit.service.feasibility import BlockLoad, ChannelLoad, Cost, channel_loads, load_problems, simulated_costs
 
 MS = 1_000_000
 HEAD = """run: r

@@ -9,7 +9,7 @@ import pytest
 from job_world import profile_with
 
 from framekit.definition.problems import DefinitionError
-from framekit.run.job_profile import CodeClass
+from framekit.run.model import CodeClass
 from framekit.runfile.job_profiles import load_job_profile
 
 HOUR = 3600 * 1_000_000_000

@@ -12,9 +12,9 @@ import pytest
 import framekit
 from framekit.definition import schema
 from framekit.definition.nodes import Mapping, Node
-from framekit.run.feasibility import Periods
 from framekit.run.triggers import TRIGGERS, ArmedTriggers, Cycle, KnownPeriods, Trigger, TriggerReader, add_trigger
 from framekit.runfile.run_file import load_run
+from framekit.service.feasibility import Periods
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 MS = 1_000_000

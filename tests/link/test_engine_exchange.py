@@ -10,8 +10,8 @@ from link.link_world import MS, SECOND, Echoing, Side, compiled, connect
 
 from framekit.definition.times import NEVER
 from framekit.link.events import Reopen, Send
-from framekit.link.parameters import ParameterError
 from framekit.link.values import FrameValue
+from framekit.link.variables import ParameterError
 
 PING = """
 protocol: ping

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from framekit.definition.load import load_protocol
-from framekit.link.parameters import ParameterError
 from framekit.link.scope import Scope
+from framekit.link.variables import ParameterError
 
 
 @pytest.fixture

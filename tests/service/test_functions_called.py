@@ -17,8 +17,8 @@ from framekit.link.services.client import TransferResult
 from framekit.runfile.devices import DeviceSettings, load_devices
 from framekit.runfile.run_file import load_run
 from framekit.service.client import ClientService
+from framekit.service.device import Serving
 from framekit.service.run import RunService
-from framekit.service.serving import Serving
 from framekit.transport.clock import AsyncioClock
 from framekit.transport.port import Port, PortEvents
 from framekit.transport.schemes import SCHEMES, Scheme

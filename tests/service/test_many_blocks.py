@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from framekit.link.events import Seen
-from framekit.run.feasibility import load_problems
 from framekit.runfile.run_file import load_run
+from framekit.service.feasibility import load_problems, loads_of
 from framekit.service.run import RunService
-from framekit.service.simulation import loads_of
 from framekit.transport.clock import VirtualClock
 
 SECOND = 1_000_000_000

@@ -15,7 +15,7 @@ from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
 
 from framekit.definition.times import LineFormat
 from framekit.runfile.devices import DeviceSettings, load_devices
-from framekit.service.serving import Serving
+from framekit.service.device import Serving
 from framekit.transport.clock import AsyncioClock
 from framekit.transport.pty_pair import PtyPair
 from framekit.transport.serial_port import SerialPort

@@ -8,10 +8,9 @@ import pytest
 from service.late_world import REGISTERS
 
 from framekit.link.events import Seen
-from framekit.run.feasibility import Cost
 from framekit.runfile.run_file import load_run
+from framekit.service.feasibility import Cost, loads_of, simulated_costs
 from framekit.service.run import RunService
-from framekit.service.simulation import loads_of, simulated_costs
 from framekit.transport.clock import VirtualClock
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

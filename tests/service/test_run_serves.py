@@ -12,8 +12,8 @@ from framekit.api.run import run_status
 from framekit.link.events import Seen
 from framekit.run.model import ConnectionLimits
 from framekit.runfile.run_file import load_run
+from framekit.service.device import ListeningPort
 from framekit.service.run import RunService
-from framekit.service.serving import ListeningPort
 from framekit.transport.clock import AsyncioClock, VirtualClock
 from framekit.transport.pty_pair import PtyPair
 

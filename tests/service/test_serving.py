@@ -18,7 +18,7 @@ from framekit.link.events import Seen
 from framekit.link.sequences import runtime
 from framekit.run.model import DEFAULT_LIMITS, ConnectionLimits
 from framekit.runfile.devices import DeviceSettings, load_devices
-from framekit.service.serving import MOST_CONNECTIONS, Serving
+from framekit.service.device import MOST_CONNECTIONS, Serving
 from framekit.transport.clock import AsyncioClock, VirtualClock
 from framekit.transport.simulated_line import SimulatedLine
 

@@ -12,7 +12,7 @@ import pytest
 from service.poll_world import ByHand
 
 from framekit.runfile.devices import load_devices
-from framekit.service.serving import Serving
+from framekit.service.device import Serving
 from framekit.transport.clock import VirtualClock
 from framekit.transport.port import Port, PortEvents
 

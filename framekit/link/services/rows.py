@@ -24,7 +24,7 @@ from framekit.link.addresses import Address, AddressGrammar, code_of
 from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, bare_name, compile_expression, compile_optional
 from framekit.link.frame_table import ProtocolCodec, made_once, table_of
 from framekit.link.packing import Packers, cut_memory, values_of
-from framekit.link.parameters import ParameterError, given_value
+from framekit.link.variables import ParameterError, given_value
 from framekit.memory.memory import unit_bits
 
 NATIVE = frozenset({"start", "count", "first"})
