@@ -9,10 +9,10 @@ from hypothesis import settings
 from shipped import FRAMES
 
 from framekit.codec import codec
-from framekit.codec.stored import LibraryKeeper, Shelf, cache_folder
+from framekit.codec.cache import CacheFolder, DefinitionCache, cache_folder
 from framekit.definition.load import protocol as library
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.sources import Sources, kept_by
+from framekit.definition.sources import Sources, cached_by
 
 settings.register_profile("long", deadline=None)
 settings.register_profile("short", deadline=None, max_examples=30)
@@ -25,7 +25,7 @@ codec.MOST_KEPT = library.MOST_KEPT = 512
 """Hundreds of small definitions come between two tests of a shipped one, which takes seconds to compile."""
 
 
-class ShippedKeeper(LibraryKeeper):
+class ShippedKeeper(DefinitionCache):
     """Keeps the shipped definitions from one process of the tests to the next, in the user's cache folder."""
 
     def loaded(self, path: Path) -> tuple[Protocol, Sources] | None:
@@ -41,7 +41,7 @@ def pytest_configure(config: pytest.Config) -> None:
     cache = cache_folder()
     if cache is not None:
         keeping = ExitStack()
-        keeping.enter_context(kept_by(ShippedKeeper(Shelf(cache))))
+        keeping.enter_context(cached_by(ShippedKeeper(CacheFolder(cache))))
         config.add_cleanup(keeping.close)
 
 

@@ -65,12 +65,12 @@ def blocks_on(line: JobLine) -> CommandBlocks:
     return CommandBlocks(line.application, line.memory)
 
 
-def meaning_in(blocks: CommandBlocks, protocol: Protocol, data: bytes, *, judge: bool = True) -> Meaning:
+def meaning_in(blocks: CommandBlocks, protocol: Protocol, data: bytes, *, validate: bool = True) -> Meaning:
     """What the command means that begins with these bytes. Raises CommandFaultError when they are none.
 
-    Without `judge` it is not said whether a port that has done nothing yet would refuse it.
+    Without `validate` it is not said whether a port that has done nothing yet would refuse it.
     """
-    return meaning_of(blocks.words.read(data), blocks, protocol, judge=judge)
+    return meaning_of(blocks.words.read(data), blocks, protocol, validate=validate)
 
 
 class CommandMemory:
@@ -97,7 +97,7 @@ class CommandMemory:
 
     def meaning(self, data: bytes) -> tuple[Meaning, Span]:
         """What a command means, and the place of its status word. Raises CommandFaultError."""
-        meaning = meaning_in(self.blocks, self.protocol, data, judge=False)
+        meaning = meaning_in(self.blocks, self.protocol, data, validate=False)
         try:
             return meaning, self.blocks.status_place(self.blocks.words.read(data))
         except DeviceMemoryError as error:
@@ -181,8 +181,8 @@ def _numbered(words: CommandWords, texts: Sequence[str], head: dict[str, object]
             return data
         own = {name: block.block.fields[name] for name in words.head() if name != words.length}
         head, data = {**own, **head}, data[words.head_size :]
-    elif not words.is_known(data) and (misfit := words.head_misfit(data)):
-        raise ValueError(f"{misfit} – correct the first word, or leave the head out")
+    elif not words.is_known(data) and (mismatch := words.head_mismatch(data)):
+        raise ValueError(f"{mismatch} – correct the first word, or leave the head out")
     request, values = words.read_request(data)
     return words.make(request, PlainValues(words.application).to_plain(request, values), head)
 

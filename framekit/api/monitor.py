@@ -517,10 +517,10 @@ class _Trial(PortEvents):
         self._port.close()
         self._result.received = len(self._data)
         if self._result.sent and not self._result.problems:
-            self._judge()
+            self._validate()
         self._done(self._result)
 
-    def _judge(self) -> None:
+    def _validate(self) -> None:
         problems, sent, came = self._result.problems, self._pattern, bytes(self._data)
         if not came:
             problems.append("nothing came back – are transmitted and received data wired together?")
@@ -540,9 +540,9 @@ class _Trial(PortEvents):
             problems.append(f"from byte {first} on it is something else")
         for kind in sorted(set(self._faults)):
             problems.append(f"{self._faults.count(kind)} × {kind}")
-        self._judge_time()
+        self._validate_time()
 
-    def _judge_time(self) -> None:
+    def _validate_time(self) -> None:
         expected, measured = self._result.expected_time, self._result.measured_time
         told = f"{measured / 1e6:.1f} ms instead of {expected / 1e6:.1f} ms"
         if measured > SLOW * expected + PATIENCE:

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from framekit import Seen
     from framekit.api.monitor import FrameFilter
     from framekit.api.settings import Names
+    from framekit.codec.cache import CachedCodec
     from framekit.codec.plain import PlainValues
-    from framekit.codec.stored import StoredCodec
     from framekit.definition.model.protocol import Protocol
     from framekit.definition.problems import Problem
     from framekit.definition.times import LineFormat
@@ -135,11 +135,11 @@ def load(name: str) -> Protocol:
     return protocol
 
 
-def load_codec(name: str) -> StoredCodec:
+def load_codec(name: str) -> CachedCodec:
     """Its functions alone, which is quicker; the definition itself is read when it is needed."""
-    from framekit.codec.stored import stored_codec
+    from framekit.codec.cache import cached_codec
 
-    codec = stored_codec(name, Path.cwd())
+    codec = cached_codec(name, Path.cwd())
     if codec.warned:
         _warn(codec.protocol)
     return codec

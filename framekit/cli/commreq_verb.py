@@ -330,7 +330,7 @@ class JobCommands:
                     return status
             await self._until(lambda: not line.active)
             unread.check()
-            return self._verdict(line)
+            return self._exit_status(line)
         finally:
             line.stop()
 
@@ -424,7 +424,7 @@ class JobCommands:
         print(text, flush=True)
         self.output.show_changes(changes)
 
-    def _verdict(self, line: JobLine) -> int:
+    def _exit_status(self, line: JobLine) -> int:
         """The exit status when all jobs are over: one that an error ended, or that moved nothing, is no success."""
         jobs = [slot.counters for slot in line.table.slots.values() if slot.counters.established]
         bad = any(one.ended or not one.good for one in jobs)

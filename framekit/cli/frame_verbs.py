@@ -40,9 +40,9 @@ from framekit.definition.problems import no_such, plural
 if TYPE_CHECKING:
     from framekit import Seen
     from framekit.api.settings import Names
+    from framekit.codec.cache import CachedCodec
     from framekit.codec.functions import Fit
     from framekit.codec.plain import PlainValues
-    from framekit.codec.stored import StoredCodec
     from framekit.definition.model.frames import Frame
     from framekit.definition.model.protocol import Protocol
     from framekit.definition.model.segments import Segment
@@ -174,7 +174,7 @@ def run_decode(arguments: argparse.Namespace) -> int:
 class StartNames(dict[str, Any]):
     """The start values of parameters and state; those that only the whole definition knows are looked up there."""
 
-    def __init__(self, codec: StoredCodec) -> None:
+    def __init__(self, codec: CachedCodec) -> None:
         super().__init__(codec.defaults)
         self._codec = codec
         self._scope: Names | None = None
@@ -191,12 +191,12 @@ class StartNames(dict[str, Any]):
             return default
 
 
-def context(codec: StoredCodec, settings: list[str]) -> Mapping[str, Any]:
+def context(codec: CachedCodec, settings: list[str]) -> Mapping[str, Any]:
     """What the bytes depend on: as the definition starts, or with these settings. Raises WordsError."""
     return scope_of(codec.protocol, settings) if settings else StartNames(codec)
 
 
-def frames_tried(codec: StoredCodec, frame: str | None, side: str | None) -> list[str]:
+def frames_tried(codec: CachedCodec, frame: str | None, side: str | None) -> list[str]:
     """The frames to try. Raises WordsError for one there is not."""
     from framekit.codec.functions import candidates, of_side
 
@@ -208,7 +208,7 @@ def frames_tried(codec: StoredCodec, frame: str | None, side: str | None) -> lis
     return candidates(protocol, frame, side)
 
 
-def as_json(codec: StoredCodec, fits: list[Fit], data: bytes, names: Mapping[str, Any]) -> dict[str, Any]:
+def as_json(codec: CachedCodec, fits: list[Fit], data: bytes, names: Mapping[str, Any]) -> dict[str, Any]:
     from framekit.codec.plain import PlainValues
 
     plain = PlainValues(codec.protocol)
@@ -223,7 +223,7 @@ def as_json(codec: StoredCodec, fits: list[Fit], data: bytes, names: Mapping[str
     return shown[0] | ({"others": shown[1:]} if len(shown) > 1 else {})
 
 
-def as_text(codec: StoredCodec, fit: Fit, data: bytes, names: Mapping[str, Any]) -> str:
+def as_text(codec: CachedCodec, fit: Fit, data: bytes, names: Mapping[str, Any]) -> str:
     """The frame's name and a table of its fields."""
     from framekit.codec.shown import shown
 

@@ -152,10 +152,10 @@ def _run(parsed: argparse.Namespace) -> int:
     run = _function(parsed.verb, f"run_{parsed.verb}")
     if parsed.verb in READS_ITSELF:
         return int(run(parsed))
-    from framekit.codec.stored import kept_library
-    from framekit.definition.sources import kept_by
+    from framekit.codec.cache import definition_cache
+    from framekit.definition.sources import cached_by
 
-    with kept_by(kept_library()):
+    with cached_by(definition_cache()):
         return int(run(parsed))
 
 

@@ -356,8 +356,8 @@ class _Checker:
     def __init__(self, codec: Codec, sampler: Sampler) -> None:
         self.codec = codec
         self.sampler = sampler
-        self.shapes = StaticSizes(codec.protocol.frames)
-        self.judged: dict[tuple[str, str, bool], Sample | None] = {}
+        self.static = StaticSizes(codec.protocol.frames)
+        self.samples_taken: dict[tuple[str, str, bool], Sample | None] = {}
         self.twins: dict[tuple[str, str, bool], Sample | None] = {}
         self.constants: dict[str, tuple[tuple[int, int], ...]] = {}
 
@@ -401,7 +401,7 @@ class _Checker:
     def _constants(self, frame: str) -> tuple[tuple[int, int], ...]:
         """The first bytes of a frame that can have one value only: their places and values."""
         if frame not in self.constants:
-            fixed = dict(fixed_bytes(self.shapes.segments(self.codec.protocol.frames[frame])))
+            fixed = dict(fixed_bytes(self.static.segments(self.codec.protocol.frames[frame])))
             single = sorted((place, next(iter(values))) for place, values in fixed.items() if len(values) == 1)
             self.constants[frame] = tuple(single[:PLACES])
         return self.constants[frame]
@@ -416,17 +416,17 @@ class _Checker:
     def _taken(self, earlier: _Candidate, later: _Candidate) -> Sample | None:
         """A sample of `later`, if each of them would be taken for `earlier`."""
         key = earlier.frame, later.frame, later.inside
-        if key not in self.judged:
+        if key not in self.samples_taken:
             samples = self.sampler.samples(later.frame)
             enough = len(samples) >= FEWEST or (len(samples) == 1 and self._is_constant(later.frame))
             taken = enough and all(self._fits(earlier.frame, sample, later.inside) for sample in samples)
-            self.judged[key] = samples[0] if taken else None
-        return self.judged[key]
+            self.samples_taken[key] = samples[0] if taken else None
+        return self.samples_taken[key]
 
     def _twin(self, earlier: _Candidate, later: _Candidate) -> Sample | None:
         """A sample of `later`, which varies in size, as long as `earlier` is, if each of that size is taken for it."""
-        size = self.shapes.frame(earlier.frame).fixed
-        if size is None or size > MOST_TWIN or self.shapes.frame(later.frame).fixed is not None:
+        size = self.static.frame(earlier.frame).fixed
+        if size is None or size > MOST_TWIN or self.static.frame(later.frame).fixed is not None:
             return None
         key = earlier.frame, later.frame, later.inside
         if key not in self.twins:

@@ -69,14 +69,14 @@ class BatchPlanner:
 
     def __init__(self, frames: Mapping[str, Frame]) -> None:
         self._frames = frames
-        self._shapes = StaticSizes(frames)
+        self._static = StaticSizes(frames)
 
     def plan(self, name: str, size: int, offset: int = 0, path: Path = ()) -> BatchPlan:
         """The plan of a frame of `size` bytes from `offset` on. Raises NoPlanError."""
         frame = self._frames[name]
         if frame.most is not None and size > frame.most:
             raise NoPlanError
-        segments = self._shapes.segments(frame)
+        segments = self._static.segments(frame)
         fixed = [_fixed(segment) for segment in segments]
         loose = fixed.count(None)
         room = size - sum(one for one in fixed if one is not None)

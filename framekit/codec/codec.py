@@ -14,7 +14,7 @@ from framekit.codec.errors import EncodeError
 from framekit.codec.functions import Context, Decode, Encode, FrameFunctions, Span, module_of, run_in
 from framekit.definition.load.protocol import MOST_KEPT
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.sources import current_keeper
+from framekit.definition.sources import current_cache
 
 __all__ = ["Codec", "Context", "Decode", "Encode", "Span", "code_of", "codec_from", "compile_protocol"]
 
@@ -36,10 +36,10 @@ def compile_protocol(protocol: Protocol) -> Codec:
     DefinitionError."""
     known = _compiled.get(id(protocol))
     if known is None:
-        keeper = current_keeper()
-        if keeper is None:
+        cache = current_cache()
+        if cache is None:
             return codec_from(protocol, code_of(protocol))
-        return _keep(Codec(protocol, keeper.module(protocol)))
+        return _keep(Codec(protocol, cache.module(protocol)))
     return _keep(known)
 
 

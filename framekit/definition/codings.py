@@ -1,6 +1,6 @@
 """How the content of a `wrap` may stand on the wire: with bytes escaped, without zeros, with bytes put in.
 
-A coding is a class here, with what must be known to judge a definition. Its bytes are made in `codec/stuffing.py`.
+A coding is a class here, with what must be known to validate a definition. Its bytes are made in `codec/stuffing.py`.
 """
 
 from __future__ import annotations

@@ -250,7 +250,7 @@ Undone = tuple[str, bool, Expression]
 """What is undone: an operator, whether the name that is looked for stands left of it, and the other side."""
 
 
-def read_backwards(expression: Expression) -> tuple[str, tuple[Undone, ...]] | None:
+def inverse_steps(expression: Expression) -> tuple[str, tuple[Undone, ...]] | None:
     """The one name whose value follows from the result, and what leads back to it; None if it does not follow."""
     undone: list[Undone] = []
     node = expression.root

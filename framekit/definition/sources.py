@@ -1,4 +1,4 @@
-"""What definitions are read from: where their files stand, whether these are the same as before, and who keeps them."""
+"""What definitions are read from: where their files stand, whether these are as before, and the cache of them."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def _digest(path: Path) -> str:
         return ""
 
 
-class Keeper(Interface):
+class Cache(Interface):
     """Keeps definitions by the file they are loaded from, and their code."""
 
     def loaded(self, path: Path) -> tuple[Protocol, Sources] | None:
@@ -89,19 +89,19 @@ class Keeper(Interface):
         """Other code made of a definition, called `what`: kept from before, or made now."""
 
 
-_current: Keeper | None = None
+_current: Cache | None = None
 
 
-def current_keeper() -> Keeper | None:
+def current_cache() -> Cache | None:
     """What loading and compiling ask first."""
     return _current
 
 
 @contextmanager
-def kept_by(keeper: Keeper | None) -> Iterator[None]:
+def cached_by(cache: Cache | None) -> Iterator[None]:
     """What is loaded and compiled inside is kept by this one."""
     global _current
-    before, _current = _current, keeper
+    before, _current = _current, cache
     try:
         yield
     finally:

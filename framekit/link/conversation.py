@@ -488,10 +488,10 @@ class _Player:
                 None, f"the connection was closed at {readable_time(self.line.closed_at)}, which nobody expected"
             )
         if self.results:
-            self._judge(self.results[0])
+            self._validate(self.results[0])
         self._compare_afterwards()
 
-    def _judge(self, result: Any) -> None:
+    def _validate(self, result: Any) -> None:
         """Values, error and outcome as far as the case names them; without any of them it has to have gone well."""
         wanted = self.case.result
         told = f"outcome '{result.outcome}', {getattr(result, 'cause', '')}"

@@ -8,7 +8,7 @@ from typing import Any
 
 from framekit.codec.evaluate import EVALUATION_ERRORS as EVALUATION_ERRORS
 from framekit.codec.evaluate import compiled
-from framekit.definition.expression import Expression, Name, Node, Undone, read_backwards
+from framekit.definition.expression import Expression, Name, Node, Undone, inverse_steps
 from framekit.link.values import attribute
 
 Evaluate = Callable[["Names"], Any]
@@ -107,7 +107,7 @@ class Inverse:
 
 def inverse_of(expression: Expression) -> Inverse | None:
     """How to read an expression backwards; None if it cannot be, or has no name to read."""
-    found = read_backwards(expression)
+    found = inverse_steps(expression)
     if found is None:
         return None
     name, undone = found

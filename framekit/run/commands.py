@@ -110,7 +110,7 @@ class CommandWords:
             raise CommandFaultError(text, found.segment, found.found)
         raise CommandFaultError("it has more words than there are")
 
-    def head_misfit(self, data: bytes) -> str:
+    def head_mismatch(self, data: bytes) -> str:
         """How the length that a head says and what stands behind the head disagree; '' where neither can be told.
 
         It is for words that are no command by themselves: those that are one need no head.
@@ -620,8 +620,8 @@ class Meaning:
     because: str
 
 
-def meaning_of(command: CommandFrame, blocks: CommandBlocks, channel: Protocol, *, judge: bool = True) -> Meaning:
-    """What a command means on a channel that speaks `channel`; without `judge` not whether it would be refused."""
+def meaning_of(command: CommandFrame, blocks: CommandBlocks, channel: Protocol, *, validate: bool = True) -> Meaning:
+    """What a command means on a channel that speaks `channel`; without `validate` not whether it would be refused."""
     application = blocks.words.application
     show = PlainValues(application)
     fields = plain(command.request.fields)
@@ -632,7 +632,7 @@ def meaning_of(command: CommandFrame, blocks: CommandBlocks, channel: Protocol, 
         does = [] if block is None else list(speaks.lines(block, names))
     except (RefusedMatchError, DeviceMemoryError, *EVALUATION_ERRORS):
         does = []
-    refused = blocks.plan(command)[0] if judge else 0
+    refused = blocks.plan(command)[0] if validate else 0
     return Meaning(
         words=words_of(command.raw),
         request=command.request.frame,

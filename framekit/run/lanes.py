@@ -200,9 +200,9 @@ class BlockLane:
         self._last = station, now
         self.free_from = now + max(self.rules.silence.between, least)
         if station is not None and (failure is not None or self._failing):
-            self._judge(station, failure, now)
+            self._count_failure(station, failure, now)
 
-    def _judge(self, station: Hashable, failure: Failure | None, now: int) -> None:
+    def _count_failure(self, station: Hashable, failure: Failure | None, now: int) -> None:
         if failure is not None and failure.outcome in OWN:
             return
         failing = self._failing.get(station)

@@ -173,7 +173,7 @@ class JobProfile:
             return f"{major.text}: {minor.text}"
         return major.text if word < 0x100 else f"{major.text}, {code_text(word >> 8, 2)}"
 
-    def misfit_period(self, period: int) -> str | None:
+    def mismatch_period(self, period: int) -> str | None:
         """Why a period cannot be counted in any of the units; None when it can."""
         if period == 0 or any(
             period % unit.time == 0 and period // unit.time <= unit.most for unit in self.units.values()

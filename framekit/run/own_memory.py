@@ -154,7 +154,7 @@ def fixed_bytes(part: FramePart) -> int | None:
     return size if isinstance(size, int) else None
 
 
-def misfit(part: FramePart, place: OwnPlace) -> tuple[str, str] | None:
+def mismatch(part: FramePart, place: OwnPlace) -> tuple[str, str] | None:
     """What is wrong with this place for this part, and what to do; None when it fits."""
     bits = place.address.unit_bits
     if takes_bytes(part):

@@ -159,7 +159,7 @@ class ReadyQueue:
             heapq.heappush(self._heap, (when, lane.order, lane))
 
     def due(self, now: int) -> Sequence[BlockLane]:
-        """Lanes that may start something now, in their order; each has to be stirred afterwards."""
+        """Lanes that may start something now, in their order; each has to be scheduled afterwards."""
         heap, found = self._heap, []
         while heap and heap[0][0] <= now:
             when, _, lane = heapq.heappop(heap)

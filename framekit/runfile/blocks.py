@@ -308,13 +308,13 @@ def commands_for(protocol: Protocol, name: str | None, folder: Path, at: Positio
         what = f"'{protocol.name}' names no application of commands"
         raise DefinitionError([Problem(at, what, "add commands: NAME; on a command line --commands NAME")])
     application = load_protocol(beside(wanted, folder), folder)
-    problems = list(misfits(application, protocol, at))
+    problems = list(mismatches(application, protocol, at))
     if problems:
         raise DefinitionError(problems)
     return application
 
 
-def misfits(application: Protocol, protocol: Protocol, at: Position) -> Iterator[Problem]:
+def mismatches(application: Protocol, protocol: Protocol, at: Position) -> Iterator[Problem]:
     """Why an application of commands cannot work on a channel that speaks `protocol`."""
     if application.commands is None:
         yield Problem(at, f"'{application.name}' has no command blocks", "name an application with commands:")
@@ -534,7 +534,7 @@ class JobBlockLoader:
         at = self._at(keys, "every", entry)
         if period >= NEVER:
             reader.note(at, "never is no period", "leave every out, or give a time such as 1 s")
-        elif (wrong := profile.misfit_period(period)) is not None:
+        elif (wrong := profile.mismatch_period(period)) is not None:
             units = ", ".join(f"{format_time(unit.time)} (at most {unit.most})" for unit in profile.units.values())
             reader.note(at, f"a period of {format_time(period)} {wrong}", f"periods count {units}")
         late = reader.maybe(reader.time, keys.get("late")) or 0

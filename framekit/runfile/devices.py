@@ -33,7 +33,7 @@ from framekit.memory.profile import ClockBit, FixedBit, MemoryProfile, load_prof
 from framekit.run.model import FaultPlan, OwnPlace
 from framekit.run.own_memory import AnyAddresses, ProtocolAddresses, addresses_of
 from framekit.runfile.channels import needs_station, read_mapping, read_params, read_station
-from framekit.runfile.fault_plans import load_fault_plan, misfits, read_fault_plan
+from framekit.runfile.fault_plans import load_fault_plan, mismatches, read_fault_plan
 from framekit.runfile.transfers import number_for
 
 NO_PROFILE = ("set", "map", "sizes", "about", "source")
@@ -297,7 +297,7 @@ def with_faults(devices: SequenceOf[Device], name: str | None, folder: Path) -> 
     if name is None:
         return list(devices)
     plan = load_fault_plan(name, folder)
-    if problems := [problem for device in devices for problem in misfits(plan, device.protocol, line=False)]:
+    if problems := [problem for device in devices for problem in mismatches(plan, device.protocol, line=False)]:
         raise DefinitionError(problems)
     return [replace(device, faults=plan.joined(device.faults)) for device in devices]
 

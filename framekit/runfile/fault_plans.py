@@ -55,7 +55,7 @@ def read_fault_plan(
         return None
     if isinstance(node, Mapping):
         plan = _PlanLoader(reader).plan(node, "faults")
-        reader.problems.extend(misfits(plan, protocol, line=line))
+        reader.problems.extend(mismatches(plan, protocol, line=line))
         return plan
     with reader.going_on():
         name = reader.text(node)
@@ -67,7 +67,7 @@ def read_fault_plan(
             reader.problems.extend(error.problems)
             return None
         reader.problems.extend(
-            Problem(node.at, problem.what, problem.todo) for problem in misfits(plan, protocol, line=line)
+            Problem(node.at, problem.what, problem.todo) for problem in mismatches(plan, protocol, line=line)
         )
         return plan
     return None
@@ -185,7 +185,7 @@ class _PlanLoader:
         return time
 
 
-def misfits(plan: FaultPlan, protocol: Protocol, *, line: bool) -> Iterator[Problem]:
+def mismatches(plan: FaultPlan, protocol: Protocol, *, line: bool) -> Iterator[Problem]:
     """What of a plan cannot be done: a wrong check where there is none, an error reply that nothing defines.
 
     `line`: a whole line carries it out; a device alone sends no requests.

@@ -29,7 +29,7 @@ from framekit.link.variables import ParameterError, given_value
 from framekit.memory.memory import MemoryValueError, unit_bits
 from framekit.memory.views import CountedTextView, NumberView, view_of
 from framekit.run.model import ArgumentPlace, Channel, OwnPlace, ResultPlace
-from framekit.run.own_memory import FramePart, fixed_bytes, may_overflow, misfit, no_number, parts_of, takes_bytes
+from framekit.run.own_memory import FramePart, fixed_bytes, may_overflow, mismatch, no_number, parts_of, takes_bytes
 from framekit.run.transfer import ANY, LONGEST, NoResultError, Shape, argument_bits, is_path, shape_at, shapes_of
 from framekit.runfile.channels import Attempts, raw_value
 
@@ -233,7 +233,7 @@ class FrameBlockLoader:
 
     def _fits(self, part: FramePart, place: OwnPlace, instruction: str, node: Node) -> None:
         """A place that can hold the values of a field."""
-        wrong = misfit(part, place)
+        wrong = mismatch(part, place)
         if wrong is not None:
             self.reader.note(node.at, *wrong)
         elif instruction == "receive" and may_overflow(part, place):

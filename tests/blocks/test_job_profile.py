@@ -62,7 +62,7 @@ def test_words_by_name(word: int, text: str, kind: CodeClass) -> None:
     ],
 )
 def test_periods(period: int, wrong: str | None) -> None:
-    assert load_job_profile("ge-channels").misfit_period(period) == wrong
+    assert load_job_profile("ge-channels").mismatch_period(period) == wrong
 
 
 WRONG = """jobs: wrong

@@ -20,7 +20,7 @@ def test_frames_nest_in_constructs_of_the_users() -> None:
     assert record.parse(data).envelope.d == b"xy"
 
 
-def test_misfits_are_misfits_for_construct_too() -> None:
+def test_mismatches_are_mismatches_for_construct_too() -> None:
     frame = small_codec("[{const: AA}, {field: a, type: u8}]").frames["f"]
     either = construct.Select("frame" / frame, "bytes" / construct.GreedyBytes)
     assert either.parse(b"\xaa\x01") == {"a": 1}

@@ -25,7 +25,7 @@ from spread import spread
 from framekit.codec.codec import Builders, compile_protocol
 from framekit.codec.python import generate
 from framekit.codec.python.generate import BuilderModules, generate_source
-from framekit.codec.python.module import _PASTED
+from framekit.codec.python.module import _INLINED
 from framekit.codec.python.source import Code, Source, quoted, text_source
 from framekit.definition.expression import parse_expression
 from framekit.definition.load import load_protocol, load_protocol_text
@@ -38,8 +38,8 @@ from framekit.link.evaluate import Names, compile_expression
 from framekit.link.frame_table import FrameTable
 from framekit.link.sequences.compiler import sequence_source
 
-PASTED = {module.__name__.rpartition(".")[2] for module in _PASTED}
-"""Their f-strings are messages of the modules that they are pasted into."""
+PASTED = {module.__name__.rpartition(".")[2] for module in _INLINED}
+"""Their f-strings are messages of the modules that they are inlined into."""
 HOSTILE = (
     '"""; boom(); """\n\'\'\'; boom(); \'\'\'\n\\"""{boom()}{{%s#\\\n'
     "\u2028\x85\\N{BULLET}(boom).x boom()\n\"; boom(); '"

@@ -102,7 +102,7 @@ def outside(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     block = re.search(r"^```python\n# file: varint.py\n(.*?)^```$", PAGE.read_text("utf-8"), re.MULTILINE | re.DOTALL)
     assert block is not None
     (folder / "varint.py").write_text(block[1])
-    kept = dict(KINDS), dict(CODES), list(generated._PASTED), list(brought.MODULES)
+    kept = dict(KINDS), dict(CODES), list(generated._INLINED), list(brought.MODULES)
     sys.path.insert(0, str(folder))
     importlib.import_module("varint")
     register(NineKind)
@@ -112,12 +112,12 @@ def outside(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     for place, before in zip((KINDS, CODES), kept[:2], strict=True):
         place.clear()
         place.update(before)  # type: ignore[arg-type]
-    generated._PASTED[:], brought.MODULES[:] = kept[2:]
+    generated._INLINED[:], brought.MODULES[:] = kept[2:]
     for made in (
         schema._schemas,
         schema._validator,
         schema._known_keys,
-        generated.pasted_names,
+        generated.inlined_names,
         generated._names_of_added,
     ):
         made.cache_clear()

@@ -411,8 +411,8 @@ def test_a_function_uses_nothing_but_functions_of_its_module_and_imports(name: s
 
 
 def test_pasted_source_runs() -> None:
-    pasted = ["from array import array", "from typing import Any", "import struct"]
-    pasted += [inspect.getsource(FUNCTIONS[name]) for name in ("swap", "reorder", "build_float")]
+    inlined = ["from array import array", "from typing import Any", "import struct"]
+    inlined += [inspect.getsource(FUNCTIONS[name]) for name in ("swap", "reorder", "build_float")]
     names: dict[str, Any] = {}
-    exec("\n".join(pasted), names)
+    exec("\n".join(inlined), names)
     assert names["build_float"](1.5, 4, "CDAB") == bytes.fromhex("00 00 3F C0")

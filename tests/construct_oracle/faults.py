@@ -16,7 +16,7 @@ from framekit.codec.errors import EncodeError, FrameError
 
 
 class ConstructFrameError(FrameError, ConstructError):
-    """A `FrameError` that is also a `ConstructError`, as construct's `Select` and `Optional` expect of a misfit."""
+    """A `FrameError` that is also a `ConstructError`, as construct's `Select` and `Optional` expect of a mismatch."""
 
     def __init__(self, fault: Fault, refuse: int | None, fields: Mapping[str, Any], path: str) -> None:
         place = fault.place

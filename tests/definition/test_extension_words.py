@@ -34,7 +34,7 @@ from framekit.run.triggers import TRIGGERS, add_trigger
 PLACES = (
     *(wire_types.TYPES, wire_types.TYPE_KINDS, forms.WIRE_FORMS, methods.ADDED, checks.FUNCTIONS, KINDS, CODES),
     *(ADDED_KEYS, writing.ADDED_FUNCTIONS, TRIGGERS, brought._WORDS),
-    *(brought.MODULES, generated._PASTED, writing.STEP_KEYS, methods.CHECK_KINDS),
+    *(brought.MODULES, generated._INLINED, writing.STEP_KEYS, methods.CHECK_KINDS),
 )
 """Where what programs bring is put."""
 
@@ -64,7 +64,7 @@ def bring(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bring]:
         schema._schemas,
         schema._validator,
         schema._known_keys,
-        generated.pasted_names,
+        generated.inlined_names,
         generated._names_of_added,
     ):
         made.cache_clear()

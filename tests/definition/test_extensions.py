@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from framekit.codec.stored import cache_folder, stored_codec
+from framekit.codec.cache import cache_folder, cached_codec
 from framekit.definition import brought, schema
 from framekit.definition.load import load_protocol
 from framekit.definition.load import protocol as library
@@ -104,7 +104,7 @@ def test_with_an_extension_a_definition_is_compiled_once(
     installed(monkeypatch, "made_up_bringer")
     for _ in range(3):
         new_process()
-        stored_codec(small, small.parent)
+        cached_codec(small, small.parent)
     new_process()
     assert counted == ["protocol"]
 
@@ -114,15 +114,15 @@ def test_with_an_extension_a_definition_is_compiled_once(
 def test_what_was_kept_before_an_extension_came_counts_no_more(
     text: str, small: Path, counted: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    stored_codec(small, small.parent)
+    cached_codec(small, small.parent)
     (small.parent / "made_up_bringer.py").write_text(text)
     monkeypatch.syspath_prepend(str(small.parent))
     installed(monkeypatch, "made_up_bringer")
     new_process()
     if text == BRINGER:
-        stored_codec(small, small.parent)
+        cached_codec(small, small.parent)
     else:
         with pytest.raises(DefinitionError, match="the extension 'made-up' of made_up_bringer can't be used: ZeroDiv"):
-            stored_codec(small, small.parent)
+            cached_codec(small, small.parent)
     new_process()
     assert counted == ["protocol", "protocol"]

@@ -14,7 +14,7 @@ from spread import spread
 
 from framekit.definition.load import load_protocol
 from framekit.run.model import FaultPlan, FaultRule
-from framekit.runfile.fault_plans import misfits
+from framekit.runfile.fault_plans import mismatches
 
 SINGLE: dict[str, dict[str, Any]] = {
     "delay": {"time": 100 * MS},
@@ -42,7 +42,7 @@ UNCHECKED = {("noise", "srtp-client")}
 
 def fits(kind: str, link: Link) -> bool:
     plan = FaultPlan(rules=(FaultRule(kind=kind),)).of_line()  # type: ignore[arg-type]
-    return not list(misfits(plan, load_protocol(link.protocol), line=True)) and (kind, str(link)) not in NEVER_SENT
+    return not list(mismatches(plan, load_protocol(link.protocol), line=True)) and (kind, str(link)) not in NEVER_SENT
 
 
 @pytest.mark.parametrize(("kind", "link"), spread(product(SINGLE, LINKS), 3), ids=str)

@@ -13,7 +13,7 @@ from job_bench import MS, SECOND, Bench
 from framekit.api.check import check_file
 from framekit.codec import codec
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.sources import kept_by
+from framekit.definition.sources import cached_by
 from framekit.runfile.run_file import load_run
 
 SAMPLES = Path(__file__).parents[2] / "examples" / "ge-channels"
@@ -35,7 +35,7 @@ def compiled_once(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         return _codes[key]
 
     monkeypatch.setattr(codec, "code_of", code_of)
-    with kept_by(None):
+    with cached_by(None):
         yield
 
 

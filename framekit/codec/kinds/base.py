@@ -111,7 +111,7 @@ class SegmentKind(Generic[S]):
 
         Raises Finished when nothing that follows matters any more.
         """
-        m.skip(str(m.shapes.present(segment).fixed or 0))
+        m.skip(str(m.static.present(segment).fixed or 0))
 
 
 def register(*kinds: type[SegmentKind[Any]]) -> None:

@@ -127,7 +127,7 @@ def _cut(r: BufferReader, item: Item, bits: Bits, whole: str) -> None:
         local = r.function.local(part.name, item.scope)
         r.function.add(f"{local} = {bits_text(part, whole, width)}")
         r.declare(item, part.name, local)
-        r.judge_value(item.scope, part.is_, part.constants, local)
+        r.validate_value(item.scope, part.is_, part.constants, local)
     if bits.name is not None:
         wire = r.function.wire_size(bits.name) if fixed is None else str(fixed)
         item.scope.entries[bits.name] = NameEntry(whole, sized=False, wire=wire)

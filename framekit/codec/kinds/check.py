@@ -32,7 +32,7 @@ class CheckKind(SegmentKind[Check]):
         return Slot(item, size, code, order, r.function.names.fresh("check"))
 
     def unpacked(self, r: BufferReader, slot: Slot, segment: Check, source: str, converted: bool) -> None:
-        r.judge_check(segment, source, slot.code.endswith("s"))
+        r.validate_check(segment, source, slot.code.endswith("s"))
 
     def diagnose(self, d: DiagnosisWriter, segment: Check, scope: Scope, behind: Behind) -> None:
         if segment.span is not None and not span_names(segment, d.segments):

@@ -42,7 +42,7 @@ class CountedKind(TypedValueKind[C]):
         raise NotImplementedError
 
     def must_hold(self, r: BufferReader, item: Item, segment: C, local: str) -> None:
-        r.judge_limits(segment, local)
+        r.validate_limits(segment, local)
         self.compare(r, item, segment)
 
     def read(self, r: BufferReader, item: Item, segment: C, after: tuple[Item, ...]) -> None:

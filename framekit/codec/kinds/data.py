@@ -32,7 +32,7 @@ class DataKind(SegmentKind[Data]):
         r.assign(local, forms.memory_text(r.module, segment, source))
         r.declare(slot.item, segment.name, local)
         if isinstance(segment.size, int) and segment.least > segment.size:
-            r.function.misfit_if(f"len({local}) < {segment.least}")
+            r.function.mismatch_if(f"len({local}) < {segment.least}")
 
     def read(self, r: BufferReader, item: Item, segment: Data, after: tuple[Item, ...]) -> None:
         if segment.size == "rest":
@@ -49,9 +49,9 @@ class DataKind(SegmentKind[Data]):
         r.function.add(f"{local} = {forms.memory_text(r.module, segment, wire)}")
         r.declare(item, segment.name, local)
         if segment.convert == "ascii_to_hex" and isinstance(segment.size, Expression):
-            r.function.misfit_if(f"len({local}) != {r.size_text(segment.size, item.scope)}")
+            r.function.mismatch_if(f"len({local}) != {r.size_text(segment.size, item.scope)}")
         if segment.least:
-            r.function.misfit_if(f"len({local}) < {segment.least}")
+            r.function.mismatch_if(f"len({local}) < {segment.least}")
 
     def tasks(self, w: EncodeWriter, segment: Data, scope: Scope, given: Given) -> list[Task]:
         filled = segment.size if w.fills_up(segment) and isinstance(segment.size, Expression) else None

@@ -9,7 +9,7 @@ from framekit.codec.python.encode import EncodeWriter, Given
 from framekit.codec.python.encode_plan import Lengths, Rules, RuleWriter, Task
 from framekit.codec.python.expressions import NameEntry, Scope, constant_of, default_text
 from framekit.codec.python.facts import is_fixed
-from framekit.codec.python.function import Place, between, index
+from framekit.codec.python.function import Offset, between, index
 from framekit.codec.python.reader import BufferReader, Item
 from framekit.codec.python.registry import type_text
 from framekit.codec.python.source import bytes_literal, literal, quoted
@@ -25,7 +25,7 @@ class FieldKind(TypedValueKind[Field]):
         return super().struct_order(segment) if segment.long is None else None
 
     def must_hold(self, r: BufferReader, item: Item, segment: Field, local: str) -> None:
-        r.judge_field(item, segment, local)
+        r.validate_field(item, segment, local)
 
     def read(self, r: BufferReader, item: Item, segment: Field, after: tuple[Item, ...]) -> None:
         if segment.long is None:
@@ -47,7 +47,7 @@ class FieldKind(TypedValueKind[Field]):
         if segment.is_ is not None or is_fixed(segment):
             return [first]
         waits = w.waits(segment.when) | {segment.name}
-        tasks = [first, Task((), waits, lambda _: _judge(w, segment, scope, scope.entries[segment.name].text))]
+        tasks = [first, Task((), waits, lambda _: _validate(w, segment, scope, scope.entries[segment.name].text))]
         size = segment.type.size
         if (
             isinstance(size, Expression)
@@ -153,7 +153,7 @@ def _value(w: EncodeWriter, item: Field, scope: Scope, given: Given, needed: boo
         entry.text = w.computed(item.name, item.is_, local, scope, given, item.when)
         w.refuse_digits(item, scope, entry.text)
         if sized and isinstance(item.type.size, int) and entry.text == local:
-            _judge_text(w, item, scope, local)
+            _validate_text(w, item, scope, local)
     else:
         w.bind(local, _given(w, item, scope, given, needed, missing))
         if item.type.kind == "bytes" and item.when is None:
@@ -189,7 +189,7 @@ def _given(w: EncodeWriter, item: Field, scope: Scope, given: Given, needed: boo
     return given.value_or_worked_out(item.name, text)
 
 
-def _judge(w: EncodeWriter, item: Field, scope: Scope, local: str) -> None:
+def _validate(w: EncodeWriter, item: Field, scope: Scope, local: str) -> None:
     """What must hold for a value that was given or built."""
     if item.values is not None and item.only and item.constants is None:
         w.refuse(item, scope, f"{local} not in {w.module.value_names(item.values, item.name)}")
@@ -198,14 +198,14 @@ def _judge(w: EncodeWriter, item: Field, scope: Scope, local: str) -> None:
     limits = forms.value_range(item)
     by_type = item.type.kind == "int" and item.limits is None and item.zero_means is None and item.long is None
     if item.type.kind in ("ascii", "bytes"):
-        _judge_text(w, item, scope, local)
+        _validate_text(w, item, scope, local)
     elif not by_type and item.type.kind != "float":
-        w.judge_range(item, scope, local, limits)
+        w.validate_range(item, scope, local, limits)
     if item.unit is not None and item.unit != 1:
         w.refuse(item, scope, f"{local} % {item.unit:_}")
 
 
-def _judge_text(w: EncodeWriter, item: Field, scope: Scope, local: str) -> None:
+def _validate_text(w: EncodeWriter, item: Field, scope: Scope, local: str) -> None:
     size = item.type.size
     if isinstance(size, int):
         exact = item.type.kind == "bytes" or (item.type.pad is None and item.type.end is None)
@@ -251,16 +251,16 @@ def _read_sized(r: BufferReader, item: Item, segment: Field, after: tuple[Item, 
     r.function.add(f"{local} = {forms.value_of(segment, wire)}")
     sized = type_.kind in ("ascii", "bytes")
     r.declare(item, segment.name, local, sized=sized, wire=r.function.wire_size(segment.name))
-    r.judge_field(item, segment, local)
+    r.validate_field(item, segment, local)
 
 
-def _until_end(r: BufferReader, item: Item, field: Field, end: bytes) -> tuple[Place, Place]:
+def _until_end(r: BufferReader, item: Item, field: Field, end: bytes) -> tuple[Offset, Offset]:
     stop = r.function.names.fresh(f"{field.name}_end")
     first = r.keep(r.place)
     r.function.add(f"{stop} = {r.buffer}.index({bytes_literal(end)}, {first.text(r.buffer)})")
     r.advance(f"{stop} + {len(end)}")
     r.function.stands(item.segment, r.buffer, first, r.place)
-    return first, Place(stop, 0)
+    return first, Offset(stop, 0)
 
 
 def _read_long(r: BufferReader, item: Item, field: Field, long: Long) -> None:
@@ -282,7 +282,7 @@ def _read_long(r: BufferReader, item: Item, field: Field, long: Long) -> None:
         r.function.add(f"{local} = {forms.value_of(field, local)}")
     r.function.stands(field, r.buffer, first, r.place)
     r.declare(item, field.name, local, sized=False, wire=r.function.wire_size(field.name))
-    r.judge_field(item, field, local)
+    r.validate_field(item, field, local)
 
 
 def _rules(field: Field) -> str:

@@ -9,7 +9,7 @@ from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import EncodeWriter, Given
 from framekit.codec.python.encode_plan import Lengths, Rules, RuleWriter, Task
 from framekit.codec.python.expressions import NameEntry, Scope
-from framekit.codec.python.function import MISFIT, Function, between
+from framekit.codec.python.function import MISMATCH, Function, between
 from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.reader import BufferReader, Item, holds_values
 from framekit.codec.python.source import quoted
@@ -27,7 +27,7 @@ class InnerKind(SegmentKind[Inner]):
         function = r.function
         local = function.local(segment.name, item.scope)
         choice = r.module.choice(segment.frames, function.title, segment.name)
-        fixed = r.shapes.present(segment).fixed
+        fixed = r.static.present(segment).fixed
         known = r.knows_behind(after)
         if isinstance(segment.size, Expression):
             first, last = r.take(item, r.size_text(segment.size, item.scope))
@@ -40,7 +40,7 @@ class InnerKind(SegmentKind[Inner]):
             measure, start = r.module.function("measure_first"), r.place.text(r.buffer)
             function.add(f"{size} = {measure}({choice}, {r.buffer}, {start}, len({r.buffer}), ctx, whole=True)")
             with function.out.block(f"if {size} <= 0:"):
-                function.add(MISFIT)
+                function.add(MISMATCH)
             first, last = r.take(item, size)
         region = between(r.buffer, first, last)
         if _may_come_last(function, segment):
@@ -59,7 +59,7 @@ class InnerKind(SegmentKind[Inner]):
         name, waits = segment.name, w.waits(segment.when)
         tasks = [Task((name,), waits, lambda _: w.plain_given(segment, scope, given))]
         fixed = isinstance(segment.size, int) and any(
-            w.shapes.frame(one).fixed != segment.size for one in segment.frames
+            w.static.frame(one).fixed != segment.size for one in segment.frames
         )
         if name in w.asked_for or isinstance(segment.size, Expression) or fixed:
             wire = (f"bytes of {name}",)
@@ -80,7 +80,7 @@ class InnerKind(SegmentKind[Inner]):
         with w.out.block("try:"):
             w.add(f"(({frame}, {fields}),) = {value}.items()")
             w.add(f"{wire} = {choice}.encoders[{frame}]({fields}, ctx)")
-        with w.out.block("except MISFITS:"):
+        with w.out.block("except MISMATCHES:"):
             w.add(f"{wire} = {encode}({choice}, {value}, {quoted(name)}, ctx)")
         return wire
 
@@ -89,7 +89,7 @@ class InnerKind(SegmentKind[Inner]):
 
     def diagnose(self, d: DiagnosisWriter, segment: Inner, scope: Scope, behind: Behind) -> None:
         choice = d.module.choice(segment.frames, "frames_of", segment.name)
-        fixed = d.shapes.present(segment).fixed
+        fixed = d.static.present(segment).fixed
         option = ""
         if isinstance(segment.size, Expression):
             size = d.ask(segment.size, scope)
@@ -104,7 +104,7 @@ class InnerKind(SegmentKind[Inner]):
         d.out.add(f"n.inner({quoted(segment.name)}, {size}, {choice}{option})")
 
     def measure(self, m: MeasureWriter, segment: Inner, scope: Scope, after: Pairs) -> None:
-        fixed = m.shapes.present(segment).fixed
+        fixed = m.static.present(segment).fixed
         if isinstance(segment.size, Expression):
             m.skip(m.size_text(segment.size, scope))
             return
@@ -116,10 +116,10 @@ class InnerKind(SegmentKind[Inner]):
         choice = m.module.choice(segment.frames, m.identifier, segment.name)
         behind = m.least(after)
         size = m.names.fresh(f"{segment.name}_size")
-        if any(m.shapes.frame(name).least for name in segment.frames):
+        if any(m.static.frame(name).least for name in segment.frames):
             m.want(1, after)
         place = m.place.text("")
-        most = m.shapes.all(segment for segment, _ in after).most
+        most = m.static.all(segment for segment, _ in after).most
         m.asks_inside = True
         seen = ""
         if most is not None and not m.anew:
@@ -167,12 +167,12 @@ def _first_that_fits(r: BufferReader, inner: Inner, local: str, choice: str, raw
         region = function.names.fresh(f"{inner.name}_bytes")
         function.add(f"{region} = {raw}")
         raw = region
-    one, misfit = function.names.fresh("one"), function.names.fresh("misfit")
-    tree = tree_of(r.shapes, in_order(r.shapes, inner.frames))
+    one, mismatch = function.names.fresh("one"), function.names.fresh("mismatch")
+    tree = tree_of(r.static, in_order(r.static, inner.frames))
     at = tree.at if isinstance(tree, Switch) else 0
     anyway = f"{decode}({choice}, {raw}, ctx)"
     with function.out.block("try:"):
         function.add(f"{one} = {choice}.likely[{raw}[{at}]]")
         function.add(f"{local} = {anyway} if {one} is None else {{{one}[0]: {one}[1]({raw}, ctx)}}")
-    with function.out.block(f"except MISFITS as {misfit}:"):
-        function.add(f"{local} = {decode}({choice}, {raw}, ctx, {misfit})")
+    with function.out.block(f"except MISMATCHES as {mismatch}:"):
+        function.add(f"{local} = {decode}({choice}, {raw}, ctx, {mismatch})")

@@ -7,7 +7,7 @@ from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import Cases, EncodeWriter, Given
 from framekit.codec.python.encode_plan import Task
 from framekit.codec.python.expressions import Scope
-from framekit.codec.python.function import Place
+from framekit.codec.python.function import Offset
 from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.reader import BufferReader, Item
 from framekit.codec.python.registry import summary
@@ -27,7 +27,7 @@ class OptionalKind(SegmentKind[Optional]):
         if end.base == "end":
             name = r.function.names.fresh("region_end")
             r.function.add(f"{name} = {end.text(r.buffer)}")
-            end = Place(name, 0)
+            end = Offset(name, 0)
         r.prepare_names(items)
         item.fields.open(r.function.out)
         r.settle()

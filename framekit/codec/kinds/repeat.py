@@ -9,7 +9,7 @@ from framekit.codec.python.encode import EncodeWriter, Given
 from framekit.codec.python.encode_plan import Lengths, Rules, RuleWriter, Task
 from framekit.codec.python.expressions import Kind, NameEntry, Scope
 from framekit.codec.python.facts import is_name, is_plain_name, may_be_empty, names_read
-from framekit.codec.python.function import Fields, Place, between
+from framekit.codec.python.function import Fields, Offset, between
 from framekit.codec.python.measure import Finished, MeasureWriter, Pairs
 from framekit.codec.python.reader import BufferReader, Item, without_end
 from framekit.codec.python.registry import summary, type_text
@@ -91,7 +91,7 @@ class RepeatKind(SegmentKind[Repeat]):
             d.in_item = outside
 
     def measure(self, m: MeasureWriter, segment: Repeat, scope: Scope, after: Pairs) -> None:
-        item = segment.of.sizes if isinstance(segment.of, FieldType) else m.shapes.all(segment.of)
+        item = segment.of.sizes if isinstance(segment.of, FieldType) else m.static.all(segment.of)
         if segment.times == "rest":
             m.rest(segment, after)
         times = str(segment.times)
@@ -104,7 +104,7 @@ class RepeatKind(SegmentKind[Repeat]):
             size = segment.of.fixed_size or 0
             m.take(f"{size} * {times}", after)
             place = m.names.fresh("place")
-            one = m.wire(segment.of, Place(place, 0), Place(place, size))
+            one = m.wire(segment.of, Offset(place, 0), Offset(place, size))
             local = m.set_value(segment.name, scope, f"[{one} for {place} in range(at, stop, {size})]")
             scope.entries[segment.name] = NameEntry(local, "list", Scope())
             m.advance("stop")
@@ -262,7 +262,7 @@ def _put_records(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) ->
     place = w.names.fresh("place")
     path = (*given.path, f"{repeat.name}[", Code(place), "].")
     inner = Given(item, f"{given.rules}[{quoted(repeat.name)}].inside", path)
-    before = w.names.fresh("before") if may_be_empty(w.shapes, repeat) else ""
+    before = w.names.fresh("before") if may_be_empty(w.static, repeat) else ""
     if repeat.until is not None:
         where = *given.path, repeat.name
         empty = f"not {items}" if repeat.when is None else f"{w.text(repeat.when, scope, AND)} and not {items}"
@@ -336,13 +336,13 @@ def _read_values(r: BufferReader, item: Item, repeat: Repeat, of: FieldType, aft
         if size > 1:
             start = first.text(r.buffer)
             room = last.text(r.buffer) if start == "0" else f"{last.text(r.buffer)} - ({start})"
-            r.function.misfit_if(f"({room}) % {size}")
+            r.function.mismatch_if(f"({room}) % {size}")
             r.function.flush()
     else:
         count = _count(r, item, repeat.times)
         first, last = r.take(item, count if size == 1 else f"{size} * {count}")
         if forms.is_slice(of):  # a struct compares the size itself, before it makes anything
-            r.function.misfit_if(f"{last.text(r.buffer)} > len({r.buffer})")
+            r.function.mismatch_if(f"{last.text(r.buffer)} > len({r.buffer})")
             r.function.flush()
     r.function.add(f"{local} = {_list_text(r, of, size, first, last, count)}")
     item.scope.entries[repeat.name] = NameEntry(local, "list", None)
@@ -350,7 +350,7 @@ def _read_values(r: BufferReader, item: Item, repeat: Repeat, of: FieldType, aft
     item.fields.add(repeat.name, local)
 
 
-def _list_text(r: BufferReader, of: FieldType, size: int, first: Place, last: Place, count: str | None) -> str:
+def _list_text(r: BufferReader, of: FieldType, size: int, first: Offset, last: Offset, count: str | None) -> str:
     raw = between(r.buffer, first, last)
     code = forms.struct_code(of)
     if code == ("B", ""):
@@ -393,7 +393,7 @@ def _read_records(r: BufferReader, item: Item, repeat: Repeat, of: Segments, aft
     inside = Scope(item.scope, of)
     fields = Fields(function.names.fresh("item"))
     found = function.local(repeat.name, item.scope)
-    least, words = r.shapes.all(of).least, item_words(repeat)
+    least, words = r.static.all(of).least, item_words(repeat)
     end = count = None
     if repeat.times == "rest":
         end = _region_limit(r, after)
@@ -406,12 +406,12 @@ def _read_records(r: BufferReader, item: Item, repeat: Repeat, of: Segments, aft
         if not count.isdigit():
             place = r.place.text(r.buffer)
             there = f"len({r.buffer}) - {f'({place})' if ' ' in place else place}"
-            function.misfit_if(f"{count} * {least} > {there}" if least > 1 else f"{count} > {there}")
+            function.mismatch_if(f"{count} * {least} > {there}" if least > 1 else f"{count} > {there}")
     first = r.place
     if repeat.name in function.tracked and first.base not in ("", "end"):
         local = function.names.fresh(f"{repeat.name}_start")
         function.add(f"{local} = {first.text(r.buffer)}")
-        first = Place(local, 0)
+        first = Offset(local, 0)
     function.flush()
     r.settle()
     function.add(f"{found} = []")
@@ -419,7 +419,7 @@ def _read_records(r: BufferReader, item: Item, repeat: Repeat, of: Segments, aft
     function.in_branch += 1
     with function.out.block(header):
         begin = None
-        if may_be_empty(r.shapes, repeat):
+        if may_be_empty(r.static, repeat):
             begin = function.names.fresh("item_start")
             function.add(f"{begin} = {r.at}")
         _words_of_item(r, repeat, words, found, count, inside)
@@ -429,9 +429,9 @@ def _read_records(r: BufferReader, item: Item, repeat: Repeat, of: Segments, aft
         r.deferred, r.in_item, r.list_end = outside
         r.settle()
         if begin is not None:
-            function.misfit_if(f"{r.at} == {begin}")
+            function.mismatch_if(f"{r.at} == {begin}")
         if repeat.until is not None:
-            function.misfit_if(f"{r.at} > len({r.buffer})")
+            function.mismatch_if(f"{r.at} > len({r.buffer})")
         function.flush()
         function.add(f"{found}.append({fields.text(function.out)})")
         if repeat.until is not None:
@@ -473,8 +473,8 @@ def _region_limit(r: BufferReader, after: tuple[Item, ...]) -> str:
 
 def _measure_records(m: MeasureWriter, repeat: Repeat, of: Segments, scope: Scope, times: str, after: Pairs) -> None:
     """Items of different size are walked through; what the others take at least is wanted at once."""
-    empty, behind, words = may_be_empty(m.shapes, repeat), m.least(after), item_words(repeat)
-    least = 1 if empty else m.shapes.all(of).least
+    empty, behind, words = may_be_empty(m.static, repeat), m.least(after), item_words(repeat)
+    least = 1 if empty else m.static.all(of).least
     if repeat.until is None and not times.isdigit():
         with m.out.block(f"if {times} > {m.most}:"):
             m.add("return LOST")
@@ -544,12 +544,12 @@ def _can_be_resumed(m: MeasureWriter, repeat: Repeat) -> bool:
     """Whether an item that did not end the list in an earlier call does not end it now, wherever it stands."""
     own = {name for one in repeat.members for name in one.value_names}
     asked = names_read_in(repeat.members)
-    return m.shapes.all(repeat.members).fixed is not None and asked <= own
+    return m.static.all(repeat.members).fixed is not None and asked <= own
 
 
 def _resume(m: MeasureWriter, repeat: Repeat, after: Pairs) -> None:
     """Passes over items of fixed size that an earlier call has looked at, but for the last of them."""
-    size, resume = m.shapes.all(repeat.members).fixed, m.resume(after)
+    size, resume = m.static.all(repeat.members).fixed, m.resume(after)
     if size and resume is not None:
         passed = f"{resume} - at - {size}" if size > 1 else f"{resume} - at - 1"
         m.add(f"at += max({passed}, 0)" if size == 1 else f"at += max({passed}, 0) // {size} * {size}")

@@ -20,7 +20,7 @@ class RequireKind(SegmentKind[Require]):
 
     def read(self, r: BufferReader, item: Item, segment: Require, after: tuple[Item, ...]) -> None:
         def refuse() -> None:
-            r.function.misfit_if(r.function.writer(item.scope).negated(segment.condition))
+            r.function.mismatch_if(r.function.writer(item.scope).negated(segment.condition))
 
         r.when_known(segment.condition, item.scope, refuse)
 

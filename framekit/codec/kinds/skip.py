@@ -6,7 +6,7 @@ from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import EncodeWriter, PackArgument
 from framekit.codec.python.expressions import Scope
-from framekit.codec.python.function import Place
+from framekit.codec.python.function import Offset
 from framekit.codec.python.measure import Finished, MeasureWriter, Pairs
 from framekit.codec.python.reader import BufferReader, Item
 from framekit.codec.python.source import bytes_literal, quoted
@@ -40,7 +40,7 @@ class FillKind(SegmentKind[Fill]):
 
     def read(self, r: BufferReader, item: Item, segment: Fill, after: tuple[Item, ...]) -> None:
         r.take_rest(item, after)
-        r.function.misfit_if(f"len({r.buffer}) != {segment.total}")
+        r.function.mismatch_if(f"len({r.buffer}) != {segment.total}")
 
     def diagnose(self, d: DiagnosisWriter, segment: Fill, scope: Scope, behind: Behind) -> None:
         total = segment.total
@@ -49,6 +49,6 @@ class FillKind(SegmentKind[Fill]):
         d.out.add(f'n.expect("surplus", "frame", {total}, "its end", lambda n: n.end <= {total})')
 
     def measure(self, m: MeasureWriter, segment: Fill, scope: Scope, after: Pairs) -> None:
-        m.place = Place("start", segment.total)
+        m.place = Offset("start", segment.total)
         m.return_total()
         raise Finished

@@ -35,7 +35,7 @@ class WrapKind(SegmentKind[Wrap]):
         plain = function.names.fresh(shown_name(segment, "plain"))
         if function.in_branch and any(leaf.name in function.tracked for leaf in leaves(segment.of)):
             function.regions.append(plain)
-        fixed = r.shapes.all(segment.of).fixed
+        fixed = r.static.all(segment.of).fixed
         if segment.escape is not None:
             _unstuff(r, item, segment, fixed, after, plain)
         else:
@@ -88,7 +88,7 @@ class WrapKind(SegmentKind[Wrap]):
         return wire_coding(segment.coding).build_text(w.module, segment.coding, text)
 
     def diagnose(self, d: DiagnosisWriter, segment: Wrap, scope: Scope, behind: Behind) -> None:
-        fixed = d.shapes.all(segment.of).fixed
+        fixed = d.static.all(segment.of).fixed
         option, size = "", "None"
         if segment.escape is None:
             open_up = wire_coding(segment.coding).careful_text(d.module, segment.coding)
@@ -102,7 +102,7 @@ class WrapKind(SegmentKind[Wrap]):
             open_up = f"lambda raw: {d.module.function('unstuffed')}(raw, {escape}{more})"
             if fixed is not None:
                 size = f"lambda n: {d.module.function('end_of_stuffed')}(n.data, n.at, {escape}, {fixed}) - n.at"
-            elif any(d.shapes.present(one).fixed != 0 for one, _ in behind):
+            elif any(d.static.present(one).fixed != 0 for one, _ in behind):
                 size = f"lambda n: {d.module.function('end_of_region')}(n.data, n.at, {escape}{more}) - n.at"
         option += checks_option(segment.of)
         with d.out.block(f"with n.inside({d.named(segment)}, {size}, {open_up}{option}):"):
@@ -112,7 +112,7 @@ class WrapKind(SegmentKind[Wrap]):
             d.deferred, d.in_item = outside + d.deferred, in_item
 
     def measure(self, m: MeasureWriter, segment: Wrap, scope: Scope, after: Pairs) -> None:
-        fixed = m.shapes.all(segment.of).fixed
+        fixed = m.static.all(segment.of).fixed
         if segment.escape is None:
             _measure_by_size_or_end(m, segment, scope, fixed, after)
             return

@@ -43,16 +43,16 @@ _TREES: WeakKeyDictionary[StaticSizes, dict[tuple[str, ...], Leaf | Switch]] = W
 """Trees that were made, by protocol and candidates: a large one takes its time."""
 
 
-def in_order(shapes: StaticSizes, frames: tuple[str, ...]) -> tuple[str, ...]:
+def in_order(static: StaticSizes, frames: tuple[str, ...]) -> tuple[str, ...]:
     """Candidates in the order they are tried: those that exist to be refused come last."""
-    return tuple(sorted(frames, key=lambda name: shapes.frames[name].refuse is not None))
+    return tuple(sorted(frames, key=lambda name: static.frames[name].refuse is not None))
 
 
-def tree_of(shapes: StaticSizes, frames: tuple[str, ...]) -> Leaf | Switch:
+def tree_of(static: StaticSizes, frames: tuple[str, ...]) -> Leaf | Switch:
     """How candidates, in this order, are told apart."""
-    known = _TREES.setdefault(shapes, {})
+    known = _TREES.setdefault(static, {})
     if frames not in known:
-        allowed = {name: dict(fixed_bytes(shapes.segments(shapes.frames[name]))) for name in frames}
+        allowed = {name: dict(fixed_bytes(static.segments(static.frames[name]))) for name in frames}
         known[frames] = _tree(frames, allowed, frozenset(), True)
     return known[frames]
 
@@ -99,7 +99,7 @@ def fixed_bytes(segments: tuple[Segment, ...], digits: bool = False) -> Iterator
     `digits`: also where any digits may stand.
     """
     place = 0
-    shapes = StaticSizes({})
+    static = StaticSizes({})
     for segment in _flat(segments):
         if segment.refuse is not None or segment.when is not None:
             return
@@ -112,7 +112,7 @@ def fixed_bytes(segments: tuple[Segment, ...], digits: bool = False) -> Iterator
             yield from _numbers_at(place, type_, numbers)
         elif isinstance(segment, Bits):
             yield from _numbers_at(place, segment.type, _numbers_of_bits(segment))
-        size = None if any(parts_of(segment, Inner)) else shapes.present(segment).fixed
+        size = None if any(parts_of(segment, Inner)) else static.present(segment).fixed
         if size is None:
             return
         place += size

@@ -1,6 +1,6 @@
 """How generated code writes and reads the content of a wrap: a row for each coding, by its class.
 
-The functions that the rows name stand in `codec/stuffing.py`; `Module.function` has them pasted.
+The functions that the rows name stand in `codec/stuffing.py`; `Module.function` has them inlined.
 """
 
 from __future__ import annotations

@@ -126,7 +126,7 @@ class DiagnosisWriter(FunctionWriter):
         if not self.knows_behind(after):
             return self._constant_behind(after[0][0])
         for segment, scope in after:
-            size = self.shapes.present(segment).fixed or 0
+            size = self.static.present(segment).fixed or 0
             if segment.when is None:
                 fixed += size
             elif size:
@@ -138,7 +138,7 @@ class DiagnosisWriter(FunctionWriter):
     def knows_behind(self, after: Behind) -> bool:
         """Whether the bytes that follow can be counted already."""
         return not self.in_item and all(
-            self.shapes.present(segment).fixed is not None and self._is_told(segment, scope)
+            self.static.present(segment).fixed is not None and self._is_told(segment, scope)
             for segment, scope in self._in_place_of_records(after)
         )
 
@@ -225,11 +225,11 @@ class DiagnosisWriter(FunctionWriter):
 
         The last two are empty if the size of the end cannot be told beforehand.
         """
-        front, tail = self.shapes.split(segments)
-        has_bytes = any(self.shapes.present(segment).fixed != 0 for segment in tail)
+        front, tail = self.static.split(segments)
+        has_bytes = any(self.static.present(segment).fixed != 0 for segment in tail)
         if not has_bytes or not self._known_before(front, tail):
             return segments, (), ()
-        first = next(place for place, segment in enumerate(front) if self.shapes.is_variable(segment))
+        first = next(place for place, segment in enumerate(front) if self.static.is_variable(segment))
         return front[:first], front[first:], tail
 
     def _known_before(self, front: tuple[Segment, ...], tail: tuple[Segment, ...]) -> bool:
@@ -237,7 +237,7 @@ class DiagnosisWriter(FunctionWriter):
         late: set[str] = set()
         variable = False
         for segment in front:
-            variable = variable or self.shapes.is_variable(segment)
+            variable = variable or self.static.is_variable(segment)
             if variable:
                 late.update(name for one in everything((segment,)) for name in one.value_names)
         wanted = {name for segment in tail if segment.when is not None for name in names_in(segment.when.root)}

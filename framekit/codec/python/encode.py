@@ -137,7 +137,7 @@ def write_encoder(
     writer.flush()
     writer.check_names(given)
     text = writer.region(segments, scope, writer.buffer, tail=tail_of(module, frame))
-    longest = module.shapes.all(segments).most
+    longest = module.static.all(segments).most
     if frame is not None and frame.most is not None and (longest is None or longest > frame.most):
         writer.limit(text, frame.most)
         text = writer.buffer
@@ -148,7 +148,7 @@ def write_encoder(
         with out.block("try:"):
             out.extend(writer.out)
             out.add(f"return {as_bytes(text, segments)}")
-        with out.block("except MISFITS as error:"):
+        with out.block("except MISMATCHES as error:"):
             out.add(f"raise {module.function('encode_error')}(values, {rules}, error) from None")
     return out
 
@@ -160,9 +160,9 @@ def tail_of(module: Module, frame: Frame | None) -> tuple[Const, int | Segment] 
     """
     if frame is None or not frame.delimited or not frame.tail or not isinstance(frame.tail[0], Const):
         return None
-    if frame.tail[0].data[0] not in bytes_of(frame.body, module.shapes.frames):
+    if frame.tail[0].data[0] not in bytes_of(frame.body, module.static.frames):
         return None
-    head = module.shapes.all(frame.head).fixed
+    head = module.static.all(frame.head).fixed
     if head is not None:
         return frame.tail[0], head
     return frame.tail[0], next(one for one in in_place_of_records((*frame.body, *frame.tail)) if one.takes_bytes)
@@ -207,7 +207,7 @@ class EncodeWriter(FunctionWriter):
         self.rooms: dict[str, str] = {}
         self.counts: dict[str, str] = {}
         self.coverage = Coverage(segments)
-        self.ends = dict(ending_constants(self.shapes, segments))
+        self.ends = dict(ending_constants(self.static, segments))
         self.buffer = "frame"
         self.gathered: dict[str, str] = {}
         self.parts: list[KeptBytes] = []
@@ -238,9 +238,9 @@ class EncodeWriter(FunctionWriter):
     def flush(self) -> None:
         if self.conditions:
             conditions, self.conditions = self.conditions, []
-            self.module.function("Misfit")
+            self.module.function("Mismatch")
             with self.out.block(f"if {' or '.join(conditions)}:"):
-                self.add("raise Misfit")
+                self.add("raise Mismatch")
 
     def context(self, name: str) -> str:
         """Text of a context value, which is fetched where it is used."""
@@ -329,7 +329,7 @@ class EncodeWriter(FunctionWriter):
                     )
                 parts.append(self.rooms[name])
                 continue
-            size = self.shapes.present(segment).fixed
+            size = self.static.present(segment).fixed
             if size is not None and not (plain and isinstance(segment, Data)):
                 if segment.when is None:
                     fixed += size
@@ -366,7 +366,7 @@ class EncodeWriter(FunctionWriter):
         if segment is None:
             return {f"bytes of {name}"}
         found = self.waits(segment.when)
-        if self.shapes.present(segment).fixed is not None:
+        if self.static.present(segment).fixed is not None:
             return found
         waits: set[str] = kind_of(segment).room_waits(self, segment)
         return waits if waits == {f"bytes of {name}"} else found | waits
@@ -415,7 +415,7 @@ class EncodeWriter(FunctionWriter):
         inner.entries = {name: NameEntry(self.wanted(name, given)) for name in sorted(missing)}
         return inner
 
-    def judge_range(self, item: Segment, scope: Scope, local: str, limits: forms.Range) -> None:
+    def validate_range(self, item: Segment, scope: Scope, local: str, limits: forms.Range) -> None:
         if limits.least is not None and limits.most is not None:
             self.refuse(item, scope, f"not {limits.least} <= {local} <= {limits.most}")
         elif limits.least is not None:
@@ -427,7 +427,7 @@ class EncodeWriter(FunctionWriter):
             return
         limits = forms.value_range(item)
         if isinstance(item, Field) or item.plus < 0:
-            self.judge_range(item, scope, text, limits)
+            self.validate_range(item, scope, text, limits)
         else:
             self.refuse(item, scope, f"{text} > {limits.most}")
 
@@ -619,7 +619,7 @@ class EncodeWriter(FunctionWriter):
         arguments: list[PackArgument] = []
         last, numbers = placed[-1], self.numbers_of(placed[-1][0])
         for one, inside in placed if numbers is None else placed[:-1]:
-            size = self.shapes.present(one).fixed or 0
+            size = self.static.present(one).fixed or 0
             self._append(arguments, kind_of(one).argument(self, one, inside, size))
         arguments = [self._with_digits(argument) for argument in arguments]
         if numbers is None:
@@ -857,7 +857,7 @@ class EncodeWriter(FunctionWriter):
         self.gather(texts, buffer)
         fixed, parts = 0, []
         for segment, scope in behind:
-            size = self.shapes.present(segment).fixed or 0
+            size = self.static.present(segment).fixed or 0
             if segment.when is None:
                 fixed += size
             else:

@@ -122,7 +122,7 @@ class Outside(Protocol):
         """The module constant of a table; None if there is no table of that name."""
 
     def function(self, name: str) -> str:
-        """The name of a pasted function."""
+        """The name of a inlined function."""
 
 
 class ExpressionWriter:

@@ -26,9 +26,9 @@ from framekit.definition.model.segments import (
 from framekit.definition.problems import Position
 
 
-def may_be_empty(shapes: StaticSizes, repeat: Repeat) -> bool:
+def may_be_empty(static: StaticSizes, repeat: Repeat) -> bool:
     """Whether an item may come out without bytes: a fault where only what is read tells how many there are."""
-    return isinstance(repeat.of, tuple) and not isinstance(repeat.times, int) and shapes.all(repeat.of).least == 0
+    return isinstance(repeat.of, tuple) and not isinstance(repeat.times, int) and static.all(repeat.of).least == 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +110,7 @@ def _conditions(
 
 
 def ending_constants(
-    shapes: StaticSizes, segments: Segments, after: Segments = (), in_item: bool = False
+    static: StaticSizes, segments: Segments, after: Segments = (), in_item: bool = False
 ) -> Iterator[tuple[tuple[str | None, Position], bytes]]:
     """By name and place: the constant that ends a part which takes the rest, where nothing else tells its end."""
     segments = tuple(in_place_of_records(segments))
@@ -120,14 +120,14 @@ def ending_constants(
         if _takes_rest(segment) and isinstance(first, Const):
             unread = {name for one in everything((segment, *behind)) for name in one.value_names}
             told = all(one.when is None or not names_in(one.when.root) & unread for one in behind)
-            if in_item or not told or any(shapes.present(one).fixed is None for one in behind):
+            if in_item or not told or any(static.present(one).fixed is None for one in behind):
                 yield (segment.name, segment.at), first.data
         for block in segment.blocks:
             inside = segment.is_there_inside
-            yield from ending_constants(shapes, block, () if inside else behind, False if inside else in_item)
+            yield from ending_constants(static, block, () if inside else behind, False if inside else in_item)
         if segment.inner_record is not None:
             is_list = segment.is_list
-            yield from ending_constants(shapes, segment.members, () if is_list else behind, is_list or in_item)
+            yield from ending_constants(static, segment.members, () if is_list else behind, is_list or in_item)
 
 
 def _takes_rest(segment: Segment) -> bool:
@@ -146,7 +146,7 @@ def in_place_of_records(segments: Segments) -> Iterator[Segment]:
             yield segment
 
 
-def leading(shapes: StaticSizes, segments: tuple[Segment, ...]) -> bytes:
+def leading(static: StaticSizes, segments: tuple[Segment, ...]) -> bytes:
     """The constant bytes that every such frame begins with, also those inside wraps, as they stand on the wire."""
     return _leading(segments)[0]
 

@@ -76,12 +76,12 @@ class FusedFrames:
     Raises NotPlain where they cannot be built so.
     """
 
-    def __init__(self, shapes: StaticSizes, levels: tuple[Level, ...]) -> None:
-        self.shapes = shapes
+    def __init__(self, static: StaticSizes, levels: tuple[Level, ...]) -> None:
+        self.static = static
         self.sizes: list[tuple[Expression, tuple[str, ...]]] = []
         found: tuple[Segment, ...] = ()
         for level in reversed(levels):
-            segments = shapes.segments(level.frame)
+            segments = static.segments(level.frame)
             found = segments if level.inner is None else self._around(segments, level.inner, found)
             if level is not levels[0]:
                 found = self._inside(level, tuple(renamed(segment) for segment in found))
@@ -91,7 +91,7 @@ class FusedFrames:
 
     def _inside(self, level: Level, segments: tuple[Segment, ...]) -> tuple[Segment, ...]:
         """A frame that is to stand in another one, if it may."""
-        frame, most = level.frame, self.shapes.all(segments).most
+        frame, most = level.frame, self.static.all(segments).most
         if frame.delimited or not is_plain(_as_if_there(segments)):
             raise NotPlain
         if frame.most is not None and (most is None or most > frame.most):
@@ -108,7 +108,7 @@ class FusedFrames:
         if any(isinstance(one, Check) and inner.name in (one.span or ()) for one in everything(around)):
             raise NotPlain
         parts = tuple(one.name for one in inside if one.name and one.takes_bytes)
-        if isinstance(inner.size, int) and self.shapes.all(inside).fixed != inner.size:
+        if isinstance(inner.size, int) and self.static.all(inside).fixed != inner.size:
             raise NotPlain
         if isinstance(inner.size, Expression) and not self._is_told(inner, inner.size, segments):
             self.sizes.append((inner.size, parts))
@@ -122,7 +122,7 @@ class FusedFrames:
         if not isinstance(length, Length) or length.unit != 1 or length.plus or inner.name not in length.of:
             return False
         others = [named[name] for name in length.of if name != inner.name and name in named]
-        return len(others) == len(length.of) - 1 and self.shapes.all(others).fixed == less
+        return len(others) == len(length.of) - 1 and self.static.all(others).fixed == less
 
 
 def _without_number(node: Node) -> tuple[Node, int]:
@@ -227,8 +227,8 @@ class FlatWriter(EncodeWriter):
 
     def __init__(self, module: Module, title: str, parameters: Parameters) -> None:
         self.parameters = parameters
-        self.together = FusedFrames(module.shapes, parameters.levels)
-        super().__init__(module, title, self.together.segments)
+        self.fused = FusedFrames(module.static, parameters.levels)
+        super().__init__(module, title, self.fused.segments)
         self.keywords = {one.key: one.name for one in parameters.all}
         self.worked_out = {one.key for one in parameters.all if one.default == LEFT_OUT}
         words = {*module.words(), *dir(builtins), "hexlify", "unhexlify"} - {"format", "id", "type"}
@@ -250,10 +250,10 @@ class FlatWriter(EncodeWriter):
             wrong = [f"{known} is not {LEFT_OUT}" for name in names if (known := self.keywords.get(name)) is not None]
             if wrong:
                 self.refuse_if(f"(not ({there}) and ({' or '.join(wrong)}))")
-        for size, names in self.together.sizes:
+        for size, names in self.fused.sizes:
             self.refuse_if(f"{self.text(size, scope, BIT_OR)} != {self.room(names, scope)}")
         self.flush()
-        longest = self.shapes.all(segments).most
+        longest = self.static.all(segments).most
         is_limited = frame.most is not None and (longest is None or longest > frame.most)
         if frame.most is not None and is_limited:
             is_limited = not self._limit_list(frame.most, scope)
@@ -264,16 +264,16 @@ class FlatWriter(EncodeWriter):
         with out.block("try:"):
             out.extend(self.out)
             out.add(f"return {as_bytes(text, segments)}")
-        with out.block("except MISFITS:"):
+        with out.block("except MISMATCHES:"):
             self.parameters.write_call(out, encoder)
         return out
 
     def _limit_list(self, most: int, scope: Scope) -> bool:
         """Limits the frame by the number of values in the list that alone varies, if there is one."""
-        longer = [one for one in self.segments if self.shapes.of(one).fixed is None]
+        longer = [one for one in self.segments if self.static.of(one).fixed is None]
         if len(longer) != 1 or not isinstance(longer[0], Repeat) or not isinstance(longer[0].of, FieldType):
             return False
-        rest = self.shapes.all(one for one in self.segments if one is not longer[0]).fixed
+        rest = self.static.all(one for one in self.segments if one is not longer[0]).fixed
         if rest is None or not longer[0].of.fixed_size:
             return False
         local, count = scope.entries[longer[0].name].text, (most - rest) // longer[0].of.fixed_size
@@ -305,7 +305,7 @@ class FlatWriter(EncodeWriter):
         )
 
     def is_measured(self, name: str) -> bool:
-        return super().is_measured(name) or any(name in names for _, names in self.together.sizes)
+        return super().is_measured(name) or any(name in names for _, names in self.fused.sizes)
 
     def no_bytes(self, local: str) -> None:
         self.complain(f"{self.is_other(local, 'bytes')} and {self.is_other(local, 'bytearray')}", "", "")
@@ -325,9 +325,9 @@ class FlatWriter(EncodeWriter):
         return scope
 
     def complain(self, condition: str, field: str, message: str) -> None:
-        self.module.function("Misfit")
+        self.module.function("Mismatch")
         with self.out.block(f"if {condition}:"):
-            self.add("raise Misfit")
+            self.add("raise Mismatch")
 
     def compare_size(self, path: tuple[str | Code, ...], found: str, wanted: str, conditions: list[str]) -> None:
         self.complain(" and ".join([*conditions, f"{found} != {wanted}"]), "", "")

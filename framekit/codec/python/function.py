@@ -38,7 +38,7 @@ from framekit.definition.model.segments import (
     Value,
 )
 
-MISFIT = "raise Misfit"
+MISMATCH = "raise Mismatch"
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +46,8 @@ class Bounds:
     """Where a segment stands: the buffer and the places of its first byte and behind its last."""
 
     buffer: str
-    first: Place
-    last: Place
+    first: Offset
+    last: Offset
 
 
 class FunctionWriter:
@@ -56,7 +56,7 @@ class FunctionWriter:
 
     def __init__(self, module: Module, segments: tuple[Segment, ...]) -> None:
         self.module = module
-        self.shapes = module.shapes
+        self.static = module.static
         self.segments = segments
         self.out = Source()
         self.names = Identifiers(module.words())
@@ -188,26 +188,26 @@ class Function(FunctionWriter):
 
     # ---- lines --------------------------------------------------------------------------------------------
 
-    def misfit_if(self, condition: str) -> None:
+    def mismatch_if(self, condition: str) -> None:
         """The frame does not fit if `condition` holds; it is written with others, before anything depends on it."""
         if condition not in self.conditions:
             self.conditions.append(condition)
 
     def wrong_if(self, condition: str) -> None:
-        """As `misfit_if`, for a fault that alone in a frame is never refused, whatever is in frames inside it."""
+        """As `mismatch_if`, for a fault that alone in a frame is never refused, whatever is in frames inside it."""
         if not self.tells_wrong:
-            self.misfit_if(condition)
+            self.mismatch_if(condition)
             return
         self.wrong.append(condition)
         if self.in_branch:
             self.flush()
 
     def wrong_at_last_if(self, condition: str) -> None:
-        """As `misfit_if`, for a fault that alone in a frame is never refused, if the frames inside it are not."""
+        """As `mismatch_if`, for a fault that alone in a frame is never refused, if the frames inside it are not."""
         if self.tells_wrong:
             self.wrong_at_last.append(condition)
         else:
-            self.misfit_if(condition)
+            self.mismatch_if(condition)
 
     def finish(self) -> None:
         """Everything but what comes last is read: writes the conditions, what is wrong, and that."""
@@ -230,9 +230,9 @@ class Function(FunctionWriter):
         wrong, self.wrong = self.wrong, []
         if self.conditions:
             conditions, self.conditions = self.conditions, []
-            self.module.function("Misfit")
+            self.module.function("Mismatch")
             with self.out.block(f"if {' or '.join(conditions)}:"):
-                self.add(MISFIT)
+                self.add(MISMATCH)
         if wrong:
             self.flag = self.flag or self.names.fresh("is_wrong")
             self.add(f"{self.flag} = {' or '.join([self.flag, *wrong])}")
@@ -244,7 +244,7 @@ class Function(FunctionWriter):
 
     # ---- where segments stand -----------------------------------------------------------------------------
 
-    def stands(self, segment: Segment, buffer: str, first: Place, last: Place) -> None:
+    def stands(self, segment: Segment, buffer: str, first: Offset, last: Offset) -> None:
         """Notes where a segment stands; places that will move are kept in locals if they are needed later."""
         name = segment.name
         if name is None:
@@ -258,12 +258,12 @@ class Function(FunctionWriter):
             self.trail.remove(name)
         self.trail.append(name)
 
-    def _kept(self, name: str, buffer: str, first: Place, last: Place) -> tuple[Place, Place]:
+    def _kept(self, name: str, buffer: str, first: Offset, last: Offset) -> tuple[Offset, Offset]:
         if name in self.presets:
             start, end = self.presets[name]
             self.add(f"{start}, {end} = {first.text(buffer)}, {last.text(buffer)}")
-            return Place(start, 0), Place(end, 0)
-        kept: list[Place] = []
+            return Offset(start, 0), Offset(end, 0)
+        kept: list[Offset] = []
         for place, what in ((first, "start"), (last, "end")):
             if place.base in ("", "end"):
                 kept.append(place)
@@ -272,7 +272,7 @@ class Function(FunctionWriter):
             else:
                 local = self.names.fresh(f"{name.strip('_')}_{what}")
                 self.add(f"{local} = {place.text(buffer)}")
-                kept.append(Place(local, 0))
+                kept.append(Offset(local, 0))
         return kept[0], kept[1]
 
     def preset(self, segments: Iterable[Segment], place: str) -> None:
@@ -314,7 +314,7 @@ class Function(FunctionWriter):
         """Text of the bytes these segments take, when everything is read; `plain`: as they are in memory."""
         fixed, parts = 0, []
         for name, target in targets.items():
-            size = None if target.only is None else self.shapes.of(target.only).fixed
+            size = None if target.only is None else self.static.of(target.only).fixed
             if plain and any(isinstance(one, Data) and one.convert is not None for one in target.segments):
                 value = self.names_of_values.get(name, 'b""')
                 there = target.only is not None and target.only.when is None
@@ -407,14 +407,14 @@ def span_names(check: Check, segments: tuple[Segment, ...]) -> list[str]:
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class Offset:
     """`offset` bytes behind `base`: '' is the start, 'end' the end of the buffer, else a local variable."""
 
     base: str
     offset: int
 
-    def plus(self, size: int) -> Place:
-        return Place(self.base, self.offset + size)
+    def plus(self, size: int) -> Offset:
+        return Offset(self.base, self.offset + size)
 
     def text(self, buffer: str) -> str:
         """The place as a number."""
@@ -430,23 +430,23 @@ def _sum(base: str, offset: int) -> str:
     return f"{base} + {offset}" if offset > 0 else f"{base} - {-offset}"
 
 
-def index(buffer: str, place: Place) -> str:
+def index(buffer: str, place: Offset) -> str:
     """One byte of the buffer."""
     return f"{buffer}[{place.offset if place.base == 'end' else place.text(buffer)}]"
 
 
-def between(buffer: str, first: Place, last: Place) -> str:
+def between(buffer: str, first: Offset, last: Offset) -> str:
     """The bytes between two places."""
-    if first == Place("", 0) and last == Place("end", 0):
+    if first == Offset("", 0) and last == Offset("end", 0):
         return buffer
-    start = "" if first == Place("", 0) else _bound(buffer, first)
-    stop = "" if last == Place("end", 0) else _bound(buffer, last)
+    start = "" if first == Offset("", 0) else _bound(buffer, first)
+    stop = "" if last == Offset("end", 0) else _bound(buffer, last)
     spaced = " " in start or " " in stop
     colon = " : " if spaced and start and stop else " :" if spaced and start else ": " if spaced else ":"
     return f"{buffer}[{start}{colon}{stop}]"
 
 
-def _bound(buffer: str, place: Place) -> str:
+def _bound(buffer: str, place: Offset) -> str:
     if place.base == "end":
         return str(place.offset) if place.offset else f"len({buffer})"
     return place.text(buffer)

@@ -54,18 +54,18 @@ class Pair:
     segments: tuple[Segment, ...]
 
 
-def pairs_of(shapes: StaticSizes, frame: Frame) -> Iterator[Pair]:
+def pairs_of(static: StaticSizes, frame: Frame) -> Iterator[Pair]:
     """The pairs of a frame that are worth a function: plain ones, that a byte chooses before all others."""
-    inner = place_of(shapes, frame)
+    inner = place_of(static, frame)
     if inner is None:
         return
-    for name in likely_names(shapes, inner[0])[:MOST_PAIRS]:
-        pair = _pair(shapes, frame, inner[0], name)
+    for name in likely_names(static, inner[0])[:MOST_PAIRS]:
+        pair = _pair(static, frame, inner[0], name)
         if pair is not None:
             yield pair
 
 
-def place_of(shapes: StaticSizes, frame: Frame) -> tuple[Inner, int] | None:
+def place_of(static: StaticSizes, frame: Frame) -> tuple[Inner, int] | None:
     """The only frame inside a frame, and the byte that tells which it is; None where there is none at a fixed place."""
     found = [segment for segment in everything(frame.segments) if isinstance(segment, Inner)]
     if len(found) != 1 or found[0].when is not None or frame.delimited or found[0] not in frame.segments:
@@ -74,29 +74,29 @@ def place_of(shapes: StaticSizes, frame: Frame) -> tuple[Inner, int] | None:
     before = frame.segments[: frame.segments.index(inner)]
     if any(segment.when is not None for segment in frame.segments):
         return None
-    front = shapes.all(before).fixed
-    tree = tree_of(shapes, in_order(shapes, inner.frames))
+    front = static.all(before).fixed
+    tree = tree_of(static, in_order(static, inner.frames))
     return None if front is None else (inner, front + (tree.at if isinstance(tree, Switch) else 0))
 
 
-def likely_names(shapes: StaticSizes, inner: Inner) -> list[str]:
+def likely_names(static: StaticSizes, inner: Inner) -> list[str]:
     """The frames that are tried first because of their deciding byte; see `Choice.likely`."""
-    tree = tree_of(shapes, in_order(shapes, inner.frames))
+    tree = tree_of(static, in_order(static, inner.frames))
     branches = [branch for _, branch in tree.cases] + [tree.others] if isinstance(tree, Switch) else [tree]
     firsts = [branch.frames[0] for branch in branches if isinstance(branch, Leaf) and 1 <= len(branch.frames) <= 2]
-    return [name for name in dict.fromkeys(firsts) if shapes.frames[name].refuse is None]
+    return [name for name in dict.fromkeys(firsts) if static.frames[name].refuse is None]
 
 
-def _pair(shapes: StaticSizes, frame: Frame, inner: Inner, name: str) -> Pair | None:
+def _pair(static: StaticSizes, frame: Frame, inner: Inner, name: str) -> Pair | None:
     """The two as one list of segments; None where they cannot be read as one."""
-    other = shapes.frames[name]
-    inside = tuple(renamed(segment) for segment in shapes.segments(other))
-    sizes = shapes.all(inside)
+    other = static.frames[name]
+    inside = tuple(renamed(segment) for segment in static.segments(other))
+    sizes = static.all(inside)
     if not inside or other.delimited or not is_plain(inside):
         return None
     if other.most is not None and (sizes.most is None or sizes.most > other.most):
         return None
-    if not _ends_alike(shapes, frame, inner, sizes):
+    if not _ends_alike(static, frame, inner, sizes):
         return None
     around = tuple(segment for segment in frame.segments if segment is not inner)
     if names_of(around) & names_of(inside) or {inner.name, name} & (names_of(around) | names_of(inside)):
@@ -111,20 +111,20 @@ def _pair(shapes: StaticSizes, frame: Frame, inner: Inner, name: str) -> Pair | 
         for part in (frame.head, frame.body, frame.tail)
     )
     head, body, tail = lists
-    together = shapes.segments(replace(frame, head=head, body=body, tail=tail))
+    fused = static.segments(replace(frame, head=head, body=body, tail=tail))
     # conditions come last, so that they part no fields that one struct can read
-    return Pair(inner, name, inside, tuple(sorted(together, key=lambda segment: segment.condition is not None)))
+    return Pair(inner, name, inside, tuple(sorted(fused, key=lambda segment: segment.condition is not None)))
 
 
-def _ends_alike(shapes: StaticSizes, frame: Frame, inner: Inner, sizes: Sizes) -> bool:
+def _ends_alike(static: StaticSizes, frame: Frame, inner: Inner, sizes: Sizes) -> bool:
     """Whether the frame inside, read where it stands, ends where its region does."""
     if isinstance(inner.size, int):
         return sizes.fixed == inner.size
-    segments = shapes.segments(frame)
+    segments = static.segments(frame)
     behind = segments[segments.index(inner) + 1 :]
-    if all(shapes.of(segment).fixed is not None for segment in behind):
+    if all(static.of(segment).fixed is not None for segment in behind):
         return True
-    told = isinstance(inner.size, Expression) or (inner.size is None and shapes.present(inner).fixed is not None)
+    told = isinstance(inner.size, Expression) or (inner.size is None and static.present(inner).fixed is not None)
     return told and sizes.fixed is not None
 
 
@@ -193,8 +193,8 @@ class _PairReader(BufferReader):
 
 def write_pairs(module: Module, identifier: str, frame: Frame) -> tuple[list[Source], tuple[str, int] | None]:
     """The functions for the pairs of a frame; the table that has them, and the place of the byte it goes by."""
-    place, sources, readers = place_of(module.shapes, frame), [], {}
-    for pair in pairs_of(module.shapes, frame):
+    place, sources, readers = place_of(module.static, frame), [], {}
+    for pair in pairs_of(module.static, frame):
         name = readers[pair.inside_name] = module.names.fresh(f"{identifier}_with_{pair.inside_name}")
         sources.append(write_fused(module, name, identifier, frame, pair))
     if place is None or not readers:
@@ -214,7 +214,7 @@ def compare_size(function: Function, pair: Pair, scope: Scope) -> None:
     """The frame inside has to take what the one around it says."""
     if isinstance(pair.inner.size, Expression):
         size = function.writer(scope).text(pair.inner.size, BIT_OR)
-        function.misfit_if(f"{size} != {function.room(_parts(pair), plain=False)}")
+        function.mismatch_if(f"{size} != {function.room(_parts(pair), plain=False)}")
 
 
 def _parts(pair: Pair) -> dict[str, Target]:

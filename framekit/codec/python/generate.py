@@ -21,7 +21,7 @@ from framekit.codec.python.facts import names_read
 from framekit.codec.python.flat import Level, inner_frames, levels_of, rows_of, write_builder, write_plain_builder
 from framekit.codec.python.fused import write_pairs
 from framekit.codec.python.measure import write_extent, write_measurer
-from framekit.codec.python.module import BUILT_IN, Module, pasted_names, used_methods
+from framekit.codec.python.module import BUILT_IN, Module, inlined_names, used_methods
 from framekit.codec.python.reader import not_possible, write_decoder
 from framekit.codec.python.runtime_diagnosis import Diagnosis
 from framekit.codec.python.source import Source, identifier, literal, quoted
@@ -37,7 +37,7 @@ def default_values(protocol: Protocol, names: Iterable[str]) -> dict[str, Any]:
     return {name: known[name] for name in sorted(names) if name in known and name not in protocol.tables}
 
 
-MISFITS = "MISFITS = (ValueError, LookupError, TypeError, ArithmeticError, AttributeError, struct_error)"
+MISMATCHES = "MISMATCHES = (ValueError, LookupError, TypeError, ArithmeticError, AttributeError, struct_error)"
 """The line that says what is raised where something does not fit; of `struct`, `error` as `struct_error`."""
 
 _MADE = "RangeTable("
@@ -75,7 +75,7 @@ def late_constants(module: Module) -> Source:
 
 
 def helpers(module: Module, methods: set[str]) -> list[Source]:
-    """The pasted helpers; `methods`: those that are used of what diagnoses frames."""
+    """The inlined helpers; `methods`: those that are used of what diagnoses frames."""
     found = []
     for name in module.functions:
         if name == "Defaults":
@@ -175,7 +175,7 @@ class BuilderModules:
         imports |= {"from typing import Any", *module.imports}
         head = Source()
         head.lines += ["from __future__ import annotations", *sorted_imports(imports), "Context = Mapping[str, Any]"]
-        head.add(MISFITS)
+        head.add(MISMATCHES)
         parts = [head, constants(module), *folds, *helpers(module, set()), late_constants(module), builder]
         return name, "\n".join(part.text() for part in parts)
 
@@ -206,7 +206,7 @@ class ModuleWriter:
         self.protocol = protocol
         self.standalone = standalone
         self.module = Module(protocol, standalone)
-        self.helpers = pasted_names()
+        self.helpers = inlined_names()
         self.identifiers: dict[str, str] = {}
         self.taken: set[str] = set()
         self.layouts: dict[str, str] = {}
@@ -254,7 +254,7 @@ class ModuleWriter:
     # ---- frames and layouts -------------------------------------------------------------------------------
 
     def _frame(self, name: str, frame: Frame) -> None:
-        known, segments = self.identifiers[name], self.module.shapes.segments(frame)
+        known, segments = self.identifiers[name], self.module.static.segments(frame)
         refuse_vague_checks(segments)
         self.frames_part.append(write_encoder(self.module, known, name, segments, frame))
         pairs, fused = write_pairs(self.module, known, frame)
@@ -388,7 +388,7 @@ class ModuleWriter:
 
     def _tables(self) -> Source:
         out = Source()
-        out.add(MISFITS)
+        out.add(MISMATCHES)
         if "Diagnosis" in self.module.functions:
             out.add("EVALUATION_ERRORS = (ValueError, LookupError, TypeError, ArithmeticError, AttributeError)")
         out.extend(late_constants(self.module))
@@ -407,7 +407,7 @@ class ModuleWriter:
         layouts = ", ".join(f"{quoted(name)}: (encode_{known}, decode_{known})" for name, known in self.layouts.items())
         out.add(f"LAYOUTS: dict[str, tuple[Callable[..., bytes], Callable[..., dict[str, Any]]]] = {{{layouts}}}")
         for frames, name in self.module.choices.items():
-            out.add(f"{name} = {choice_text(tree_of(self.module.shapes, frames))}")
+            out.add(f"{name} = {choice_text(tree_of(self.module.static, frames))}")
         for name, text in self.module.fused_tables.items():
             out.add(f"{name} = {text}")
         if not self.standalone:

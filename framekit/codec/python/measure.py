@@ -18,7 +18,7 @@ from framekit.codec.python.expressions import (
     may_fail,
 )
 from framekit.codec.python.facts import leading
-from framekit.codec.python.function import FunctionWriter, Place, between, index
+from framekit.codec.python.function import FunctionWriter, Offset, between, index
 from framekit.codec.python.module import Module
 from framekit.codec.python.registry import kind_of, write_docstring
 from framekit.codec.python.source import Source, bytes_literal, literal, quoted
@@ -89,7 +89,7 @@ class MeasureWriter(FunctionWriter):
         self.identifier = identifier
         self.most = most
         self.may_fail = False
-        self.place = Place("start", 0)
+        self.place = Offset("start", 0)
         self.sure = 0
         self.needed = needed_names(segments)
         self.maybe_absent: set[str] = set()
@@ -170,7 +170,7 @@ class MeasureWriter(FunctionWriter):
 
     def least(self, after: Pairs) -> int:
         """The fewest bytes that segments take."""
-        return sum(self.shapes.of(segment).least for segment, _ in after)
+        return sum(self.static.of(segment).least for segment, _ in after)
 
     def want(self, size: int, after: Pairs) -> None:
         """Goes on only if `size` more bytes are there; else says how many are wanted at least."""
@@ -192,7 +192,7 @@ class MeasureWriter(FunctionWriter):
 
     def _is_bounded(self) -> bool:
         """Whether every such frame is short enough, whatever its values say."""
-        longest = self.shapes.all(self.segments).most
+        longest = self.static.all(self.segments).most
         return longest is not None and longest <= self.most
 
     def want_until(self, local: str, after: Pairs) -> None:
@@ -207,11 +207,11 @@ class MeasureWriter(FunctionWriter):
         if text != "at":
             further = text.removeprefix("at + ")
             self.add(f"at = {text}" if further == text else f"at += {further}")
-        self.place = Place("at", 0)
+        self.place = Offset("at", 0)
 
     def settle(self) -> None:
         """Puts the place into its local."""
-        if self.place != Place("at", 0):
+        if self.place != Offset("at", 0):
             self.advance(self.place.text(""))
 
     def skip(self, size: str) -> None:
@@ -226,7 +226,7 @@ class MeasureWriter(FunctionWriter):
 
         An earlier call may have found the end and wanted what follows it, so that much is looked through again.
         """
-        most = self.shapes.all(segment for segment, _ in after).most
+        most = self.static.all(segment for segment, _ in after).most
         if most is None or self.anew:
             return None
         return f"start + seen - {most + overlap}" if most + overlap else "start + seen"
@@ -248,7 +248,7 @@ class MeasureWriter(FunctionWriter):
             self.add(f"return {total} if end - start >= {total} else end - start - {total}")
             return
         self.add(f"size = {self.place.text('')} - start")
-        longest = self.shapes.all(self.segments).most
+        longest = self.static.all(self.segments).most
         if self.looks_for_end or longest is None or longest > self.most:
             with self.out.block(f"if size > {self.most}:"):
                 self.add("return LOST")
@@ -263,7 +263,7 @@ class MeasureWriter(FunctionWriter):
             size = self.size_text(type_.size, scope)
             if needed:
                 self.take(size, after)
-                self._read(segment, scope, Place("at", 0), Place("stop", 0))
+                self._read(segment, scope, Offset("at", 0), Offset("stop", 0))
                 self.advance("stop")
             else:
                 self.skip(size)
@@ -281,7 +281,7 @@ class MeasureWriter(FunctionWriter):
         self.add(f"stop = at + {size}")
         self.want_until("stop", after)
 
-    def _read(self, segment: Number, scope: Scope, first: Place, last: Place) -> None:
+    def _read(self, segment: Number, scope: Scope, first: Offset, last: Offset) -> None:
         wire = self.wire(segment.type, first, last)
         if isinstance(segment, Bits):
             whole = self.names.fresh("bits")
@@ -298,7 +298,7 @@ class MeasureWriter(FunctionWriter):
             with self.out.block(f"if not {segment.limits[0]} <= {local} <= {segment.limits[1]}:"):
                 self.add("return LOST")
 
-    def wire(self, type_: FieldType, first: Place, last: Place) -> str:
+    def wire(self, type_: FieldType, first: Offset, last: Offset) -> str:
         if type_.kind == "int" and type_.fixed_size == 1 and not type_.signed:
             return index("data", first)
         self.may_fail = self.may_fail or type_.kind in ("digits", "bcd")
@@ -331,7 +331,7 @@ class MeasureWriter(FunctionWriter):
             self.not_found(1 + self.least(after))
         if needed and isinstance(segment, Field):
             plain = FieldType("ascii", None, pad=segment.type.pad)
-            self.set_value(segment.name, scope, self.wire(plain, Place("at", 0), Place("stop", 0)))
+            self.set_value(segment.name, scope, self.wire(plain, Offset("at", 0), Offset("stop", 0)))
         self.advance(f"stop + {len(end)}")
 
     # ---- what ends by what follows ------------------------------------------------------------------------
@@ -347,7 +347,7 @@ class MeasureWriter(FunctionWriter):
             return
         first, before, behind = after[place][0], self._size_of(after[:place]), self._size_of(after[place:])
         assert isinstance(first, Const)
-        may_hold = first.data[0] in bytes_of([segment, *(one for one, _ in after[:place])], self.shapes.frames)
+        may_hold = first.data[0] in bytes_of([segment, *(one for one, _ in after[:place])], self.static.frames)
         self.settle()
         self.add(f"behind = {behind}")
         self.add(f"at = max({'at' if before == '0' else f'at + {before}'}, start + seen - behind)")
@@ -371,7 +371,7 @@ class MeasureWriter(FunctionWriter):
 
     def _constant(self, after: Pairs) -> int | None:
         """The place of the constant that is looked for; None if there is none, or too little can be told beforehand."""
-        fixed = (self.shapes.present(segment).fixed is not None for segment, _ in after)
+        fixed = (self.static.present(segment).fixed is not None for segment, _ in after)
         if not (all(fixed) and all(self._is_told(*one) for one in after)):
             return None
         found = (place for place, (one, _) in enumerate(after) if isinstance(one, Const) and one.when is None)
@@ -386,7 +386,7 @@ class MeasureWriter(FunctionWriter):
         """Text of the bytes of segments that are of fixed size when they are there."""
         fixed, texts = 0, []
         for segment, scope in after:
-            size = self.shapes.present(segment).fixed or 0
+            size = self.static.present(segment).fixed or 0
             if segment.when is None:
                 fixed += size
             elif size:
@@ -404,15 +404,15 @@ class MeasureWriter(FunctionWriter):
         self.add(f"return QUIET if end - start <= {self.most} else LOST")
         raise Finished
 
-    def inner_may_misfit(self) -> bool:
+    def inner_may_mismatch(self) -> bool:
         """Whether an inner frame begins with constants, so that it has to be looked at."""
         return any(
             isinstance(segment, Inner) and self.begins_with_constants(segment) for segment in flat(self.segments)
         )
 
     def begins_with_constants(self, inner: Inner) -> bool:
-        frames = (self.shapes.frames[name] for name in inner.frames)
-        return any(leading(self.shapes, self.shapes.segments(frame)) for frame in frames)
+        frames = (self.static.frames[name] for name in inner.frames)
+        return any(leading(self.static, self.static.segments(frame)) for frame in frames)
 
     def inner_size(self, size: str, choice: str, measure: str, arguments: str, seen: str, behind: str) -> None:
         """Gives the local `size` its value: that of the frame inside."""
@@ -432,7 +432,7 @@ class MeasureWriter(FunctionWriter):
             if self.may_fail:
                 with out.block("try:"):
                     out.extend(self.out)
-                with out.block("except MISFITS:"):
+                with out.block("except MISMATCHES:"):
                     out.add("return LOST")
             else:
                 out.extend(self.out)
@@ -449,8 +449,8 @@ class MeasureWriter(FunctionWriter):
                 tail = self.pairs(frame.tail, scope)
                 self._to_tail(tail)
                 self.list(tail, ())
-            elif self.shapes.all(self.segments).fixed is not None and not self.inner_may_misfit():
-                self.place = Place("start", self.shapes.all(self.segments).least)
+            elif self.static.all(self.segments).fixed is not None and not self.inner_may_mismatch():
+                self.place = Offset("start", self.static.all(self.segments).least)
             else:
                 self.list(self.pairs(self.segments, scope), ())
             self.return_total()
@@ -458,7 +458,7 @@ class MeasureWriter(FunctionWriter):
             return
 
     def _compare_start(self) -> None:
-        constant = leading(self.shapes, self.segments)
+        constant = leading(self.static, self.segments)
         if len(constant) == 1:
             test = f"start < end and data[start] != {constant[0]:#04x}"
         else:
@@ -498,7 +498,7 @@ class MeasureWriter(FunctionWriter):
         self.add(f"at = {self.search(f'{first.data[0]:#04x}', place, tail)}")
         with self.out.block("if at < 0:"):
             self.not_found(self.least(tail))
-        self.place = Place("at", 0)
+        self.place = Offset("at", 0)
 
     # ---- lists --------------------------------------------------------------------------------------------
 
@@ -519,14 +519,14 @@ class MeasureWriter(FunctionWriter):
             self.settle()
         except Finished:
             finished = True
-        self.place = Place("at", 0)
+        self.place = Offset("at", 0)
         return finished
 
     def _conditional(self, segment: Segment, scope: Scope, behind: Pairs) -> None:
         assert segment.when is not None
         present = without_when(segment)
         names = [name for name in segment.value_names if name in self.needed]
-        if self.shapes.present(segment).fixed == 0 and not names:
+        if self.static.present(segment).fixed == 0 and not names:
             return
         condition = self.text(segment.when, scope)
         self.settle()

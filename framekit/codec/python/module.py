@@ -1,4 +1,4 @@
-"""What the functions of one generated module share: pasted helpers, structs, tables, check codes, context names.
+"""What the functions of one generated module share: inlined helpers, structs, tables, check codes, context names.
 
 Everything is registered when a function first asks for it, so that a module holds only what it uses. It knows no
 segments.
@@ -92,22 +92,22 @@ BUILT_IN = frozenset(
     {"station", "own", "role", "line", "now", "clock", "request", "buffer", "reply", "expected", "it", "part"}
 )
 _LONGEST_FORMAT_NAME = 30
-_PASTED: list[Any] = [support, stuffing, runtime, runtime_diagnosis]
-OWN_HELPERS = len(_PASTED)
+_INLINED: list[Any] = [support, stuffing, runtime, runtime_diagnosis]
+OWN_HELPERS = len(_INLINED)
 
 
 def add_helpers(module: Any) -> None:
     """Functions of this module may be inlined too, as they stand there."""
-    added = [one for one in _PASTED[OWN_HELPERS:] if one is module or one.__name__ != module.__name__]
-    _PASTED[OWN_HELPERS:] = added if module in added else [*added, module]
-    for made in (pasted_names, _names_of_added, _defined, _imports_of):
+    added = [one for one in _INLINED[OWN_HELPERS:] if one is module or one.__name__ != module.__name__]
+    _INLINED[OWN_HELPERS:] = added if module in added else [*added, module]
+    for made in (inlined_names, _names_of_added, _defined, _imports_of):
         made.cache_clear()
 
 
 @cache
-def pasted_names() -> frozenset[str]:
-    """Every name that pasted code may bring into a module."""
-    names = {name for module in _PASTED[:OWN_HELPERS] for name in vars(module)} | {*_names_of_added().values()}
+def inlined_names() -> frozenset[str]:
+    """Every name that inlined code may bring into a module."""
+    names = {name for module in _INLINED[:OWN_HELPERS] for name in vars(module)} | {*_names_of_added().values()}
     return frozenset(name for name in names if not name.startswith("_"))
 
 
@@ -117,8 +117,8 @@ def _names_of_added() -> Mapping[tuple[str, str], str]:
 
     Two of one name stay apart; what several modules import is imported once.
     """
-    taken = {*dir(builtins), *OWN_WORDS, *(name for module in _PASTED[:OWN_HELPERS] for name in vars(module))}
-    imported = {one: name for module in _PASTED[:OWN_HELPERS] for name, one in _imports_of(module).items()}
+    taken = {*dir(builtins), *OWN_WORDS, *(name for module in _INLINED[:OWN_HELPERS] for name in vars(module))}
+    imported = {one: name for module in _INLINED[:OWN_HELPERS] for name, one in _imports_of(module).items()}
     found: dict[tuple[str, str], str] = {}
 
     def apart(name: str) -> str:
@@ -129,19 +129,19 @@ def _names_of_added() -> Mapping[tuple[str, str], str]:
         taken.add(own)
         return own
 
-    for module in _PASTED[OWN_HELPERS:]:
+    for module in _INLINED[OWN_HELPERS:]:
         for name, one in _imports_of(module).items():
             if one not in imported:
                 imported[one] = apart(name) if one.may_be_renamed else name
             found[module.__name__, name] = imported[one]
-    for module in _PASTED[OWN_HELPERS:]:
+    for module in _INLINED[OWN_HELPERS:]:
         found |= {(module.__name__, name): apart(name) for name in sorted(_defined(module))}
     return found
 
 
 def _home_of(name: str) -> Any:
     """The module of framekit that a helper is defined in. Raises ValueError where there is none of that name."""
-    found = next((module for module in _PASTED[:OWN_HELPERS] if name in _defined(module)), None)
+    found = next((module for module in _INLINED[:OWN_HELPERS] if name in _defined(module)), None)
     if found is None:
         raise ValueError(f"framekit has no helper '{name}' – give the function itself, not its name")
     return found
@@ -227,8 +227,8 @@ class Module:
     def __init__(self, protocol: Protocol, standalone: bool = True) -> None:
         self.protocol = protocol
         self.standalone = standalone
-        self.shapes = StaticSizes(protocol.frames)
-        self.names = Identifiers(pasted_names())
+        self.static = StaticSizes(protocol.frames)
+        self.names = Identifiers(inlined_names())
         self.functions: dict[str, None] = {}
         self._added: dict[str, Callable[..., Any]] = {}
         self._under_way: set[str] = set()
@@ -249,7 +249,7 @@ class Module:
     # ---- functions ----------------------------------------------------------------------------------------
 
     def function(self, helper: str | Callable[..., Any]) -> str:
-        """Has a helper pasted, with everything it needs: one of framekit by its name, or a function of an added module.
+        """Has a helper inlined, with all that it needs: one of framekit by its name, or a function of an added module.
 
         Gives the name that it has here. Raises ValueError for one that is not there.
         """
@@ -267,7 +267,7 @@ class Module:
                     own = _names_of_added().get((module.__name__, other), other)
                     self.imports.add(imports[other].line(own))
                 elif isinstance(helper, str):
-                    if any(other in _defined(one) for one in _PASTED[:OWN_HELPERS]):
+                    if any(other in _defined(one) for one in _INLINED[:OWN_HELPERS]):
                         self.function(other)
                 elif other in _defined(module):
                     self.function(getattr(module, other))
@@ -283,7 +283,7 @@ class Module:
         return name
 
     def source_of(self, name: str, methods: set[str] | None = None) -> str:
-        """The source text of a pasted helper; of a class with the methods that are used."""
+        """The source text of an inlined helper; of a class with the methods that are used."""
         if name in self._added:
             added = self._added[name]
             all_names = _names_of_added().items()
@@ -378,7 +378,7 @@ class Module:
     def choice(self, frames: tuple[str, ...], *name: str) -> str:
         """The module constant of the frames that may stand at one place."""
         self.function("Choice")
-        frames = in_order(self.shapes, frames)
+        frames = in_order(self.static, frames)
         if frames not in self.choices:
             self.choices[frames] = self.names.constant(*name)
         return self.choices[frames]
@@ -465,7 +465,7 @@ class Module:
 
     def words(self) -> Iterable[str]:
         """Names that locals must not take."""
-        return [*pasted_names(), *(name for name, _ in self.folds.values())]
+        return [*inlined_names(), *(name for name, _ in self.folds.values())]
 
 
 def _finished(method: CheckMethod, mask: int) -> str:

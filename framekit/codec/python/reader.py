@@ -16,7 +16,7 @@ from framekit.codec.python import forms
 from framekit.codec.python.expressions import NameEntry, Scope, constant_of, default_text
 from framekit.codec.python.facts import Target, comes_with, in_place_of_records, is_followed, is_plain_name, targets_of
 from framekit.codec.python.forms import code_text, is_call
-from framekit.codec.python.function import MISFIT, Fields, Function, Place, between, covers_later, index, span_names
+from framekit.codec.python.function import MISMATCH, Fields, Function, Offset, between, covers_later, index, span_names
 from framekit.codec.python.module import Module
 from framekit.codec.python.registry import kind_of, struct_order, summary, write_docstring
 from framekit.codec.python.source import Source, bytes_literal, literal, quoted
@@ -35,7 +35,7 @@ from framekit.definition.model.segments import (
 )
 from framekit.definition.problems import DefinitionError, Problem
 
-START = Place("", 0)
+START = Offset("", 0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +127,7 @@ class BufferReader:
     def __init__(self, function: Function, buffer: str, at: str) -> None:
         self.function = function
         self.module = function.module
-        self.shapes = function.shapes
+        self.static = function.static
         self.buffer = buffer
         self.at = at
         self.place = START
@@ -162,20 +162,20 @@ class BufferReader:
             self.function.flush_using(self.at)
             further = text.removeprefix(f"{self.at} + ")
             self.function.add(f"{self.at} = {text}" if further == text else f"{self.at} += {further}")
-        self.place = Place(self.at, 0)
+        self.place = Offset(self.at, 0)
 
     def settle(self) -> None:
         """Puts the place into its local, so that branches and loops may move it."""
         self.advance(self.place.text(self.buffer))
 
-    def keep(self, place: Place) -> Place:
+    def keep(self, place: Offset) -> Offset:
         """A place that stays when the local moves on."""
         if place.base in ("", "end"):
             return place
         self.function.add(f"start = {place.text(self.buffer)}")
-        return Place("start", 0)
+        return Offset("start", 0)
 
-    def take(self, item: Item, size: str) -> tuple[Place, Place]:
+    def take(self, item: Item, size: str) -> tuple[Offset, Offset]:
         """The places of a segment whose size is the text `size` (a sum at most)."""
         first = self.keep(self.place)
         start = first.text(self.buffer)
@@ -183,11 +183,11 @@ class BufferReader:
         self.function.stands(item.segment, self.buffer, first, self.place)
         return first, self.place
 
-    def region_end(self, after: tuple[Item, ...]) -> Place:
+    def region_end(self, after: tuple[Item, ...]) -> Offset:
         """The end of a segment that reaches as far as what follows it leaves room."""
         fixed, conditional = 0, []
         for item in after:
-            size = self.shapes.present(item.segment).fixed
+            size = self.static.present(item.segment).fixed
             if size is None or self.in_item or not self._is_told(item):
                 return self._next_constant(after[0])
             if item.segment.when is None:
@@ -196,16 +196,16 @@ class BufferReader:
                 writer = self.function.writer(item.scope)
                 conditional.append(f"({size} if {writer.text(item.segment.when, AND)} else 0)")
         if not conditional:
-            return Place("end", -fixed)
+            return Offset("end", -fixed)
         end = self.function.names.fresh("region_end")
         parts = [f"len({self.buffer})", *([str(fixed)] if fixed else []), *conditional]
         self.function.add(f"{end} = {' - '.join(parts)}")
-        return Place(end, 0)
+        return Offset(end, 0)
 
     def knows_behind(self, after: tuple[Item, ...]) -> bool:
         """Whether the bytes that follow can be counted already."""
         return not self.in_item and all(
-            self.shapes.present(item.segment).fixed is not None and self._is_told(item) for item in after
+            self.static.present(item.segment).fixed is not None and self._is_told(item) for item in after
         )
 
     def _is_told(self, item: Item) -> bool:
@@ -213,16 +213,16 @@ class BufferReader:
         when = item.segment.when
         return when is None or not self.function.waits_for(when, item.scope)
 
-    def _next_constant(self, item: Item) -> Place:
+    def _next_constant(self, item: Item) -> Offset:
         """Where the constant stands that ends what comes before it."""
         if not isinstance(item.segment, Const) or item.segment.when is not None:
             raise without_end(item.segment)
         end = self.function.names.fresh("region_end")
         start = self.place.text(self.buffer)
         self.function.add(f"{end} = {self.buffer}.index({bytes_literal(item.segment.data)}, {start})")
-        return Place(end, 0)
+        return Offset(end, 0)
 
-    def take_rest(self, item: Item, after: tuple[Item, ...]) -> tuple[Place, Place]:
+    def take_rest(self, item: Item, after: tuple[Item, ...]) -> tuple[Offset, Offset]:
         """The places of a segment that takes everything what follows it leaves."""
         if self.in_item and not after:
             what = f"nothing shows where {item.segment.title} ends in an item of a list"
@@ -231,9 +231,9 @@ class BufferReader:
         first = self.place
         if first.base == "" and last.base == "end":
             if first.offset - last.offset:
-                self.function.misfit_if(f"len({self.buffer}) < {first.offset - last.offset}")
+                self.function.mismatch_if(f"len({self.buffer}) < {first.offset - last.offset}")
         elif first.base != "end" or last.base != "end":
-            self.function.misfit_if(f"{first.text(self.buffer)} > {last.text(self.buffer)}")
+            self.function.mismatch_if(f"{first.text(self.buffer)} > {last.text(self.buffer)}")
         if last.base == "end":
             self.place = last
         else:
@@ -283,16 +283,16 @@ class BufferReader:
             return text
         local = self.function.names.fresh("length")
         self.function.add(f"{local} = {self.function.writer(scope).text(expression)}")
-        self.function.misfit_if(f"{local} < 0")
+        self.function.mismatch_if(f"{local} < 0")
         return local
 
-    def judge_field(self, item: Item, field: Field, local: str) -> None:
-        self.judge_value(item.scope, field.is_, field.constants, local)
+    def validate_field(self, item: Item, field: Field, local: str) -> None:
+        self.validate_value(item.scope, field.is_, field.constants, local)
         if field.only and field.values is not None and field.constants is None:
-            self._judge_among(local, tuple(field.values), field)
-        self.judge_limits(field, local)
+            self._validate_among(local, tuple(field.values), field)
+        self.validate_limits(field, local)
 
-    def judge_value(
+    def validate_value(
         self,
         scope: Scope,
         is_: Expression | None,
@@ -301,26 +301,26 @@ class BufferReader:
     ) -> None:
         if constants is not None:
             if len(constants) == 1:
-                self.function.misfit_if(f"{local} != {literal(constants[0])}")
+                self.function.mismatch_if(f"{local} != {literal(constants[0])}")
             else:
-                self.function.misfit_if(f"{local} not in {literal(constants)}")
+                self.function.mismatch_if(f"{local} not in {literal(constants)}")
         if is_ is not None:
             number = constant_of(is_)
 
             def compare() -> None:
                 text = self.function.writer(scope).text(is_, BIT_OR)
-                self.function.misfit_if(f"{local} != {text if number is None else number}")
+                self.function.mismatch_if(f"{local} != {text if number is None else number}")
 
             self.when_known(is_, scope, compare)
 
-    def _judge_among(self, local: str, allowed: tuple[int, ...], field: Field) -> None:
+    def _validate_among(self, local: str, allowed: tuple[int, ...], field: Field) -> None:
         if len(allowed) <= _FEW:
-            self.function.misfit_if(f"{local} not in {literal(allowed)}")
+            self.function.mismatch_if(f"{local} not in {literal(allowed)}")
         elif field.values is not None:
             names = self.module.value_names(field.values, f"{self.function.title} {field.name}")
-            self.function.misfit_if(f"{local} not in {names}")
+            self.function.mismatch_if(f"{local} not in {names}")
 
-    def judge_limits(self, number: Field | Length | Count, local: str) -> None:
+    def validate_limits(self, number: Field | Length | Count, local: str) -> None:
         """Limits that the type does not keep by itself."""
         if number.limits is None:
             return
@@ -329,15 +329,15 @@ class BufferReader:
         low = free.least is None or least > free.least
         high = free.most is None or most < free.most
         if low and high:
-            self.function.misfit_if(f"not {least} <= {local} <= {most}")
+            self.function.mismatch_if(f"not {least} <= {local} <= {most}")
         elif low:
-            self.function.misfit_if(f"{local} < {least}")
+            self.function.mismatch_if(f"{local} < {least}")
         elif high:
-            self.function.misfit_if(f"{local} > {most}")
+            self.function.mismatch_if(f"{local} > {most}")
 
     # ---- check codes --------------------------------------------------------------------------------------
 
-    def judge_check(self, check: Check, local: str, is_slice: bool) -> None:
+    def validate_check(self, check: Check, local: str, is_slice: bool) -> None:
         """Compares a check code that was read into `local` with that of its range."""
         if covers_later(check, self.function.segments):
             if self.function.in_branch:
@@ -361,7 +361,7 @@ class BufferReader:
             return None
         return residue_of(check.method, check.size, check.order)
 
-    def judge_residue(self, check: Check, residue: int, last: bool) -> None:
+    def validate_residue(self, check: Check, residue: int, last: bool) -> None:
         """One call over the check and all before it, instead of cutting, reading and comparing. `last`: that is all
         there may be."""
         covered = self.buffer if last else between(self.buffer, START, self.place.plus(check.size))
@@ -411,7 +411,7 @@ class BufferReader:
         parts = [part for name in targets for part in self.function.wire_parts.get(name, (name,))]
 
         def compare() -> None:
-            self.function.misfit_if(f"{local} != {self.room_text(length, targets)}")
+            self.function.mismatch_if(f"{local} != {self.room_text(length, targets)}")
 
         self.deferred.append(Comparison(compare, lambda: all(part in self.function.bounds for part in parts)))
 
@@ -428,7 +428,7 @@ class BufferReader:
         def compare() -> None:
             items = item.scope.find(count.of)
             if items is not None:
-                self.function.misfit_if(f"{local} != len({items.text}{'' if there else ' or ()'}){plus}")
+                self.function.mismatch_if(f"{local} != len({items.text}{'' if there else ' or ()'}){plus}")
 
         self.deferred.append(Comparison(compare, lambda: item.scope.find(count.of) is not None))
 
@@ -465,7 +465,7 @@ class BufferReader:
         for chunk in chunks:
             if len(chunk.pieces) > 1 and chunk.local is not None:
                 self._digits_of(chunk)
-        constant: tuple[Place, bytes, bool] | None = None
+        constant: tuple[Offset, bytes, bool] | None = None
         for piece in pieces:
             segment = piece.item.segment
             if isinstance(segment, Const):
@@ -479,12 +479,12 @@ class BufferReader:
             self.place = self.place.plus(piece.size)
         self._compare_constant(constant)
         if exact:
-            self.place = Place("end", 0)
+            self.place = Offset("end", 0)
 
     # ---- unpacking ----------------------------------------------------------------------------------------
 
     def _slot(self, item: Item) -> Slot:
-        size = self.shapes.present(item.segment).fixed or 0
+        size = self.static.present(item.segment).fixed or 0
         slot: Slot = kind_of(item.segment).slot(self, item, item.segment, size)
         return slot
 
@@ -496,7 +496,7 @@ class BufferReader:
             return
         residue = self.residue(segment) if isinstance(segment, Check) else None
         if isinstance(segment, Check) and residue is not None:
-            self.judge_residue(segment, residue, last)
+            self.validate_residue(segment, residue, last)
 
     def _chunks(self, pieces: list[Slot]) -> list[Chunk]:
         chunks: list[Chunk] = []
@@ -511,7 +511,7 @@ class BufferReader:
                 chunks.append(Chunk([piece], piece.local))
         return chunks
 
-    def _unpack(self, chunks: list[Chunk], base: Place, whole: bool) -> bool:
+    def _unpack(self, chunks: list[Chunk], base: Offset, whole: bool) -> bool:
         """Writes the line that takes all values; whether it sees to the size of the buffer itself."""
         wanted = [chunk for chunk in chunks if chunk.local is not None]
         if not wanted:
@@ -542,7 +542,7 @@ class BufferReader:
         self.function.add(f"{targets} = {constant}.unpack{'' if exact else '_from'}({self.buffer}{behind})")
         return exact
 
-    def _single_bytes(self, chunks: list[Chunk], wanted: list[Chunk], base: Place) -> bool:
+    def _single_bytes(self, chunks: list[Chunk], wanted: list[Chunk], base: Offset) -> bool:
         """Takes single bytes one by one, if there are few of them at fixed places."""
         if len(wanted) > _FEW_BYTES or base.base not in ("", "end") or any(chunk.code != "B" for chunk in wanted):
             return False
@@ -569,7 +569,7 @@ class BufferReader:
 
     # ---- what becomes of the values -----------------------------------------------------------------------
 
-    def _compare_constant(self, constant: tuple[Place, bytes, bool] | None) -> None:
+    def _compare_constant(self, constant: tuple[Offset, bytes, bool] | None) -> None:
         """Compares what stands at a place with constants; one of them may be `refused`."""
         if constant is None:
             return
@@ -579,7 +579,7 @@ class BufferReader:
         else:
             condition = f"{between(self.buffer, place, place.plus(len(data)))} != {bytes_literal(data)}"
         if refused or self.function.in_branch or place.base not in ("", "end"):
-            self.function.misfit_if(condition)
+            self.function.mismatch_if(condition)
         else:
             self.function.wrong_at_last_if(condition)
 
@@ -624,7 +624,7 @@ class BufferReader:
             for item in inside:
                 assert item.segment.condition is not None
                 holds = self.function.writer(item.scope).negated(item.segment.condition)
-                self.function.misfit_if(f"{text} and {holds}")
+                self.function.mismatch_if(f"{text} and {holds}")
             return
         self._branches([(f"if {condition}:", inside)], after, items)
 
@@ -652,7 +652,7 @@ class BufferReader:
         for header, items in branches:
             with function.out.block(header):
                 self._branch(items, after, {item.segment.name for item in defaults}, flags)
-            self.place = Place(self.at, 0)
+            self.place = Offset(self.at, 0)
         lines = self._else_lines(known, defaults, [item for _, items in branches for item in items])
         function.in_branch -= 1
         if lines:
@@ -692,7 +692,7 @@ class BufferReader:
                 item.fields.flush(self.function.out)
         if left:
             self._compare_behind(flags.raised(), left, [item.fields for item in (*expanded, *items)])
-        if self.place != Place(self.at, 0):
+        if self.place != Offset(self.at, 0):
             self.advance(self.place.text(self.buffer))
 
     def _compare_behind(self, flag: str, left: list[Comparison], fields: list[Fields]) -> None:
@@ -766,11 +766,11 @@ class BufferReader:
             with function.out.block(header):
                 self._branch(items, after, set(), flags)
                 function.pass_over(later, (item.segment for item in items), self.at)
-            self.place = Place(self.at, 0)
+            self.place = Offset(self.at, 0)
         function.in_branch -= 1
         if fault:
             with function.out.block("else:"):
-                function.add(MISFIT)
+                function.add(MISMATCH)
 
     def read(self, segments: Iterable[Segment], scope: Scope, fields: Fields, *, all_is_read: bool = True) -> None:
         """Reads the segments of a whole buffer or item; `all_is_read`: nothing else of the frame comes later."""
@@ -806,7 +806,7 @@ class BufferReader:
         if self.place.base not in ("", "end"):
             local = self.function.names.fresh("body_start")
             self.function.add(f"{local} = {self.place.text(self.buffer)}")
-            self.body_place = Place(local, 0)
+            self.body_place = Offset(local, 0)
 
 
 class _Flags:
@@ -896,14 +896,14 @@ def write_decoder(
     """
     function = Function(module, identifier, segments)
     fields = Fields(function.names.fresh("fields"))
-    function.tells_wrong = may_refuse = module.shapes.may_refuse(segments)
+    function.tells_wrong = may_refuse = module.static.may_refuse(segments)
     reader = BufferReader(function, "data", "at")
     if segments and all(isinstance(segment, Const) and segment.when is None for segment in segments):
         whole = b"".join(segment.data for segment in segments if isinstance(segment, Const))
-        function.misfit_if(f"data != {bytes_literal(whole)}")
+        function.mismatch_if(f"data != {bytes_literal(whole)}")
     else:
         tail = frame.tail[0] if frame is not None and frame.delimited and frame.tail else None
-        if frame is not None and isinstance(tail, Const) and tail.data[0] in bytes_of(frame.body, module.shapes.frames):
+        if frame is not None and isinstance(tail, Const) and tail.data[0] in bytes_of(frame.body, module.static.frames):
             _ends_at_tail(function, reader, frame, tail)
         reader.read(segments, Scope(), fields)
         reader.close()
@@ -931,7 +931,7 @@ def write_decoder(
         if function.raises_wrong:
             with out.block("except Wrong:"):
                 out.add(when_asked)
-        with out.block("except MISFITS:"):
+        with out.block("except MISMATCHES:"):
             out.add(at_once if may_refuse else when_asked)
         out.add(f"return {result}")
     return out
@@ -939,16 +939,16 @@ def write_decoder(
 
 def _ends_at_tail(function: Function, reader: BufferReader, frame: Frame, tail: Const) -> None:
     """A delimited body ends at the first byte of the tail, whatever is in it."""
-    head = function.shapes.all(frame.head).fixed
+    head = function.static.all(frame.head).fixed
     if head is None:
         reader.body_begins = next(in_place_of_records(frame.body), None)
     else:
-        reader.body_place = Place("", head)
+        reader.body_place = Offset("", head)
     function.tracked.add(tail.name or "")
 
     def compare() -> None:
         found = f"data.find({tail.data[0]:#04x}, {reader.body_place.text('data')})"
-        function.misfit_if(f"{found} != {function.bounds[tail.name or ''].first.text('data')}")
+        function.mismatch_if(f"{found} != {function.bounds[tail.name or ''].first.text('data')}")
 
     function.late.append(compare)
 
@@ -959,17 +959,17 @@ def _try_fused(out: Source, table: str, place: int) -> None:
         out.add(f"fused = {table}[data[{place}]]")
         with out.block("if fused is not None:"):
             out.add("return fused(data, ctx)")
-    with out.block("except MISFITS:"):
+    with out.block("except MISMATCHES:"):
         out.add("pass")
 
 
 def limit(function: Function, most: int, segments: tuple[Segment, ...]) -> None:
     """A frame must not be longer than its definition says."""
-    longest = function.shapes.all(segments).most
+    longest = function.static.all(segments).most
     if longest is not None and longest <= most:
         return
     least = next((one for one in function.conditions if re.fullmatch(r"len\(data\) < \d+", one)), None)
     if least is None:
-        function.misfit_if(f"len(data) > {most}")
+        function.mismatch_if(f"len(data) > {most}")
     else:
         function.conditions[function.conditions.index(least)] = f"not {least.rpartition(' ')[2]} <= len(data) <= {most}"

@@ -1,4 +1,4 @@
-"""Helpers that generated modules carry with them: pasted as they stand here, each on its own like those of `support`.
+"""Helpers that generated modules carry with them: inlined as they stand here, each on its own like those of `support`.
 
 They may use each other, standard imports and the names every generated module has: `Any`,
 `Context`, `FrameError`, `EncodeError`, `QUIET`, `LOST`.
@@ -20,11 +20,11 @@ QUIET = -(1 << 40)
 LOST = QUIET - 1
 
 
-class Misfit(ValueError):  # noqa: N818 - says no more than that
+class Mismatch(ValueError):  # noqa: N818 - says no more than that
     """Something does not fit; what it is, is found out afterwards."""
 
 
-class Wrong(Misfit):
+class Wrong(Mismatch):
     """Nothing but a check code, a constant or the limit of a wrap does not fit: the frame is not refused, but bad."""
 
 
@@ -286,17 +286,17 @@ def fused_readers(choice: Choice, readers: dict[str, Any]) -> list[Any]:
     return [None if one is None else readers.get(one[0]) for one in choice.likely]
 
 
-def decode_first(choice: Choice, data: bytes, ctx: Context, misfit: Exception | None = None) -> dict[str, Any]:
+def decode_first(choice: Choice, data: bytes, ctx: Context, mismatch: Exception | None = None) -> dict[str, Any]:
     """The first frame that fits, as `{name: fields}`. Raises FrameError if that frame is to be refused.
 
-    `misfit`: what the likely frame has said, if that was read already.
+    `mismatch`: what the likely frame has said, if that was read already.
     """
     found: Any = choice
     while type(found) is Choice:
         found = found.readers[data[found.at]] if found.at < len(data) else found.absent
-    if isinstance(misfit, FrameError):
-        if misfit.refuse is not None:
-            raise misfit
+    if isinstance(mismatch, FrameError):
+        if mismatch.refuse is not None:
+            raise mismatch
         found = found[1:]
     for name, decode in found:
         try:
@@ -450,7 +450,7 @@ def encode_error(values: Any, rules: Rules, error: Exception) -> EncodeError:
     """What is wrong with the values, in one sentence."""
     if isinstance(error, EncodeError):
         return error
-    found = find_misfit(values, rules, "") if isinstance(values, Mapping) else None
+    found = find_mismatch(values, rules, "") if isinstance(values, Mapping) else None
     if found is not None:
         return found
     missing = path_of(error.args[0], rules) if isinstance(error, KeyError) else None
@@ -474,14 +474,14 @@ def path_of(name: Any, rules: Rules) -> str | None:
     return None
 
 
-def find_misfit(values: Context, rules: Rules, path: str) -> EncodeError | None:
+def find_mismatch(values: Context, rules: Rules, path: str) -> EncodeError | None:
     """The first value that breaks its rule, or, if that is one that is missing, all that are."""
     for name in values:
         if name not in rules:
             return EncodeError(f"{path}{name}", f"there is no '{path}{name}' in this frame")
     for name, rule in rules.items():
         if name in values:
-            found = misfit_of(values[name], rule, path + name)
+            found = mismatch_of(values[name], rule, path + name)
         elif rule.needed:
             found = missing_error([one for one in rules if rules[one].needed and one not in values], path)
         else:
@@ -500,7 +500,7 @@ def missing_error(names: list[str], path: str) -> EncodeError | None:
     return EncodeError(path + names[0], f"{verb} missing", tuple(path + name for name in names[1:]))
 
 
-def misfit_of(value: Any, rule: Rule, name: str) -> EncodeError | None:
+def mismatch_of(value: Any, rule: Rule, name: str) -> EncodeError | None:
     """What is wrong with one value."""
     if rule.names and (isinstance(value, str) or (rule.only and isinstance(value, (int, float)))):
         if value in rule.names or value in rule.names.values():
@@ -525,19 +525,19 @@ def misfit_of(value: Any, rule: Rule, name: str) -> EncodeError | None:
         return EncodeError(name, f"'{name}' is not made of pairs of hex digits")
     if rule.type == "text" and any(ord(sign) > 255 for sign in value):
         return EncodeError(name, f"'{name}' has characters that are no bytes")
-    return None if rule.inside is None else misfit_inside(value, rule.inside, name)
+    return None if rule.inside is None else mismatch_inside(value, rule.inside, name)
 
 
-def misfit_inside(value: Any, rules: Rules, name: str) -> EncodeError | None:
+def mismatch_inside(value: Any, rules: Rules, name: str) -> EncodeError | None:
     """What is wrong in a mapping or in the items of a list."""
     if isinstance(value, Mapping):
-        return find_misfit(value, rules, f"{name}.")
+        return find_mismatch(value, rules, f"{name}.")
     for place, item in enumerate(value):
         path = f"{name}[{place}]"
         if "" in rules:
-            found = misfit_of(item, rules[""], path)
+            found = mismatch_of(item, rules[""], path)
         elif isinstance(item, Mapping):
-            found = find_misfit(item, rules, f"{path}.")
+            found = find_mismatch(item, rules, f"{path}.")
         else:
             found = EncodeError(path, f"'{path}' must be a mapping of fields")
         if found is not None:

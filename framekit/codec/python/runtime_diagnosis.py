@@ -137,10 +137,10 @@ class Diagnosis:
         found: list[Span] = []
         for path, segment, first, last, value, places in self.shown:
             if not isinstance(value, Diagnosis):
-                found.append((path + shown(segment), wire_place(places, first), wire_place(places, last), value))
+                found.append((path + shown(segment), wire_offset(places, first), wire_offset(places, last), value))
                 continue
             for inner, start, end, one in value.spans:
-                place = wire_place(places, first + start), wire_place(places, first + end)
+                place = wire_offset(places, first + start), wire_offset(places, first + end)
                 found.append((f"{path}{segment}.{inner}", *place, one))
         return found
 
@@ -165,7 +165,7 @@ class Diagnosis:
 
     def wire(self, place: int) -> int:
         """Where a place in the present buffer is on the wire."""
-        return place if self.places is None else wire_place(self.places, place)
+        return place if self.places is None else wire_offset(self.places, place)
 
     def show(self, segment: str, start: int, value: Any) -> None:
         self.shown.append((self.path, segment, start, self.at, value, self.places))
@@ -177,7 +177,7 @@ class Diagnosis:
         self.turn += 1
         self.turns[name] = self.turn
         at = self.at
-        self.starts[name] = at if self.places is None else wire_place(self.places, at)
+        self.starts[name] = at if self.places is None else wire_offset(self.places, at)
         return at
 
     def take(self, name: str, size: int, refuse: int | None = None) -> bytes:
@@ -361,7 +361,7 @@ class Diagnosis:
         refuse: int | None = None,
         **rules: Any,
     ) -> None:
-        """A value; `rules` are those of `judge`."""
+        """A value; `rules` are those of `validate`."""
         start = self.begin(name)
         raw = self.take(name, self.ask(size, "length", name, refuse), refuse)
         self.store(name, start, raw, parse, refuse, **rules)
@@ -379,9 +379,9 @@ class Diagnosis:
         self.scopes[-1][name] = value
         self.show(name, start, value)
         if rules:
-            self.judge(name, start, value, refuse, **rules)
+            self.validate(name, start, value, refuse, **rules)
 
-    def judge(
+    def validate(
         self,
         name: str,
         place: int,
@@ -457,7 +457,7 @@ class Diagnosis:
             self.scopes[-1][part] = value
             self.show(part, start, value)
             if among is not None and part in among:
-                self.judge(part, start, value, refuse, among=among[part][0], cause=among[part][1])
+                self.validate(part, start, value, refuse, among=among[part][0], cause=among[part][1])
 
     def data_field(
         self,
@@ -626,7 +626,7 @@ class Diagnosis:
         return sum(end - start for _, start, end in (self.bounds[name] for name in names if name in self.bounds))
 
 
-def wire_place(places: Sequence[int] | None, place: int) -> int:
+def wire_offset(places: Sequence[int] | None, place: int) -> int:
     """Where a place in a buffer is on the wire, if `places` are those of its bytes there."""
     return place if places is None else places[min(place, len(places) - 1)]
 

@@ -283,7 +283,7 @@ def _lengths_of_numbers(frame: Frame) -> Iterator[Problem]:
 
 def _lengths_that_never_fit(protocol: Protocol, frame: Frame) -> Iterator[Problem]:
     """A length whose number cannot stand for any size that the parts it counts may have."""
-    shapes = StaticSizes(protocol.frames)
+    static = StaticSizes(protocol.frames)
     lengths = [one for one in parts_of(frame.segments, Length) if not one.plain and one.zero_means is None]
     named = {one.name: one for one in parts_of(frame.segments, Segment)} if lengths else {}
     for length in lengths:
@@ -293,7 +293,7 @@ def _lengths_that_never_fit(protocol: Protocol, frame: Frame) -> Iterator[Proble
         low, high = length.limits or bounds
         sizes = Sizes(0, 0)
         for name in length.of:
-            sizes += shapes.of(named[name])
+            sizes += static.of(named[name])
         least = sizes.least // length.unit + length.plus
         most = None if sizes.most is None else sizes.most // length.unit + length.plus
         if least > high or (most is not None and most < low):

@@ -21,9 +21,9 @@ from framekit.definition.expression import (
     Node,
     Text,
     children,
+    inverse_steps,
     is_constant,
     names_in,
-    read_backwards,
     walk,
 )
 from framekit.definition.kinds.base import Segment, constant_number
@@ -225,7 +225,7 @@ def _names(
                 yield Problem(node.at, f"no area has a column '{node.name}'", did_you_mean(node.name, columns))
 
 
-def check_backwards(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
+def check_request_matching(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
     """What keeps a server from understanding the requests of this row."""
     yield from _items(row)
     if row.service not in ("read", "write") or row.serve is not None:
@@ -234,8 +234,8 @@ def check_backwards(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
         return
     read = {*row.back, *row.back_each}
     unreadable: list[Expression] = []
-    for leaf in _leaves([row.request, *([row.buffer] if row.buffer is not None else [])]):
-        found = read_backwards(leaf)
+    for leaf in _compared([row.request, *([row.buffer] if row.buffer is not None else [])]):
+        found = inverse_steps(leaf)
         if found is not None:
             read.add(found[0])
         elif names_in(leaf.root) - NOT_COMPARED:
@@ -334,7 +334,7 @@ def _stations(protocol: Protocol) -> Iterator[Problem]:
         told: set[str] = set()
         for made in (row.request for rows in protocol.services.values() for row in rows if not row.client_only):
             frame = None if made is None or made.frame not in taken else protocol.frames.get(made.frame)
-            if made is None or frame is None or _judges_itself(frame):
+            if made is None or frame is None or _validates_itself(frame):
                 continue
             for field_name, value in made.fields.items():
                 named = isinstance(value, Expression) and "station" in names_in(value.root)
@@ -355,7 +355,7 @@ def _stations(protocol: Protocol) -> Iterator[Problem]:
                 yield Problem(value.at, what + "device answers every station", todo, warning=True)
 
 
-def _judges_itself(frame: Frame) -> bool:
+def _validates_itself(frame: Frame) -> bool:
     """Whether a frame's own rules look at the station of the device."""
     return any("own" in names_in(rule.root) for rule in expressions_of(frame))
 
@@ -366,15 +366,15 @@ def _compared_with_own(node: Compare) -> Iterator[str]:
         yield from (part.name for part in (node.first, *(side for _, side in node.rest)) if isinstance(part, Attribute))
 
 
-def _leaves(values: list[Value]) -> Iterator[Expression]:
+def _compared(values: list[Value]) -> Iterator[Expression]:
     for value in values:
         match value:
             case Expression():
                 yield value
             case FrameOf(fields=fields) | LayoutOf(fields=fields) | RecordOf(fields=fields) | EachOf(fields=fields):
-                yield from _leaves(list(fields.values()))
+                yield from _compared(list(fields.values()))
             case ListOf(items=items):
-                yield from _leaves(list(items))
+                yield from _compared(list(items))
 
 
 TODO = "tell them apart by a constant in the request or by when:, or add client_only: yes"
@@ -477,7 +477,7 @@ class _Alike:
         """Whether everything that the other value can be fits the first one."""
         match one, other:
             case Expression(), _:
-                return self._leaf(one, other if isinstance(other, Expression) else None)
+                return self._compare(one, other if isinstance(other, Expression) else None)
             case FrameOf(frame=frame, fields=fields), FrameOf(frame=there, fields=given) if frame == there:
                 known = self.protocol.frames.get(frame)
                 return self._fields(fields, given, set() if known is None else names_always_there(known.segments))
@@ -496,11 +496,11 @@ class _Alike:
             for name, value in one.items()
         )
 
-    def _leaf(self, one: Expression, other: Expression | None) -> bool:
+    def _compare(self, one: Expression, other: Expression | None) -> bool:
         equal = fingerprint(one) == fingerprint(other)
         if is_constant(one):
             return equal
-        found = read_backwards(one)
+        found = inverse_steps(one)
         if found is None or is_passed_over(one):
             return True
         name, undone = found
@@ -519,7 +519,7 @@ def check_services(protocol: Protocol, broken: Collection[str] = ()) -> list[Pro
             found += _sides(protocol, row)
             found += _amounts(row)
             found += _limits_too_high(protocol, row)
-            found += check_backwards(protocol, row)
+            found += check_request_matching(protocol, row)
         found += _dead(rows)
     found += _stations(protocol)
     told = {problem.at for problem in found}

@@ -632,16 +632,16 @@ class _Kinds:
 
     def _made(self, checker: KindChecker, holders: Collection[Any]) -> None:
         """Constructors of frames: what each field is given. Other expressions are looked at for themselves."""
-        judged: set[int] = set()
+        validated: set[int] = set()
         for made in parts_of(list(holders), FrameOf):
             frame = self.protocol.frames.get(made.frame)
             fields = {} if frame is None else _known_values(frame)
             for name, value in made.fields.items():
                 if isinstance(value, Expression) and name in fields:
-                    judged.add(id(value))
+                    validated.add(id(value))
                     self._for_field(checker, value, *fields[name])
         for expression in expressions_of(list(holders)):
-            if id(expression) not in judged:
+            if id(expression) not in validated:
                 checker.kind(expression)
 
     def _service(self, row: ServiceRow) -> None:

@@ -29,7 +29,7 @@ from framekit.definition.model.values import FrameOf, LayoutOf, ReadAs, Table
 from framekit.definition.nodes import Entry, Node, Scalar
 from framekit.definition.nodes import Mapping as MappingNode
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
-from framekit.definition.sources import Sources, current_keeper, definition_file, shipped_folder, sources_of
+from framekit.definition.sources import Sources, current_cache, definition_file, shipped_folder, sources_of
 
 T = TypeVar("T")
 
@@ -335,11 +335,11 @@ def load_with_files(name: str | Path, folder: Path | None = None) -> Loaded:
     kept = _kept.get(key)
     if kept is not None and kept.sources.still_hold():
         return _keep(key, kept)
-    keeper = current_keeper()
-    before = None if keeper is None else keeper.loaded(path)
+    cache = current_cache()
+    before = None if cache is None else cache.loaded(path)
     loaded = _load(path) if before is None else Loaded(*before)
-    if keeper is not None and before is None:
-        keeper.was_loaded(path, loaded.protocol, loaded.sources)
+    if cache is not None and before is None:
+        cache.was_loaded(path, loaded.protocol, loaded.sources)
     return _keep(key, loaded)
 
 

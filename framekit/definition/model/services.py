@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from framekit.definition.expression import Expression, Text, is_constant, names_in, read_backwards, walk
+from framekit.definition.expression import Expression, Text, inverse_steps, is_constant, names_in, walk
 from framekit.definition.keys import (
     CONDITION,
     COUNT,
@@ -170,7 +170,7 @@ def is_passed_over(expression: Expression) -> bool:
     """Whether a server neither reads nor compares what stands there in a request."""
     if is_constant(expression):
         return False
-    found = read_backwards(expression)
+    found = inverse_steps(expression)
     return found is None or found[0] in NOT_COMPARED
 
 

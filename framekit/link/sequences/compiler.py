@@ -18,7 +18,7 @@ from framekit.definition.expression import Expression
 from framekit.definition.model.frames import parts_of
 from framekit.definition.model.procedure import HANDLERS, Action, Row, Sequence, Target
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.sources import current_keeper
+from framekit.definition.sources import current_cache
 from framekit.link.construct_values import EACH, read_as
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.frame_table import FrameTable, ProtocolCodec, made_once, table_of
@@ -51,9 +51,9 @@ class Program:
     def __init__(self, protocol: Protocol, codec: ProtocolCodec) -> None:
         self.protocol = protocol
         self.table = table = table_of(protocol, codec)
-        keeper = current_keeper()
+        cache = current_cache()
         make = partial(sequence_code, protocol, table)
-        code = make() if keeper is None else keeper.code(protocol, "sequences", make)
+        code = make() if cache is None else cache.code(protocol, "sequences", make)
         self.sequences, self.need_names, self.shown_later = load_sequences(code, protocol, table)
         self._replies: dict[str | None, Replies] = {}
 

@@ -2,8 +2,8 @@
 
 Each row becomes one Python function, written when its frame is first served: fields are compared, names are local
 variables, what can be resolved is resolved. What names no place of its own, or works on state, goes on with a
-`MatchedRow`. What cannot be read backwards is passed over;
-`station` and `own` are not compared. Language reference, section 11.
+`MatchedRow`. What no name can be worked out of is passed over; `station` and `own` are not compared.
+Language reference, section 11.
 """
 
 from __future__ import annotations
@@ -284,7 +284,7 @@ class RowWriter:
         """Writes the comparison of a value with what is there."""
         match value:
             case Expression():
-                self._leaf(value, actual, level, numbers or {}, padded)
+                self._compare(value, actual, level, numbers or {}, padded)
             case FrameOf(frame=frame, fields=fields):
                 if actual != "request":
                     self.unfit_if(f"type({actual}) is not FrameValue or {actual}.frame != {frame!r}")
@@ -325,7 +325,7 @@ class RowWriter:
                     self.out.add(f"{part} = part_of({actual}, {name!r})")
             self._match(value, part, level, numbers.get(name), name in padding)
 
-    def _leaf(
+    def _compare(
         self, expression: Expression, actual: str, level: WriterLevel, numbers: Mapping[str, int], padded: bool
     ) -> None:
         if is_passed_over(expression):

@@ -18,14 +18,23 @@ import shipped
 from spread import spread
 
 from framekit.cli import check_verb, main, serve_verb
+from framekit.codec import cache as cache_module
 from framekit.codec import codec as codecs
-from framekit.codec import stored
+from framekit.codec.cache import (
+    SUFFIX,
+    CacheEntry,
+    CacheFolder,
+    cache_folder,
+    cached_codec,
+    definition_cache,
+    keep,
+    read_entry,
+)
 from framekit.codec.codec import compile_protocol
 from framekit.codec.functions import candidates, of_side
-from framekit.codec.stored import SUFFIX, Kept, Shelf, cache_folder, keep, kept_library, read_kept, stored_codec
 from framekit.definition.load import load_protocol
 from framekit.definition.load import protocol as library
-from framekit.definition.sources import Sources, current_keeper, kept_by
+from framekit.definition.sources import Sources, cached_by, current_cache
 from framekit.link.scope import Scope
 from framekit.runfile.devices import load_devices
 
@@ -40,7 +49,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """An empty folder; what the other tests keep is not seen."""
     folder = tmp_path / "cache"
     monkeypatch.setenv("FRAMEKIT_CACHE", str(folder))
-    with kept_by(None):
+    with cached_by(None):
         yield folder
 
 
@@ -48,13 +57,13 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 def made(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """The names of protocols that were loaded and compiled, not taken from the cache."""
     found: list[str] = []
-    make = stored._made
+    make = cache_module._made
 
-    def noting(name: str | Path, *more: object) -> Kept:
+    def noting(name: str | Path, *more: object) -> CacheEntry:
         found.append(str(name))
         return make(name, *more)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(stored, "_made", noting)
+    monkeypatch.setattr(cache_module, "_made", noting)
     return found
 
 
@@ -69,7 +78,7 @@ def written(folder: Path, text: str = OWN, name: str = "own") -> Path:
 
 
 def test_what_was_kept_decodes_as_what_was_compiled(cache: Path, made: list[str], tmp_path: Path) -> None:
-    first, again = stored_codec("modbus-rtu", tmp_path), stored_codec("modbus-rtu", tmp_path)
+    first, again = cached_codec("modbus-rtu", tmp_path), cached_codec("modbus-rtu", tmp_path)
     assert made == ["modbus-rtu"]
     fields = again.decode("request_adu", REQUEST)
     assert fields == first.decode("request_adu", REQUEST)
@@ -80,7 +89,7 @@ def test_what_was_kept_decodes_as_what_was_compiled(cache: Path, made: list[str]
 
 @pytest.mark.parametrize("name", spread(shipped.PROTOCOLS, 3))
 def test_the_catalogue_and_the_start_values_are_those_of_the_definition(cache: Path, name: str) -> None:
-    codec = stored_codec(name, Path.cwd())
+    codec = cached_codec(name, Path.cwd())
     protocol = codec.protocol
     assert list(codec.catalogue) == list(protocol.frames)
     for side in (None, "client", "server"):
@@ -90,7 +99,7 @@ def test_the_catalogue_and_the_start_values_are_those_of_the_definition(cache: P
 
 
 def test_only_this_user_can_read_what_is_kept(cache: Path, tmp_path: Path) -> None:
-    stored_codec(written(tmp_path), tmp_path)
+    cached_codec(written(tmp_path), tmp_path)
     (file,) = cache.iterdir()
     assert (cache.stat().st_mode & 0o777, file.stat().st_mode & 0o777) == (0o700, 0o600)
 
@@ -100,18 +109,18 @@ def test_only_this_user_can_read_what_is_kept(cache: Path, tmp_path: Path) -> No
 
 def test_a_definition_that_has_changed_is_compiled_again(cache: Path, made: list[str], tmp_path: Path) -> None:
     file = written(tmp_path)
-    stored_codec(file, tmp_path)
+    cached_codec(file, tmp_path)
     written(tmp_path, OWN.replace("01", "02"))
-    assert stored_codec(file, tmp_path).decode("one", b"\x02\x07")["value"] == 7
+    assert cached_codec(file, tmp_path).decode("one", b"\x02\x07")["value"] == 7
     assert len(made) == 2
 
 
 def test_a_file_that_now_goes_before_a_shipped_one_counts(cache: Path, made: list[str], tmp_path: Path) -> None:
     file = written(tmp_path / "here", "protocol: mine\nextends: modbus-rtu\n", "mine")
-    stored_codec(file, tmp_path)
+    cached_codec(file, tmp_path)
     beside = "protocol: modbus-rtu\nline: {kind: stream}\nframes:\n  one: {body: [{const: 01}]}\n"
     written(tmp_path / "here", beside, "modbus-rtu")
-    assert list(stored_codec(file, tmp_path).catalogue) == ["one"]
+    assert list(cached_codec(file, tmp_path).catalogue) == ["one"]
     assert len(made) == 2
 
 
@@ -119,9 +128,9 @@ def test_another_version_compiles_for_itself(
     cache: Path, made: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = written(tmp_path)
-    stored_codec(file, tmp_path)
-    monkeypatch.setattr(stored, "__version__", "9.9.9")
-    stored_codec(file, tmp_path)
+    cached_codec(file, tmp_path)
+    monkeypatch.setattr(cache_module, "__version__", "9.9.9")
+    cached_codec(file, tmp_path)
     assert len(made) == 2
 
 
@@ -130,7 +139,7 @@ def test_what_is_damaged_or_could_be_another_users_is_not_run(
     cache: Path, made: list[str], tmp_path: Path, harm: str
 ) -> None:
     file = written(tmp_path)
-    stored_codec(file, tmp_path)
+    cached_codec(file, tmp_path)
     (kept,) = cache.iterdir()
     data = kept.read_bytes()
     if harm == "cut":
@@ -142,7 +151,7 @@ def test_what_is_damaged_or_could_be_another_users_is_not_run(
     else:
         kept.rename(tmp_path / "elsewhere")
         kept.symlink_to(tmp_path / "elsewhere")
-    assert stored_codec(file, tmp_path).decode("one", b"\x01\x07")["value"] == 7
+    assert cached_codec(file, tmp_path).decode("one", b"\x01\x07")["value"] == 7
     assert len(made) == 2
 
 
@@ -152,7 +161,7 @@ def test_a_folder_that_others_can_write_is_no_cache(cache: Path, made: list[str]
     assert cache_folder() is None
     file = written(tmp_path)
     for _ in range(2):
-        stored_codec(file, tmp_path)
+        cached_codec(file, tmp_path)
     assert len(made) == 2
     assert list(cache.iterdir()) == []
 
@@ -164,13 +173,13 @@ def test_an_empty_name_keeps_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_what_stands_under_the_name_of_another_is_not_run(cache: Path, made: list[str], tmp_path: Path) -> None:
     file, other = written(tmp_path), written(tmp_path, OWN.replace("const: 01", "const: 02"), "other")
-    stored_codec(file, tmp_path)
+    cached_codec(file, tmp_path)
     (first,) = cache.iterdir()
-    stored_codec(other, tmp_path)
+    cached_codec(other, tmp_path)
     (second,) = set(cache.iterdir()) - {first}
     first.write_bytes(second.read_bytes())
-    assert stored_codec(file, tmp_path).decode("one", b"\x01\x07")["value"] == 7
-    assert stored_codec(other, tmp_path).decode("one", b"\x02\x07")["value"] == 7
+    assert cached_codec(file, tmp_path).decode("one", b"\x01\x07")["value"] == 7
+    assert cached_codec(other, tmp_path).decode("one", b"\x02\x07")["value"] == 7
     assert len(made) == 3
 
 
@@ -179,11 +188,11 @@ def test_content_that_is_no_protocol_is_made_again(
     cache: Path, made: list[str], tmp_path: Path, content: bytes
 ) -> None:
     file = written(tmp_path)
-    stored_codec(file, tmp_path)
+    cached_codec(file, tmp_path)
     (kept,) = cache.iterdir()
     content = kept.name.removesuffix(SUFFIX).encode() + content
     kept.write_bytes(hashlib.sha256(content).digest() + content)
-    assert stored_codec(file, tmp_path).decode("one", b"\x01\x07")["value"] == 7
+    assert cached_codec(file, tmp_path).decode("one", b"\x01\x07")["value"] == 7
     assert len(made) == 2
 
 
@@ -192,21 +201,21 @@ def test_a_model_that_cannot_be_read_is_made_again(
     cache: Path, made: list[str], tmp_path: Path, pickled: bytes
 ) -> None:
     file = written(tmp_path)
-    protocol = stored_codec(file, tmp_path).protocol
-    shelf = Shelf(cache)
-    kept = shelf.read(file)
+    protocol = cached_codec(file, tmp_path).protocol
+    files = CacheFolder(cache)
+    kept = files.read(file)
     assert kept is not None
-    shelf.write(file, kept._replace(pickled=pickled))
-    with kept_by(kept_library()):
+    files.write(file, kept._replace(pickled=pickled))
+    with cached_by(definition_cache()):
         library._kept.clear()
         assert load_protocol(file) == protocol
-    shelf.write(file, kept._replace(pickled=pickled))
-    codec = stored_codec(file, tmp_path)
+    files.write(file, kept._replace(pickled=pickled))
+    codec = cached_codec(file, tmp_path)
     assert codec.decode("one", b"\x01\x07")["value"] == 7
     assert len(made) == 1
     assert codec.protocol == protocol
     assert len(made) == 2
-    assert shelf.read(file) == kept
+    assert files.read(file) == kept
 
 
 def test_so_many_files_are_kept_as_there_is_room_for(cache: Path) -> None:
@@ -220,7 +229,7 @@ def test_so_many_files_are_kept_as_there_is_room_for(cache: Path) -> None:
 def test_the_oldest_files_go_when_they_hold_too_much(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = cache_folder()
     assert folder is not None
-    monkeypatch.setattr(stored, "MOST_BYTES", 1000)
+    monkeypatch.setattr(cache_module, "MOST_BYTES", 1000)
     for number in range(5):
         keep(folder, f"{number}", bytes(400))
         os.utime(folder / f"{number}{SUFFIX}", ns=(number, number))
@@ -232,7 +241,7 @@ def test_the_oldest_files_go_when_they_hold_too_much(cache: Path, monkeypatch: p
 def test_files_of_others_in_the_folder_stay(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = cache_folder()
     assert folder is not None
-    monkeypatch.setattr(stored, "MOST_BYTES", 10)
+    monkeypatch.setattr(cache_module, "MOST_BYTES", 10)
     letter = folder / "letter.txt"
     letter.write_text("not ours", encoding="utf-8")
     os.utime(letter, ns=(0, 0))
@@ -245,7 +254,7 @@ def test_a_folder_in_the_place_of_a_file_is_nothing_kept(cache: Path) -> None:
     folder = cache_folder()
     assert folder is not None
     (folder / f"one{SUFFIX}").mkdir(mode=0o700)
-    assert read_kept(folder, "one") is None
+    assert read_entry(folder, "one") is None
 
 
 def test_code_for_a_library_that_is_no_longer_there_is_made_again(
@@ -255,8 +264,8 @@ def test_code_for_a_library_that_is_no_longer_there_is_made_again(
         wanted = 'compile("from framekit.codec import not_there", "gone", "exec")'
         patch.setattr("framekit.codec.codec.code_of", lambda protocol: eval(wanted))
         with pytest.raises(ImportError):
-            stored_codec(written(tmp_path), tmp_path)
-    assert stored_codec(written(tmp_path), tmp_path).encode("one", {"value": 2}) == b"\x01\x02"
+            cached_codec(written(tmp_path), tmp_path)
+    assert cached_codec(written(tmp_path), tmp_path).encode("one", {"value": 2}) == b"\x01\x02"
     assert len(made) == 2
 
 
@@ -293,7 +302,7 @@ def test_devices_take_their_protocol_and_its_functions_from_the_cache(
     models = []
     for _ in range(2):
         next_command(monkeypatch)
-        with kept_by(kept_library()):
+        with cached_by(definition_cache()):
             (found,) = load_devices(device, tmp_path)
             models.append(found.protocol)
             assert compile_protocol(found.protocol).decode("one", b"\x01\x07") == {"value": 7}
@@ -309,7 +318,7 @@ def test_a_definition_that_has_changed_is_loaded_again(
     for byte in (b"\x01", b"\x02", b"\x02"):
         next_command(monkeypatch)
         written(tmp_path, OWN.replace("01", byte.hex()))
-        with kept_by(kept_library()):
+        with cached_by(definition_cache()):
             assert compile_protocol(load_protocol(file)).encode("one", {"value": 7}) == byte + b"\x07"
     assert loads == 2 * ["load own", "compile own"]
 
@@ -318,10 +327,10 @@ def test_what_the_library_keeps_is_what_decode_reads(
     loads: list[str], made: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = written(tmp_path)
-    with kept_by(kept_library()):
+    with cached_by(definition_cache()):
         compile_protocol(load_protocol(file))
     next_command(monkeypatch)
-    assert stored_codec(file, tmp_path).decode("one", b"\x01\x07") == {"value": 7}
+    assert cached_codec(file, tmp_path).decode("one", b"\x01\x07") == {"value": 7}
     assert made == [] and len(loads) == 2
 
 
@@ -330,13 +339,13 @@ def test_kept_code_for_a_library_that_is_no_longer_there_is_compiled_again(
 ) -> None:
     file = written(tmp_path)
     gone = compile("from framekit.codec import not_there", "gone", "exec")
-    with kept_by(kept_library()), monkeypatch.context() as patch:
+    with cached_by(definition_cache()), monkeypatch.context() as patch:
         patch.setattr(codecs, "code_of", lambda protocol: gone)
         with pytest.raises(ImportError):
             compile_protocol(load_protocol(file))
     for _ in range(2):
         next_command(monkeypatch)
-        with kept_by(kept_library()):
+        with cached_by(definition_cache()):
             assert compile_protocol(load_protocol(file)).encode("one", {"value": 2}) == b"\x01\x02"
     assert loads == ["load own", "compile own"]
 
@@ -347,10 +356,10 @@ def test_commands_keep_what_they_load_unless_they_are_to_look_at_it(
 ) -> None:
     found: list[bool] = []
     module = {"serve": serve_verb, "check": check_verb}[verb]
-    monkeypatch.setattr(module, f"run_{verb}", lambda arguments: found.append(current_keeper() is not None) or 0)
+    monkeypatch.setattr(module, f"run_{verb}", lambda arguments: found.append(current_cache() is not None) or 0)
     words = {"serve": ["serve", "mldp", "--port", "pty:"], "check": ["check", "mldp"]}[verb]
     assert main.main(words) == 0
-    assert found == [keeps] and current_keeper() is None
+    assert found == [keeps] and current_cache() is None
 
 
 def test_the_code_of_sequences_is_kept_and_made_again_when_it_is_damaged(cache: Path, tmp_path: Path) -> None:
@@ -362,8 +371,8 @@ def test_the_code_of_sequences_is_kept_and_made_again_when_it_is_damaged(cache: 
         return compile("found = 5", "<sequences>", "exec")
 
     def code() -> CodeType:
-        with kept_by(kept_library()):
-            keeper = current_keeper()
+        with cached_by(definition_cache()):
+            keeper = current_cache()
             assert keeper is not None
             protocol = load_protocol(file)
             keeper.was_loaded(file, protocol, Sources(((str(file), file.read_text()),), ()))

@@ -70,7 +70,7 @@ def _is_own(found: os.stat_result, kind: object) -> bool:
     return callable(kind) and bool(kind(found.st_mode)) and found.st_uid == os.geteuid() and not found.st_mode & 0o077
 
 
-def read_kept(folder: Path, name: str) -> bytes | None:
+def read_entry(folder: Path, name: str) -> bytes | None:
     """The content of a file; None if there is none that can be read, or one that another user may have written."""
     try:
         descriptor = os.open(folder / (name + SUFFIX), os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
@@ -118,7 +118,7 @@ class FrameNote(NamedTuple):
     refuse: int | None
 
 
-class Kept(NamedTuple):
+class CacheEntry(NamedTuple):
     """What is kept of a protocol; the model pickled, since it is not always needed."""
 
     sources: tuple[Any, ...]
@@ -129,10 +129,10 @@ class Kept(NamedTuple):
     pickled: bytes
 
 
-class StoredCodec(FrameFunctions):
+class CachedCodec(FrameFunctions):
     """The functions of a protocol's frames; `catalogue`: its frames; `warned`: its definition has warnings."""
 
-    def __init__(self, kept: Kept, again: Callable[[], Kept]) -> None:
+    def __init__(self, kept: CacheEntry, again: Callable[[], CacheEntry]) -> None:
         super().__init__(module_of(kept.name, kept.code))
         self.catalogue: Mapping[str, FrameNote] = {note[0]: FrameNote(*note) for note in kept.frames}
         self.warned = kept.warned
@@ -156,28 +156,28 @@ class StoredCodec(FrameFunctions):
         return protocol
 
 
-def stored_codec(name: str | Path, folder: Path) -> StoredCodec:
+def cached_codec(name: str | Path, folder: Path) -> CachedCodec:
     """The codec of a protocol by name or file, seen from `folder`: kept from before, or made now and kept.
 
     Raises DefinitionError.
     """
     cache, path = cache_folder(), definition_file(name, folder)
 
-    def made() -> Kept:
+    def made() -> CacheEntry:
         kept = _made(name, folder)
-        if shelf is not None and path is not None:
-            shelf.write(path, kept)
+        if files is not None and path is not None:
+            files.write(path, kept)
         return kept
 
-    shelf = None if cache is None else Shelf(cache)
-    kept = None if shelf is None or path is None else shelf.read(path)
+    files = None if cache is None else CacheFolder(cache)
+    kept = None if files is None or path is None else files.read(path)
     if kept is not None:
         with suppress(ImportError):  # a library that it was compiled for is no longer there
-            return StoredCodec(kept, made)
-    return StoredCodec(made(), made)
+            return CachedCodec(kept, made)
+    return CachedCodec(made(), made)
 
 
-def _made(name: str | Path, folder: Path) -> Kept:
+def _made(name: str | Path, folder: Path) -> CacheEntry:
     from framekit.codec.codec import code_of
     from framekit.definition.load.protocol import load_with_files
 
@@ -185,14 +185,14 @@ def _made(name: str | Path, folder: Path) -> Kept:
     return _parts(loaded.protocol, loaded.sources, code_of(loaded.protocol))
 
 
-def _parts(protocol: Protocol, sources: Sources, code: CodeType) -> Kept:
+def _parts(protocol: Protocol, sources: Sources, code: CodeType) -> CacheEntry:
     import pickle
 
     notes = [(frame.name, frame.inner, frame.side, frame.refuse) for frame in protocol.frames.values()]
-    return Kept(tuple(sources), protocol.name, code, notes, bool(protocol.warnings), pickle.dumps(protocol))
+    return CacheEntry(tuple(sources), protocol.name, code, notes, bool(protocol.warnings), pickle.dumps(protocol))
 
 
-def _model(kept: Kept) -> Protocol | None:
+def _model(kept: CacheEntry) -> Protocol | None:
     """The model; None where it is damaged."""
     import gc
     import pickle
@@ -211,8 +211,8 @@ def _model(kept: Kept) -> Protocol | None:
     return protocol if isinstance(protocol, Protocol) else None
 
 
-class Shelf:
-    """Kept protocols in a folder, by the files of their definitions."""
+class CacheFolder:
+    """Compiled protocols in a folder, by the files of their definitions."""
 
     def __init__(self, cache: Path) -> None:
         self.cache = cache
@@ -222,18 +222,18 @@ class Shelf:
         broken = import_installed()  # before the states are asked for: what they bring has a part in every definition
         return hashlib.sha256(f"{path}\n{path.resolve()}\n{self._stamp}\n{broken}{states()}".encode()).hexdigest()
 
-    def read(self, path: Path) -> Kept | None:
+    def read(self, path: Path) -> CacheEntry | None:
         """What was kept, if it is whole and still right."""
         content = self._content(self._key(path))
         if content is None:
             return None
         try:
-            kept = Kept(*marshal.loads(content))
+            kept = CacheEntry(*marshal.loads(content))
             return kept if Sources(*kept.sources).still_hold() else None
         except (EOFError, ValueError, TypeError, AttributeError, LookupError):  # nothing of ours: it is made again
             return None
 
-    def write(self, path: Path, kept: Kept) -> None:
+    def write(self, path: Path, kept: CacheEntry) -> None:
         self._write(self._key(path), tuple(kept))
 
     def read_code(self, path: Path, sources: Sources, what: str) -> CodeType | None:
@@ -252,7 +252,7 @@ class Shelf:
 
     def _content(self, key: str) -> bytes | None:
         """What was kept under a key, if it is whole."""
-        data = read_kept(self.cache, key) or b""
+        data = read_entry(self.cache, key) or b""
         digest, content = data[:32], data[32:]
         if hashlib.sha256(content).digest() != digest or not content.startswith(key.encode()):
             return None
@@ -267,16 +267,16 @@ class Shelf:
         return hashlib.sha256(f"{self._key(path)}\n{what}\n{tuple(sources)!r}".encode()).hexdigest()
 
 
-class LibraryKeeper:
-    """Gives loaders and compilers what a shelf has, and puts there what they have made (see `Keeper`)."""
+class DefinitionCache:
+    """Gives loaders and compilers what a folder has, and puts there what they have made (see `sources.Cache`)."""
 
-    def __init__(self, shelf: Shelf) -> None:
-        self.shelf = shelf
+    def __init__(self, files: CacheFolder) -> None:
+        self.files = files
         self._codes: dict[int, CodeType] = {}
         self._known: dict[int, tuple[Path, Protocol, Sources]] = {}
 
     def loaded(self, path: Path) -> tuple[Protocol, Sources] | None:
-        kept = self.shelf.read(path)
+        kept = self.files.read(path)
         protocol = None if kept is None else _model(kept)
         if kept is None or protocol is None:
             return None
@@ -297,24 +297,24 @@ class LibraryKeeper:
         code = code_of(protocol)
         if id(protocol) in self._known:
             path, _, sources = self._known[id(protocol)]
-            self.shelf.write(path, _parts(protocol, sources, code))
+            self.files.write(path, _parts(protocol, sources, code))
         return module_of(protocol.name, code)
 
     def code(self, protocol: Protocol, what: str, make: Callable[[], CodeType]) -> CodeType:
         if id(protocol) not in self._known:
             return make()
         path, _, sources = self._known[id(protocol)]
-        found = self.shelf.read_code(path, sources, what)
+        found = self.files.read_code(path, sources, what)
         if found is None:
             found = make()
-            self.shelf.write_code(path, sources, what, found)
+            self.files.write_code(path, sources, what, found)
         return found
 
 
-def kept_library() -> LibraryKeeper | None:
+def definition_cache() -> DefinitionCache | None:
     """Keeps definitions and their code in the user's cache folder; None where there is none to trust."""
     cache = cache_folder()
-    return None if cache is None else LibraryKeeper(Shelf(cache))
+    return None if cache is None else DefinitionCache(CacheFolder(cache))
 
 
 def _stamp() -> str:

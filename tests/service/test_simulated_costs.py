@@ -1,4 +1,4 @@
-"""What exchanges cost, rehearsed, against sums by hand and against what the same run really does."""
+"""What exchanges cost, simulated, against sums by hand and against what the same run really does."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def test_an_answer_that_comes_too_late_is_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("**/*.run.yaml")), ids=lambda path: path.stem)
-def test_every_block_of_the_examples_can_be_rehearsed(path: Path) -> None:
+def test_every_block_of_the_examples_can_be_simulated(path: Path) -> None:
     run = load_run(path)
     found = simulated_costs(run)
     blocks = {(block.set, block.number): block for block in run.blocks}
