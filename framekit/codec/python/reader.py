@@ -81,24 +81,24 @@ class Slot:
 
 @dataclass(slots=True)
 class Chunk:
-    """What takes one value of the struct: a piece, several paddings, or several fields of hex digits."""
+    """What takes one value of the struct: a slot, several paddings, or several fields of hex digits."""
 
-    pieces: list[Slot]
+    slots: list[Slot]
     local: str | None
 
     @property
     def size(self) -> int:
-        return sum(piece.size for piece in self.pieces)
+        return sum(slot.size for slot in self.slots)
 
     @property
     def code(self) -> str:
         if self.local is None:
             return f"{self.size}x" if self.size != 1 else "x"
-        return self.pieces[0].code if len(self.pieces) == 1 else f"{self.size}s"
+        return self.slots[0].code if len(self.slots) == 1 else f"{self.size}s"
 
     @property
     def order(self) -> str:
-        return self.pieces[0].order if len(self.pieces) == 1 and not self.code.endswith("s") else ""
+        return self.slots[0].order if len(self.slots) == 1 and not self.code.endswith("s") else ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -454,29 +454,29 @@ class BufferReader:
     def read_run(self, items: list[Item], whole: bool, last: bool) -> None:
         """Reads the items; `whole`: they are all there is, so that the struct itself sees to the buffer's size; `last`:
         nothing stands behind them."""
-        pieces = [self._slot(item) for item in items]
-        chunks = self._chunks(pieces)
+        slots = [self._slot(item) for item in items]
+        chunks = self._chunks(slots)
         base = self.place
         exact = self._unpack(chunks, base, whole)
-        for piece in pieces:
-            self.function.stands(piece.item.segment, self.buffer, self.place, self.place.plus(piece.size))
-            self.place = self.place.plus(piece.size)
+        for slot in slots:
+            self.function.stands(slot.item.segment, self.buffer, self.place, self.place.plus(slot.size))
+            self.place = self.place.plus(slot.size)
         self.place = base
         for chunk in chunks:
-            if len(chunk.pieces) > 1 and chunk.local is not None:
+            if len(chunk.slots) > 1 and chunk.local is not None:
                 self._digits_of(chunk)
         constant: tuple[Offset, bytes, bool] | None = None
-        for piece in pieces:
-            segment = piece.item.segment
+        for slot in slots:
+            segment = slot.item.segment
             if isinstance(segment, Const):
                 start, data, refused = constant or (self.place, b"", False)
                 constant = start, data + segment.data, refused or segment.refuse is not None
             else:
                 self._compare_constant(constant)
                 constant = None
-                joined = any(piece in chunk.pieces for chunk in chunks if len(chunk.pieces) > 1)
-                self._unpacked(piece, converted=joined, last=last and piece is pieces[-1])
-            self.place = self.place.plus(piece.size)
+                joined = any(slot in chunk.slots for chunk in chunks if len(chunk.slots) > 1)
+                self._unpacked(slot, converted=joined, last=last and slot is slots[-1])
+            self.place = self.place.plus(slot.size)
         self._compare_constant(constant)
         if exact:
             self.place = Offset("end", 0)
@@ -498,17 +498,17 @@ class BufferReader:
         if isinstance(segment, Check) and residue is not None:
             self.validate_residue(segment, residue, last)
 
-    def _chunks(self, pieces: list[Slot]) -> list[Chunk]:
+    def _chunks(self, slots: list[Slot]) -> list[Chunk]:
         chunks: list[Chunk] = []
-        for piece in pieces:
+        for slot in slots:
             last = chunks[-1] if chunks else None
-            if last is not None and piece.is_pad and last.local is None:
-                last.pieces.append(piece)
-            elif last is not None and _join_as_digits(last, piece):
-                last.local = self.function.names.fresh("digits") if len(last.pieces) == 1 else last.local
-                last.pieces.append(piece)
+            if last is not None and slot.is_pad and last.local is None:
+                last.slots.append(slot)
+            elif last is not None and _join_as_digits(last, slot):
+                last.local = self.function.names.fresh("digits") if len(last.slots) == 1 else last.local
+                last.slots.append(slot)
             else:
-                chunks.append(Chunk([piece], piece.local))
+                chunks.append(Chunk([slot], slot.local))
         return chunks
 
     def _unpack(self, chunks: list[Chunk], base: Offset, whole: bool) -> bool:
@@ -522,8 +522,8 @@ class BufferReader:
             size = wanted[0].size
             is_byte = wanted[0].code == "B"
             text = index(self.buffer, place) if is_byte else between(self.buffer, place, place.plus(size))
-            if len(wanted[0].pieces) == 1:
-                wanted[0].pieces[0].source = text
+            if len(wanted[0].slots) == 1:
+                wanted[0].slots[0].source = text
             else:
                 wanted[0].local = text
             return False
@@ -531,7 +531,7 @@ class BufferReader:
         if not exact and self._single_bytes(chunks, wanted, base):
             return False
         for chunk in wanted:
-            chunk.pieces[0].source = chunk.local or ""
+            chunk.slots[0].source = chunk.local or ""
         taken = chunks if exact else chunks[first : last + 1]
         order = next((chunk.order for chunk in wanted if chunk.order), "")
         constant = self.module.struct("".join(chunk.code for chunk in taken), order, self.function.title)
@@ -549,7 +549,7 @@ class BufferReader:
         place = base
         for chunk in chunks:
             if chunk.local is not None:
-                chunk.pieces[0].source = index(self.buffer, place)
+                chunk.slots[0].source = index(self.buffer, place)
             place = place.plus(chunk.size)
         return True
 
@@ -557,14 +557,14 @@ class BufferReader:
         """Neighbouring fields of hex digits become their numbers in one go."""
         self.module.imports.add("from binascii import unhexlify")
         codes, orders = "", set()
-        for piece in chunk.pieces:
-            type_ = type_of(piece.item.segment)
+        for slot in chunk.slots:
+            type_ = type_of(slot.item.segment)
             places = forms.hex_places(type_) or 0
             codes += forms.INT_CODES[places]
             if places > 1:
                 orders.add("<" if type_.order == "little" else ">")
         constant = self.module.struct(codes, next(iter(orders), ""), self.function.title, "digits")
-        targets = ", ".join(piece.local or "" for piece in chunk.pieces)
+        targets = ", ".join(slot.local or "" for slot in chunk.slots)
         self.function.add(f"{targets} = {constant}.unpack(unhexlify({chunk.local}))")
 
     # ---- what becomes of the values -----------------------------------------------------------------------
@@ -858,10 +858,10 @@ def shown_name(segment: Segment, otherwise: str) -> str:
     return otherwise if segment.name is None or segment.name.startswith("_") else segment.name
 
 
-def _join_as_digits(chunk: Chunk, piece: Slot) -> bool:
+def _join_as_digits(chunk: Chunk, slot: Slot) -> bool:
     """Whether a field of hex digits may be decoded together with those before it."""
     types = []
-    for other in (*chunk.pieces, piece):
+    for other in (*chunk.slots, slot):
         if not isinstance(other.item.segment, (Field, Bits, Length, Count)):
             return False
         type_ = other.item.segment.type
