@@ -38,9 +38,8 @@ VERBS = {
 
 TOGETHER = {
     "device_verbs": ("read", "write", "call"),
-    "frame_verbs": ("encode", "decode", "frames", "generate"),
+    "definition_verbs": ("check", "test", "encode", "decode", "frames", "generate"),
     "line_verbs": ("monitor", "replay", "loopback"),
-    "check_verb": ("check", "test"),
 }
 """Verbs that stand in one module; `run` stands in `run_verb`. A module has `add_VERB_arguments` and `run_VERB`."""
 

@@ -17,7 +17,7 @@ import pytest
 from framekit import __version__
 from framekit.api.settings import names_of
 from framekit.cli.common import near
-from framekit.cli.frame_verbs import fields_given
+from framekit.cli.definition_verbs import fields_given
 from framekit.cli.main import VERBS, main
 from framekit.codec.codec import compile_protocol
 from framekit.codec.plain import PlainValues

@@ -17,7 +17,7 @@ import pytest
 import shipped
 from spread import spread
 
-from framekit.cli import check_verb, main, serve_verb
+from framekit.cli import definition_verbs, main, serve_verb
 from framekit.codec import cache as cache_module
 from framekit.codec import codec as codecs
 from framekit.codec.cache import (
@@ -355,7 +355,7 @@ def test_commands_keep_what_they_load_unless_they_are_to_look_at_it(
     cache: Path, monkeypatch: pytest.MonkeyPatch, verb: str, keeps: bool
 ) -> None:
     found: list[bool] = []
-    module = {"serve": serve_verb, "check": check_verb}[verb]
+    module = {"serve": serve_verb, "check": definition_verbs}[verb]
     monkeypatch.setattr(module, f"run_{verb}", lambda arguments: found.append(current_cache() is not None) or 0)
     words = {"serve": ["serve", "mldp", "--port", "pty:"], "check": ["check", "mldp"]}[verb]
     assert main.main(words) == 0
