@@ -97,7 +97,7 @@ def _does(step: Step) -> str:
     if step.ask is not None:
         words.append(f"ask {step.ask.frame}")
     if step.serve is not None:
-        words.append("judge the request" if step.serve.check_only else "serve the request")
+        words.append("validate the request" if step.serve.check_only else "serve the request")
     words += step.more
     if step.send is not None:
         words.append(f"send {_named(step.send)}")

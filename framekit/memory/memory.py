@@ -158,7 +158,7 @@ class Area:
         return partial(bytes, memoryview(self._data)[offset : offset + count])
 
     def bytes_writer(self, offset: int, count: int) -> Callable[[bytes], None]:
-        """`write_bytes` of `count` bytes with `force`, to be called again and again: its place is judged once."""
+        """`write_bytes` of `count` bytes with `force`, to be called again and again: its place is validated once."""
         if offset < 0 or offset + count > len(self._data) - bool(self._spare):
             return partial(self.write_bytes, offset, force=True)
         return partial(self._store, offset)

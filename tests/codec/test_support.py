@@ -410,7 +410,7 @@ def test_a_function_uses_nothing_but_functions_of_its_module_and_imports(name: s
     assert inspect.getdoc(FUNCTIONS[name])
 
 
-def test_pasted_source_runs() -> None:
+def test_inlined_source_runs() -> None:
     inlined = ["from array import array", "from typing import Any", "import struct"]
     inlined += [inspect.getsource(FUNCTIONS[name]) for name in ("swap", "reorder", "build_float")]
     names: dict[str, Any] = {}

@@ -35,7 +35,7 @@ class FieldConstruct(ValueSegment):
         if wire is DAMAGED:
             return
         value = self.from_wire(wire)
-        self._judge(value, reading, place)
+        self._validate(value, reading, place)
         reading.store(context, self.name, value, place)
         if field.is_ is not None:
             expected = field.is_
@@ -51,7 +51,7 @@ class FieldConstruct(ValueSegment):
             return
         reading.store(context, self.name, value, place)
 
-    def _judge(self, value: Any, reading: Reading, place: Place) -> None:
+    def _validate(self, value: Any, reading: Reading, place: Place) -> None:
         field = self.segment
         if field.constants is not None and value not in field.constants:
             reading.note(place, "where", " or ".join(map(repr, field.constants)), value)

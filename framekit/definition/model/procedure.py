@@ -132,12 +132,12 @@ class Parts:
 
 @dataclass(frozen=True, slots=True)
 class Serve:
-    """`serve:`: the frame to serve, the bytes beside it, the station it came for, and whether it is only judged."""
+    """`serve:`: the frame to serve, the bytes beside it, the station it came for, and whether it is only validated."""
 
     request: Expression = key("request", EXPRESSION, "The request frame.")
     buffer: Expression | None = key("buffer", OCTETS, "Bytes that came beside it.", default=None)
     station: Expression | None = key("station", EXPRESSION, "The station that was asked.", default=None)
-    check_only: bool = key("check", FLAG, "yes: the request is only judged.", default=False)
+    check_only: bool = key("check", FLAG, "yes: the request is only validated.", default=False)
 
 
 @dataclass(frozen=True, slots=True)

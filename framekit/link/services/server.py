@@ -253,7 +253,7 @@ class Work:
         self.areas.write(span, self.facts.packers[span.unit].to_memory(data, span.start, span.count))
 
     def _do_update(self, update: Evaluate, reading: MatchedRow) -> None:
-        """Reads, changes and writes element by element; all places are judged before the first is written."""
+        """Reads, changes and writes element by element; all places are validated before the first is written."""
         todo: list[tuple[Span, Names]] = []
         for names in _levels(self._each, self._each_as, reading.names):
             if self._span is None:
@@ -512,7 +512,7 @@ class MemoryServer:
     def serve(self, request: FrameValue, buffer: bytes, station: Any, check_only: bool, names: Names) -> Served:
         """Does what a request asks for, or, with `check_only`, only says whether it would be refused.
 
-        What depends on the bytes beside the request is not judged by `check_only`: they come later.
+        What depends on the bytes beside the request is not validated by `check_only`: they come later.
         """
         if self.refresh is not None:
             self.refresh()
