@@ -33,6 +33,22 @@ OTHER_TYPES: tuple[tuple[dict[str, Any], tuple[Any, ...]], ...] = (
     ({"type": "bytes", "size": 2}, (b"\x10\x02", b"ab")),
     ({"type": "bytes", "size": "§"}, (b"", b"a", b"\x10b")),
 )
+TEXT_TYPES: tuple[tuple[dict[str, Any], tuple[Any, ...]], ...] = (
+    ({"type": "decimal", "size": 3}, (0, 7, -4)),
+    ({"type": "decimal", "size": 3, "pad": "20", "sign": "never"}, (0, 7, 123)),
+    ({"type": "decimal", "end": "2C"}, (0, 7, -4)),
+    ({"type": "decimal", "size": "§"}, (0, 7, 12)),
+    ({"type": "decimal", "size": 6, "decimals": "1", "sign": "always"}, (1.5, -2, 12.5)),
+    ({"type": "decimal", "size": 6, "decimals": "any", "pad": "20", "digits": "2", "sign": "space"}, (1.5, -2, 0)),
+    ({"type": "decimal", "end": ["2C", "2A"], "decimals": "any"}, (1.5, -2, 0.25)),
+    ({"type": "decimal", "end": "0D 0A", "decimals": "2", "digits": "0", "empty": "yes"}, (1.5, 0.25, 0)),
+    ({"type": "decimal", "end": "2C", "decimals": "3", "exponent": "2"}, (1.5, 250, 0, -0.001)),
+    ({"type": "f32", "as": "hex"}, (0.0, 1.5)),
+    ({"type": "f64", "as": "hex", "order": "little", "case": "lower"}, (0.0, -2.0)),
+    ({"type": "i16", "as": "hex"}, (0, -2)),
+    ({"type": "ascii", "end": ["2C", "2A"]}, ("", "abc", "a,")),
+)
+"""Numbers as text, and a choice of ends."""
 CONDITIONS = ("§ > 3", "§ == 2", "§ != §", "§ % 2 == 0", "§ in names", "not § > 1", "§ > 1 and § < 7", "bit(§, 1)")
 NUMBERS = (
     "§", "§ + 1", "§ * 2", "§ - 1", "§ & 3", "len(¤)", "4 if § > 2 else 1", "min(§, 3)", "§ // §", "max(§, §)",
@@ -227,6 +243,8 @@ def skip(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: in
 def field(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: int) -> Segments:
     name = drawn.name("f")
     segment: dict[str, Any] = {"field": name}
+    if drawn.apart.random() < 0.15:
+        return text_number(drawn, scope, values, segment)
     if drawn.chance(0.25):
         kind, choice = drawn.random.choice(OTHER_TYPES)
         segment |= kind
@@ -281,6 +299,32 @@ def field(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: i
         scope.sized.append(name)
     scope.places.append(name)
     return [segment]
+
+
+def text_number(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], segment: dict[str, Any]) -> Segments:
+    """A field that text shows, and behind one that ends before a byte that byte."""
+    name, random = segment["field"], drawn.apart
+    kind, choice = random.choice(TEXT_TYPES)
+    segment |= kind
+    if kind.get("size") == "§":
+        drawn.expression(segment, "size", random.choice(SIZES), scope)
+    values[name] = random.choice(choice)
+    if isinstance(values[name], int) and kind["type"] != "f32" and "decimals" not in kind and "exponent" not in kind:
+        scope.numbers.append(name)
+        option = random.randrange(8)
+        if option == 0:
+            segment["range"] = random.choice(["0..9", "-5..200"])
+        elif option == 1:
+            segment["plus"] = random.choice([3, -1])
+    elif random.random() < 0.1:
+        segment["default"] = "'ab'" if isinstance(values[name], str) else "0"
+        values.pop(name)
+    scope.places.append(name)
+    if not isinstance(kind.get("end"), list):
+        return [segment]
+    mark = drawn.name("f")
+    values[mark] = random.choice([0x2C, 0x2A])
+    return [segment, {"field": mark, "type": "u8"}]
 
 
 def bits(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: int) -> Segments:

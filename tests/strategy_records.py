@@ -9,7 +9,7 @@ from construct_oracle.filling import Circular, Filling, Plan
 from construct_oracle.names import Names
 from hypothesis import strategies as st
 from strategy_hints import Hints, hints_of, same_attributes
-from strategy_values import Draw, Values, built, flat, span_of
+from strategy_values import Draw, Values, built, flat, fractions, span_of
 
 from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName, start_values
 from framekit.codec.samples import item_of
@@ -209,6 +209,11 @@ class _Record:
             case "float":
                 floats = {2: st.floats(width=16), 4: st.floats(width=32), 8: st.floats(width=64)}
                 return self.draw(floats[field.type.fixed_size or 4].filter(lambda number: number == number))
+            case "hex_float":
+                floats = {8: st.floats(width=32), 16: st.floats(width=64)}
+                return self.draw(floats[field.type.fixed_size or 8].filter(lambda number: number == number))
+            case "fraction":
+                return self.draw(fractions(field.type))
         return self._number(field, hints)
 
     def _number(self, field: model.Field, hints: Hints) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from decimal import Decimal
 from typing import Any
 
 from hypothesis import strategies as st
@@ -26,7 +27,7 @@ class Values:
 
     def text(self, least: int, most: int, hints: Hints, kind: FieldType) -> str | None:
         """Text of a length, with the letters that conditions ask for at their places."""
-        taken = self.forbidden + (kind.pad or b"") + (kind.end or b"")
+        taken = self.forbidden + (kind.pad or b"") + (kind.end or b"") + kind.stops
         alphabet = "".join(letter for letter in LETTERS if letter.encode() not in taken)
         least = max([least, *(place + 1 for place in hints.letters)])
         if least > most:
@@ -84,12 +85,30 @@ def built(segment: Segment) -> list[Expression]:
     return [] if build is None else [build]
 
 
+def fractions(type_: FieldType) -> st.SearchStrategy[Any]:
+    """Numbers that a decimal text may hold; some have too many digits for one of fixed size."""
+    form = type_.form
+    assert form is not None
+    decimals = 4 if form.decimals is None else form.decimals
+    figures = 10 ** ((type_.fixed_size or 8) - 1 - max(decimals, 1) + decimals) - 1
+    numbers = st.integers(0 if form.sign == "never" else -figures, figures)
+    found: st.SearchStrategy[Any] = st.builds(
+        lambda number, places: Decimal(number).scaleb(-places), numbers, st.integers(0, decimals)
+    )
+    return found | st.none() if form.empty else found
+
+
 def span_of(type_: FieldType, size: int | None) -> tuple[int, int]:
     """The least and greatest number of a type; `size` where that is computed."""
     size = type_.fixed_size if size is None else size
-    assert size is not None
+    assert size is not None or type_.is_delimited
     if type_.kind == "digits":
         return 0, type_.base**size - 1
+    if type_.form is not None:
+        most = 10 ** ((size or 6) - (type_.form.sign in ("always", "space"))) - 1
+        return (0 if type_.form.sign == "never" else min(0, 1 - 10 ** ((size or 6) - 1))), most
+    if type_.kind == "hex_int":
+        size = size // 2
     if type_.kind == "bcd":
         return 0, 100**size - 1
     bits = 8 * size

@@ -412,13 +412,16 @@ def _bytes(size: object) -> str:
     return plural(size, "byte") if isinstance(size, int) else f"{size} bytes"
 
 
+_KINDS = {"fraction": "decimal", "hex_int": "signed number in hex", "hex_float": "float in hex"}
+
+
 def _form(segment: Segment) -> str | None:
     from framekit.definition.model.segments import Count, Data, Field, Length, Value
 
     match segment:
         case Field(type=type_):
             size = f", {_bytes(type_.size)}" if type_.size is not None else ""
-            return f"{type_.kind}{size}"
+            return f"{_KINDS.get(type_.kind, type_.kind)}{size}"
         case Data(size=size):
             return "bytes, the rest" if size == "rest" else f"bytes, {size}"
         case Length(of=of):

@@ -6,6 +6,7 @@ It goes by the model of the frame, so that `10` means a number, a text or bytes 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from decimal import Decimal
 from typing import Any
 
 from framekit.codec.errors import EncodeError
@@ -133,9 +134,19 @@ def _typed(type_: FieldType, value: Any) -> Any:
         return value if isinstance(value, str) else str(value)
     if type_.kind == "bytes":
         return _bytes(value)
-    if type_.kind == "float":
+    if type_.kind in ("float", "hex_float"):
         return float(value)
-    return _number(value)
+    return _number(value) if type_.is_whole_number else _decimal(value)
+
+
+def _decimal(value: Any) -> Any:
+    """A number with a fraction, which text says exactly; no text is nothing."""
+    if not isinstance(value, str):
+        return value
+    try:
+        return Decimal(value) if value.strip() else None
+    except ArithmeticError:
+        raise ValueError(f"'{value}' is no number") from None
 
 
 def _is_number(text: str) -> bool:

@@ -422,8 +422,10 @@ class _Record:
                 return self._text(field, hints)
             case "bytes":
                 return self.random.randbytes(self._size(field.type.size))
-            case "float":
+            case "float" | "hex_float":
                 return self.random.choice([0.0, 1.5, -2.25, 100.0])
+            case "fraction":
+                return self.random.choice([0, 1, 0.5, -2, 12.5])
         return self._number(field, hints)
 
     def _number(self, field: model.Field, hints: Hints) -> int:

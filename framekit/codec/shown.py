@@ -11,14 +11,20 @@ if TYPE_CHECKING:  # what has been kept is decoded without the model
 
 
 def shown(value: Any) -> Any:
-    """JSON-ready values: bytes as upper-case hex pairs, the rest as it is."""
+    """JSON-ready values: bytes as upper-case hex pairs; exact decimals as numbers, or as text if these say not all."""
     if isinstance(value, (bytes, bytearray)):
         return value.hex(" ").upper()
     if isinstance(value, dict):
         return {name: shown(item) for name, item in value.items()}
     if isinstance(value, list):
         return [shown(item) for item in value]
-    return value
+    return _decimal(value) if type(value).__name__ == "Decimal" else value
+
+
+def _decimal(value: Any) -> Any:
+    """A number of JSON; text where that would say another number."""
+    number = float(value)
+    return number if type(value)(repr(number)) == value else str(value)
 
 
 _OURS = str(Path(__file__).parent.parent)

@@ -8,8 +8,10 @@ where a frame needs them; comments say what was measured (CPython 3.11).
 from __future__ import annotations
 
 import binascii
+import re
 import struct
 from array import array
+from decimal import Decimal
 from sys import byteorder
 from typing import Any
 
@@ -250,6 +252,103 @@ def parse_oct(digits: bytes | bytearray) -> int:
     return int(digits, 8)
 
 
+def exact_decimal(value: Any) -> Decimal:
+    """A number as it is written: a float is the shortest decimal that means it. Raises ValueError for others."""
+    if isinstance(value, float):
+        value = repr(value)
+    elif not isinstance(value, (int, Decimal)):
+        raise Unfit(f"{value!r} is not a number")
+    number = Decimal(value)
+    if not number.is_finite():
+        raise Unfit(f"{number} cannot be written in digits")
+    return number
+
+
+def build_decimal(
+    value: Any, size: int, decimals: int | None, sign: str, digits: int, fill: bytes, exponent: int
+) -> bytes:
+    """A number as decimal text; `size` 0: as long as it takes, up to 256 characters; nothing is no text at all.
+
+    `decimals` digits behind the point (None: as many as the value has), at least `digits` before it; `fill` stands in
+    front, zeros behind the sign. `sign`: `minus`, `always`, `space` or `never`. With digits of an `exponent` one digit
+    stands before the point. Raises ValueError for what such a text cannot say.
+    """
+    if value is None and not size:
+        return b""
+    whole = exact_decimal(value).as_tuple()
+    negative, figures, power = whole.sign, whole.digits, int(whole.exponent)
+    if abs(power) > 999 or len(figures) > 999:
+        raise Unfit(f"{value} has too many digits")
+    number = "".join(map(str, figures)).lstrip("0")
+    behind, tail = decimals or 0, ""
+    if exponent:
+        place = len(number) - 1 + power if number else 0
+        tail = f"E{place:+0{exponent + 1}d}"
+        if len(tail) > exponent + 2:
+            raise Unfit(f"{value} needs an exponent of more than {exponent} digits")
+        power = -max(len(number) - 1, 0)
+    elif decimals is None:
+        behind = max(-power, 0)
+    surplus = -power - behind
+    if surplus > 0:
+        if number[-surplus:].strip("0"):
+            raise Unfit(f"{value} has more than {behind} decimals")
+        number = number[:-surplus]
+    else:
+        number += "0" * -surplus
+    number = number.rjust(behind, "0")
+    front = number[: len(number) - behind].rjust(digits or not behind, "0")
+    text = front + (f".{number[len(number) - behind :]}" if behind else "") + tail
+    if negative and sign == "never":
+        raise Unfit(f"{value} is negative, and has no sign")
+    signed = "-" if negative else {"always": "+", "space": " "}.get(sign, "")
+    room = size - len(signed) - len(text)
+    if size and room < 0:
+        raise Unfit(f"{value} does not fit into {size} characters")
+    if not size and room < -256:
+        raise Unfit(f"{value} has too many digits")
+    if not size:
+        return (signed + text).encode("ascii")
+    if fill == b"0":
+        return (signed + "0" * room + text).encode("ascii")
+    return fill * room + (signed + text).encode("ascii")
+
+
+def parse_decimal(
+    text: bytes | bytearray, fixed: bool, decimals: int | None, sign: str, digits: int, fill: bytes, exponent: int
+) -> Any:
+    """The number that a decimal text shows: whole ones without point and exponent, others exact. Raises ValueError.
+
+    What `build_decimal` would write otherwise is refused, so that the same bytes come of the number. `fixed`: the text
+    has a size.
+    """
+    plain = bytes(text.lstrip(fill) if fixed and fill != b"0" else text).removeprefix(b" " if sign == "space" else b"")
+    if len(text) > 256 or not re.fullmatch(rb"[+-]?[0-9]*(\.[0-9]+)?(E[+-][0-9]{1,4})?", plain):
+        raise Unfit(f"{bytes(text)!r} is not a number in decimal text")
+    if not plain.strip(b"+-.E")[:1].isdigit():
+        raise Unfit(f"{bytes(text)!r} has no digits")
+    shown = plain.decode("ascii")
+    is_whole = decimals == 0 and not exponent and shown.lstrip("+-").isdigit()
+    number = int(shown) if is_whole else Decimal(shown)
+    if build_decimal(number, len(text) if fixed else 0, decimals, sign, digits, fill, exponent) != text:
+        raise Unfit(f"{bytes(text)!r} is not written as such numbers are")
+    return number
+
+
+def find_stop(data: bytes | bytearray, stops: bytes, at: int, end: int) -> int:
+    """The place of the first of some bytes, -1 if none is there before `end`."""
+    found = re.compile(b"[" + re.escape(stops) + b"]").search(data, at, end)
+    return -1 if found is None else found.start()
+
+
+def index_stop(data: bytes | bytearray, stops: bytes, at: int) -> int:
+    """The place of the first of some bytes. Raises ValueError if none is there."""
+    place = find_stop(data, stops, at, len(data))
+    if place < 0:
+        raise ValueError("none of the ends is there")
+    return place
+
+
 # --- numbers in other forms -----------------------------------------------------------------------------------------
 
 
@@ -353,6 +452,15 @@ def build_terminated(text: str, end: bytes) -> bytes:
     data = text.encode("latin-1") + end
     if data.find(end) != len(data) - len(end):
         raise Unfit(f"{text!r} holds its own end {end!r}")
+    return data
+
+
+def build_stopped(text: str, stops: bytes) -> bytes:
+    """Text that ends before the first of the bytes `stops`. Raises ValueError if one of them stands in it."""
+    data = text.encode("latin-1")
+    for byte in stops:
+        if byte in data:
+            raise Unfit(f"{text!r} holds {byte:02X}, which ends it")
     return data
 
 

@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
+from framekit.definition.decimals import DECIMAL_KEYS, DecimalForm, load_form
 from framekit.definition.expression import Expression
-from framekit.definition.keys import Form, KeyReading, Meanings, Schema, ValueKind, here, keys, ref
+from framekit.definition.keys import BYTE, Form, KeyReading, Meanings, Schema, ValueKind, here, keys, ref, words
 from framekit.definition.load.reader import Reader
 from framekit.definition.problems import did_you_mean
 from framekit.definition.tree import Mapping as Keys
-from framekit.definition.tree import Node, Scalar
+from framekit.definition.tree import Node, Scalar, Sequence
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +83,9 @@ class FieldType:
     """How one value is written on the wire.
 
     `size` is bytes on the wire (digits: places; bcd: bytes). `base` 16, 10 or 8 and `upper` are for digits, `pad` (one
-    byte) and `end` for ascii. Mid-endian orders exist for integers and floats of 2, 4 and 8 bytes.
+    byte) for ascii, `form` for decimals. Mid-endian orders exist for integers and floats of 2, 4 and 8 bytes. Without a
+    size, the bytes `end` show where a text or decimal ends and belong to it, or it ends before the first of the bytes
+    `stops`, which are part of what follows.
     """
 
     kind: str
@@ -93,16 +96,31 @@ class FieldType:
     upper: bool = True
     pad: bytes | None = None
     end: bytes | None = None
+    stops: bytes = b""
+    form: DecimalForm | None = None
 
     @property
     def fixed_size(self) -> int | None:
         return self.size if isinstance(self.size, int) else None
 
     @property
+    def is_delimited(self) -> bool:
+        """Whether certain bytes show where it ends."""
+        return self.size is None and (self.end is not None or bool(self.stops))
+
+    @property
+    def before_end(self) -> FieldType:
+        """The type of what stands before its end."""
+        return replace(self, end=None, stops=b"")
+
+    @property
     def sizes(self) -> Sizes:
         if isinstance(self.size, int):
             return exactly(self.size)
-        return Sizes(len(self.end), None) if self.end is not None and self.size is None else ANY
+        if self.size is not None:
+            return ANY
+        least = 0 if self.form is None else self.form.least
+        return Sizes(least + len(self.end or b""), None)
 
     @property
     def is_whole_number(self) -> bool:
@@ -115,6 +133,8 @@ class FieldType:
     @property
     def contents(self) -> frozenset[int]:
         """The bytes that such a value may have on the wire."""
+        if self.form is not None:
+            return self.form.contents | frozenset(self.end or b"")
         return TYPE_KINDS[self.kind].contents
 
     @property
@@ -144,9 +164,20 @@ def _bounds_of_bits(type_: FieldType, size: int) -> tuple[int, int]:
     return (-(1 << bits - 1), (1 << bits - 1) - 1) if type_.signed else (0, (1 << bits) - 1)
 
 
+def _bounds_of_text(type_: FieldType, size: int) -> tuple[int, int]:
+    form = type_.form
+    assert form is not None
+    most = 10 ** (size - (form.sign in ("always", "space"))) - 1
+    return (0 if form.sign == "never" else min(0, 1 - 10 ** (size - 1))), most
+
+
 TYPE_KINDS: dict[str, TypeKind] = {
     "int": TypeKind("number", True, _bounds_of_bits),
     "float": TypeKind("number"),
+    "hex_int": TypeKind("number", True, lambda type_, size: _bounds_of_bits(type_, size // 2), DIGITS),
+    "hex_float": TypeKind("number", contents=DIGITS),
+    "decimal": TypeKind("number", True, _bounds_of_text),
+    "fraction": TypeKind("number"),
     "digits": TypeKind("number", True, lambda type_, size: (0, type_.base**size - 1), DIGITS),
     "bcd": TypeKind(
         "number",
@@ -163,11 +194,15 @@ TYPE_KINDS: dict[str, TypeKind] = {
 
 @dataclass(frozen=True, slots=True)
 class TypeKeys:
-    """The word of a type with its companions `size order case pad end`."""
+    """The word of a type with its companions `size order case pad end`, and those of decimals.
+
+    `separated`: what separates them shows where decimals end, which then need no size.
+    """
 
     space: Meanings
     keys: Keys
     scalar: Scalar
+    separated: bool = False
 
     @property
     def reader(self) -> Reader:
@@ -188,6 +223,18 @@ class TypeKeys:
             raise reader.broken(self.scalar.at, what, "use data: for it")
         return size
 
+    def ends(self) -> tuple[bytes | None, bytes]:
+        """The bytes that `end` says, and those of a choice, which are left for what follows. Raises Broken."""
+        reader, node = self.reader, self.keys.get("end")
+        if not isinstance(node, Sequence):
+            return reader.maybe(reader.bytes, node), b""
+        return None, bytes(dict.fromkeys(reader.byte(item) for item in reader.items(node)))
+
+    @property
+    def upper(self) -> bool:
+        """Whether hex digits are built with capital letters."""
+        return (self.reader.maybe(self.reader.text, self.keys.get("case")) or "upper") != "lower"
+
     def order(self, size: int | Expression) -> Order:
         """The byte order that is said here, or that of the file."""
         order = given_order(self.reader, self.keys)
@@ -204,11 +251,30 @@ LoadType = Callable[[TypeKeys], FieldType]
 
 
 def _int(size: int, signed: bool) -> LoadType:
-    return lambda given: FieldType("int", size, signed=signed, order=given.order(size))
+    def load(given: TypeKeys) -> FieldType:
+        node = given.keys.get("as")
+        if node is not None and not signed:
+            what = "numbers without a sign have a type of their own in hex digits"
+            raise given.reader.broken(node.at, what, f"write type: hex, size: {2 * size}")
+        if node is not None:
+            return _in_hex(given, "hex_int", size)
+        return FieldType("int", size, signed=signed, order=given.order(size))
+
+    return load
 
 
 def _float(size: int) -> LoadType:
-    return lambda given: FieldType("float", size, signed=True, order=given.order(size))
+    def load(given: TypeKeys) -> FieldType:
+        if given.keys.get("as") is not None:
+            return _in_hex(given, "hex_float", size)
+        return FieldType("float", size, signed=True, order=given.order(size))
+
+    return load
+
+
+def _in_hex(given: TypeKeys, kind: str, size: int) -> FieldType:
+    """A number whose bytes stand as hex digits."""
+    return FieldType(kind, 2 * size, signed=True, order=given.order(size), upper=given.upper)
 
 
 def _any_int(signed: bool) -> LoadType:
@@ -221,10 +287,8 @@ def _any_int(signed: bool) -> LoadType:
 
 def _digits(base: int) -> LoadType:
     def load(given: TypeKeys) -> FieldType:
-        reader = given.reader
-        order = given_order(reader, given.keys) or "big"
-        case = reader.maybe(reader.text, given.keys.get("case")) or "upper"
-        return FieldType("digits", given.size(number=False), order=order, base=base, upper=case != "lower")
+        order = given_order(given.reader, given.keys) or "big"
+        return FieldType("digits", given.size(number=False), order=order, base=base, upper=given.upper)
 
     return load
 
@@ -236,10 +300,38 @@ def _bcd(given: TypeKeys) -> FieldType:
 
 def _ascii(given: TypeKeys) -> FieldType:
     reader, keys_ = given.reader, given.keys
-    pad, end = reader.maybe(reader.bytes, keys_.get("pad")), reader.maybe(reader.bytes, keys_.get("end"))
-    if end is not None and keys_.get("size") is None:
-        return FieldType("ascii", None, end=end)
+    pad, (end, stops) = reader.maybe(reader.bytes, keys_.get("pad")), given.ends()
+    if (end is not None or stops) and keys_.get("size") is None:
+        return FieldType("ascii", None, end=end, stops=stops)
+    if stops:
+        node = keys_.get("end")
+        assert node is not None
+        what = "a text of this size ends by it, not by a choice of bytes"
+        raise reader.broken(node.at, what, "leave size or end out")
     return FieldType("ascii", given.size(number=False), pad=pad, end=end)
+
+
+def _decimal(given: TypeKeys) -> FieldType:
+    """A number in decimal text."""
+    reader, node, size_node = given.reader, given.keys.get("end"), given.keys.get("size")
+    end, stops = given.ends()
+    if size_node is not None and node is not None:
+        what = "a decimal has a size, or an end that shows it, not both"
+        raise reader.broken(node.at, what, "leave one of them out")
+    if size_node is None and node is None and not given.separated:
+        what = "nothing says how many characters a decimal has"
+        raise reader.broken(given.scalar.at, what, "add size: N, or end: BYTES")
+    size = None if size_node is None else given.size()
+    form = load_form(reader, given.keys, size)
+    held = form.contents & frozenset(end[:1] if end is not None else stops)
+    if held and node is not None:
+        what = f"{min(held):02X} may stand in the number itself, and cannot show its end"
+        raise reader.broken(node.at, what, "correct end")
+    if isinstance(size, int) and size < form.least:
+        what = f"the number takes {form.least} characters at least, size says {size}"
+        raise reader.broken(given.scalar.at, what, "give a larger size, or fewer decimals")
+    kind = "decimal" if form.is_whole else "fraction"
+    return FieldType(kind, size, signed=form.sign != "never", end=end, stops=stops, form=form)
 
 
 TYPES: dict[str, LoadType] = {
@@ -253,17 +345,27 @@ TYPES: dict[str, LoadType] = {
     "dec": _digits(10),
     "oct": _digits(8),
     "bcd": _bcd,
+    "decimal": _decimal,
     "ascii": _ascii,
     "bytes": lambda given: FieldType("bytes", given.size(number=False)),
 }
 
 
-def load_type(space: Meanings, mapping: Keys, type_node: Node | None) -> FieldType:
-    """The type named by `type_node`, completed by `size order case pad end` of a mapping. Raises Broken."""
+def load_type(
+    space: Meanings, mapping: Keys, type_node: Node | None, *, texts: bool = False, separated: bool = False
+) -> FieldType:
+    """The type named by `type_node`, completed by `size order case pad end` of a mapping. Raises Broken.
+
+    `texts`: the mapping has the keys of decimals; `separated`: what stands between values shows where they end.
+    """
     scalar = space.reader.scalar(type_node)
     if scalar.text not in TYPES:
         raise space.reader.broken(scalar.at, f"there is no type '{scalar.text}'", did_you_mean(scalar.text, TYPES))
-    return TYPES[scalar.text](TypeKeys(space, mapping, scalar))
+    if scalar.text == "decimal" and not texts:
+        raise space.reader.broken(
+            scalar.at, "a decimal stands in fields and lists only", "write type: dec, with a size"
+        )
+    return TYPES[scalar.text](TypeKeys(space, mapping, scalar, separated))
 
 
 def load_size(reader: Reader, node: Node) -> Size:
@@ -284,22 +386,42 @@ def given_order(reader: Reader, mapping: Keys) -> Order | None:
 
 SIZE = Form(here("size"), lambda r, node: load_size(r.reader, node))
 _BYTES_OR_DIGITS = "Number of bytes, or of digits for hex, dec and oct."
+AS_HEX: Schema = {
+    **words("a form", "hex"),
+    "description": "hex: the bytes of a signed number or a float stand as two hex digits each.",
+}
+ENDS: Schema = {
+    "description": "Bytes that end a text or decimal and belong to it; of a list the first one that comes ends it, and "
+    "is part of what follows.",
+    "type": ["array", "string", "integer", "number"],
+    "items": BYTE.schema,
+    "minItems": 1,
+    "if": {"type": "array"},
+    "else": ref("bytes"),
+    "x-expected": "bytes (0D 0A), or a list of single ones ([2C, 2A])",
+}
+TEXT_KEYS: Mapping[str, Schema] = {
+    "pad": {**BYTE.schema, "description": "Byte that fills a shorter ascii text, or a decimal in front."},
+    "as": AS_HEX,
+    **DECIMAL_KEYS,
+}
+"""The keys of types that only fields and lists have."""
 
 
 def type_keys(
-    name: str, doc: str, *, size: str = _BYTES_OR_DIGITS, case: bool = True, more: Mapping[str, Schema] | None = None
+    name: str, doc: str, *, size: str = _BYTES_OR_DIGITS, case: bool = True, texts: bool = False
 ) -> FieldType:
-    """The attribute of a type: the key with its word, and those that complete it."""
+    """The attribute of a type: the key with its word, and those that complete it; `texts`: those of decimals too."""
     schemas: dict[str, Schema] = {
         name: {**ref("type_name"), "description": doc},
         "size": {**here("size"), "description": size},
         "order": here("number_order"),
         **({"case": here("digit_case")} if case else {}),
-        **(more or {}),
+        **({**TEXT_KEYS, "end": ENDS} if texts else {}),
     }
 
     def read(reading: KeyReading) -> FieldType:
-        return load_type(reading.space, reading.keys, reading.keys.get(name))
+        return load_type(reading.space, reading.keys, reading.keys.get(name), texts=texts)
 
     declared: FieldType = keys(schemas, read)
     return declared

@@ -230,7 +230,7 @@ def _unit(part: FramePart) -> int:
 
 
 def _is_float(part: FramePart) -> bool:
-    return isinstance(part, Field) and part.type.kind == "float"
+    return isinstance(part, Field) and part.type.value_kind == "number" and not part.type.is_whole_number
 
 
 def _pad(part: FramePart) -> bytes:

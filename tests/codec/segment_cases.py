@@ -6,6 +6,7 @@ Both compilers are tested with them, and `docs/segments.md` is made of them, so 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from decimal import Decimal
 from typing import Any
 
 
@@ -35,6 +36,10 @@ class Case:
     @property
     def bytes(self) -> bytes:
         return bytes.fromhex(self.data)
+
+
+def _text(text: str) -> str:
+    return text.encode("ascii").hex(" ").upper()
 
 
 SECTIONS: dict[str, tuple[Case, ...]] = {
@@ -73,7 +78,41 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
         Case("octal digits", "- {field: a, type: oct, size: 3}", {"a": 8}, "30 31 30"),
         Case("BCD", "- {field: a, type: bcd, size: 2}", {"a": 1299}, "12 99", bad={"12 9A": "digits"}),
     ),
+    "Numbers as decimal text": (
+        Case("a whole number", "- {field: a, type: decimal, size: 4}", {"a": -42}, _text("-042"),
+             bad={_text(" -42"): "digits", _text("+042"): "digits", _text("-0.4"): "digits", _text("-000"): "digits"}),
+        Case("filled up with spaces", "- {field: a, type: decimal, size: 5, pad: 20}", {"a": -42}, _text("  -42"),
+             bad={_text("-0042"): "digits", _text("     "): "digits"}),
+        Case("without a sign", "- {field: a, type: decimal, size: 3, sign: never}", {"a": 7}, _text("007"),
+             bad={_text("-07"): "digits"}),
+        Case("always with a sign, and digits behind the point",
+             "- {field: a, type: decimal, size: 6, sign: always, decimals: 1}", {"a": Decimal("12.5")}, _text("+012.5"),
+             bad={_text("0012.5"): "digits", _text("+12.50"): "digits"}),
+        Case("a space in place of the plus", "- {field: a, type: decimal, size: 6, sign: space, decimals: 2}",
+             {"a": Decimal("2.50")}, _text(" 02.50")),
+        Case("up to an end", "- {field: a, type: decimal, end: 2C}\n- {field: b, type: u8}", {"a": 1200, "b": 1},
+             _text("1200,") + " 01", bad={_text("01200,") + " 01": "digits", _text("1200"): "short"}),
+        Case("with so many digits before the point", "- {field: a, type: decimal, digits: 4, decimals: 3, end: 0D 0A}",
+             {"a": Decimal("807.038")}, _text("0807.038\r\n"), bad={_text("807.038\r\n"): "digits"}),
+        Case("with as many decimals as the value has", "- {field: a, type: decimal, decimals: any, end: 2C}",
+             {"a": Decimal("12.50")}, _text("12.50,"), bad={_text("12.,"): "digits"}),
+        Case("an exponent", "- {field: a, type: decimal, decimals: 3, exponent: 2, sign: always, end: 0A}",
+             {"a": Decimal("-0.0125")}, _text("-1.250E-02\n"), bad={_text("-12.50E-03\n"): "digits"}),
+        Case("no text at all is nothing", "- {field: a, type: decimal, decimals: 1, empty: yes, end: 2C}\n"
+             "- {field: b, type: decimal, decimals: 1, empty: yes, end: 2C}", {"a": None, "b": Decimal("0.5")},
+             _text(",0.5,")),
+        Case("one of several ends, which is part of what follows",
+             "- {field: a, type: decimal, end: [2C, 2A]}\n- {field: mark, type: ascii, size: 1}",
+             {"a": 12, "mark": "*"}, _text("12*"), bad={_text("12"): "short"}),
+        Case("a float as hex digits of its bytes", "- {field: a, type: f32, as: hex}", {"a": 1.5}, _text("3FC00000"),
+             bad={_text("3FC0000G"): "digits"}),
+        Case("a signed number as hex digits", "- {field: a, type: i16, as: hex, case: lower, order: little}", {"a": -2},
+             _text("feff")),
+    ),
     "Texts and bytes": (
+        Case("text up to one of several bytes, which follows it",
+             "- {field: a, type: ascii, end: [2C, 2A]}\n- {field: mark, type: ascii, size: 1}",
+             {"a": "abc", "mark": ","}, _text("abc,")),
         Case("text of fixed size", "- {field: a, type: ascii, size: 3}", {"a": "abc"}, "61 62 63"),
         Case("text filled up", "- {field: a, type: ascii, size: 5, pad: 20}", {"a": "abc"}, "61 62 63 20 20"),
         Case("text with an end", "- {field: a, type: ascii, end: 00}\n- const: 05", {"a": "abc"}, "61 62 63 00 05"),

@@ -135,7 +135,7 @@ class FieldConstruct(ValueSegment):
     def write(self, filling: Filling, stream: BytesIO, context: Container, path: str) -> None:
         field, name = self.segment, self.name
         value = measured_value(field, name, filling, stream, context)
-        if value is None:
+        if value is None and (field.type.form is None or not field.type.form.empty):
             return
         if field.constants is not None and value not in field.constants:
             raise filling.error(name, f"'{name}' is {' or '.join(map(repr, field.constants))}, not {value!r}")

@@ -5,6 +5,8 @@ A form reads exactly its bytes and gives a number, a text or bytes; what the val
 
 from __future__ import annotations
 
+from dataclasses import replace
+from decimal import Decimal, localcontext
 from functools import lru_cache
 from typing import Any
 
@@ -12,6 +14,7 @@ import construct
 from construct import Adapter, Bytes, BytesInteger, Construct, GreedyBytes, NullTerminated, Transformed
 
 from framekit.codec import support
+from framekit.definition.decimals import DecimalForm
 from framekit.definition.model.segments import FieldType, Order
 
 _FLOATS = {2: construct.Float16b, 4: construct.Float32b, 8: construct.Float64b}
@@ -109,6 +112,99 @@ class Text(Adapter):
         return data if filled is None else data.ljust(self.size, filled)
 
 
+class StoppedText(Adapter):
+    """Latin-1 text up to one of some bytes, which is not read with it. Raises FormError for such a byte inside."""
+
+    def __init__(self, stops: bytes) -> None:
+        super().__init__(GreedyBytes)
+        self.stops = stops
+
+    def _decode(self, obj: bytes, context: Any, path: str) -> str:
+        return obj.decode("latin-1")
+
+    def _encode(self, obj: str, context: Any, path: str) -> bytes:
+        try:
+            data = obj.encode("latin-1")
+        except UnicodeError:
+            raise FormError(f"{obj!r} has characters that are no bytes", path) from None
+        if set(data) & set(self.stops):
+            raise FormError(f"{obj!r} holds what ends it", path)
+        return data
+
+
+class DecimalText(Adapter):
+    """A number in decimal text, as `decimal.Decimal` formats it; `size` characters, or what its end shows.
+
+    Parses into an `int` where it is whole, else into a `Decimal`, and only texts that it would build itself. Raises
+    FormError for all others, and for numbers that it cannot show exactly.
+    """
+
+    def __init__(self, size: int | None, form: DecimalForm, end: bytes | None) -> None:
+        super().__init__(GreedyBytes if size is None else Bytes(size))
+        self.size = size
+        self.form = form
+        self.end = end or b""
+
+    def _decode(self, obj: bytes, context: Any, path: str) -> Any:
+        obj = obj.removesuffix(self.end)
+        if not obj and self.form.empty:
+            return None
+        try:
+            text = obj.decode("ascii")
+            number = Decimal(text.strip(self.form.fill.decode("latin-1") if self.form.fill != b"0" else " "))
+        except (ArithmeticError, UnicodeError):
+            raise FormError(f"{obj!r} is no number", path) from None
+        if not number.is_finite():
+            raise FormError(f"{obj!r} is no number", path)
+        value = int(number) if self.form.is_whole and number == number.to_integral_value() else number
+        if self._text(value, path) != obj:
+            raise FormError(f"{obj!r} is written otherwise", path)
+        return value
+
+    def _encode(self, obj: Any, context: Any, path: str) -> bytes:
+        return (b"" if obj is None else self._text(obj, path)) + self.end
+
+    def _text(self, obj: Any, path: str) -> bytes:
+        form = self.form
+        number = Decimal(obj)
+        if abs(number.adjusted()) > 900:
+            raise FormError(f"{obj} is too large", path)
+        with localcontext() as exact:
+            exact.prec = 3000
+            body = self._digits(number, form, path)
+        negative = number.is_signed() and not (isinstance(obj, int) and not obj)
+        if negative and form.sign == "never":
+            raise FormError(f"{obj} has a sign", path)
+        sign = "-" if negative else {"always": "+", "space": " "}.get(form.sign, "")
+        if self.size is None:
+            if len(sign + body) > 256:
+                raise FormError(f"{obj} is too long", path)
+            return (sign + body).encode()
+        room = self.size - len(sign + body)
+        if room < 0:
+            raise FormError(f"{obj} does not fit into {self.size} characters", path)
+        if form.fill == b"0":
+            return (sign + "0" * room + body).encode()
+        return form.fill * room + (sign + body).encode()
+
+    @staticmethod
+    def _digits(number: Decimal, form: DecimalForm, path: str) -> str:
+        size = abs(number)
+        if form.exponent:
+            mantissa, _, place = f"{size:.{form.decimals}E}".partition("E")
+            power = int(place) if size else 0
+            mantissa = mantissa if size else f"{Decimal(0):.{form.decimals}f}"
+            if Decimal(f"{mantissa}E{power}") != size or len(str(abs(power))) > form.exponent:
+                raise FormError(f"{number} has too many digits", path)
+            return f"{mantissa}E{'-' if power < 0 else '+'}{abs(power):0{form.exponent}}"
+        decimals = max(-number.as_tuple().exponent, 0) if form.decimals is None else form.decimals
+        body = f"{size:.{decimals}f}"
+        if Decimal(body) != size:
+            raise FormError(f"{number} has too many decimals", path)
+        front, point, behind = body.partition(".")
+        return (front.lstrip("0").rjust(form.digits, "0") if point else front.rjust(form.digits, "0")) + point + behind
+
+
 class TerminatedText(Adapter):
     """Latin-1 text up to the bytes `end`, which are read with it. Builds both; raises FormError for `end` inside."""
 
@@ -126,6 +222,24 @@ class TerminatedText(Adapter):
             raise FormError(f"{obj!r} has characters that are no bytes", path) from None
         except ValueError as error:
             raise FormError(str(error), path) from None
+
+
+class HexText(Adapter):
+    """What another form has in bytes, as two hex digits each. Raises FormError for other characters."""
+
+    def __init__(self, inside: Construct, size: int, upper: bool) -> None:
+        super().__init__(Bytes(size))
+        self.inside = inside
+        self.upper = upper
+
+    def _decode(self, obj: bytes, context: Any, path: str) -> Any:
+        if obj.strip(b"0123456789ABCDEFabcdef"):
+            raise FormError(f"{obj!r} are no hex digits", path)
+        return self.inside.parse(bytes.fromhex(obj.decode("ascii")))
+
+    def _encode(self, obj: Any, context: Any, path: str) -> bytes:
+        digits = self.inside.build(obj).hex()
+        return (digits.upper() if self.upper else digits).encode()
 
 
 class NoDigits(Adapter):
@@ -155,6 +269,13 @@ def form_of(type_: FieldType, size: int) -> Construct:
             return Digits(size, type_.base, type_.order, type_.upper)
         case "bcd":
             return Bcd(size, type_.order)
+        case "hex_int" | "hex_float":
+            inside = replace(type_, kind=type_.kind.removeprefix("hex_"), size=size // 2)
+            return HexText(form_of(inside, size // 2), size, type_.upper)
+        case "decimal" | "fraction":
+            return DecimalText(None if type_.size is None else size, type_.form, type_.end)
+        case "ascii" if type_.stops:
+            return StoppedText(type_.stops)
         case "ascii":
             return TerminatedText(type_.end) if type_.size is None and type_.end else Text(size, type_.pad, type_.end)
     return Bytes(size)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from decimal import Decimal
 from io import BytesIO
 from typing import Any
 
@@ -41,7 +42,7 @@ def evaluated_size(expression: Expression, reading: Reading, context: Container,
 def read_wire(type_: FieldType, stream: BytesIO, context: Container, place: Place) -> Any:
     """The number, text or bytes on the wire, or DAMAGED when it is none (which is noted). Raises Stop."""
     reading: Reading = context._state
-    if type_.kind == "ascii" and type_.size is None:
+    if type_.is_delimited:
         raw = _terminated(type_, stream, reading, place)
         form = form_of(type_, 0)
     else:
@@ -57,14 +58,15 @@ def read_wire(type_: FieldType, stream: BytesIO, context: Container, place: Plac
 
 
 def _terminated(type_: FieldType, stream: BytesIO, reading: Reading, place: Place) -> bytes:
-    end = type_.end or b"\0"
+    ends = (type_.end,) if type_.end is not None else tuple(bytes((byte,)) for byte in type_.stops)
     start = stream.tell()
     left = stream.read(max(reading.region.end - start, 0))
-    found = left.find(end)
+    found = min((where for end in ends if (where := left.find(end)) >= 0), default=-1)
     if found < 0:
-        raise reading.stop(place, "short", f"an end {end!r}", left)
-    stream.seek(start + found + len(end))
-    return left[: found + len(end)]
+        raise reading.stop(place, "short", f"an end {ends!r}", left)
+    taken = found + len(type_.end or b"")
+    stream.seek(start + taken)
+    return left[:taken]
 
 
 def write_wire(type_: FieldType, wire: Any, name: str, filling: Filling, stream: BytesIO, context: Container) -> None:
@@ -100,9 +102,12 @@ def of_type(type_: FieldType, value: Any, name: str, filling: Filling) -> Any:
     elif type_.kind == "bytes":
         wanted, fits = "bytes", isinstance(value, (bytes, bytearray))
         value = bytes(value) if fits else value
-    elif type_.kind == "float":
+    elif type_.kind in ("float", "hex_float"):
         wanted, fits = "a number", isinstance(value, (int, float))
         value = float(value) if fits else value
+    elif type_.kind == "fraction":
+        wanted, fits = "a number", isinstance(value, (int, float, Decimal)) or (value is None and type_.form.empty)
+        value = Decimal(repr(value)) if isinstance(value, float) else value
     else:
         wanted, fits = "a whole number", isinstance(value, int)
         value = int(value) if fits else value

@@ -50,6 +50,8 @@ def shown(value: object) -> str:
         return (
             "[" + ", ".join("{" + shown(item) + "}" if isinstance(item, dict) else shown(item) for item in value) + "]"
         )
+    if value is None:
+        return "nothing"
     return f"`{value!r}`" if isinstance(value, str) else f"`{value}`"
 
 

@@ -64,7 +64,9 @@ class FieldKind(TypedValueKind[Field]):
             return _long_bytes(w, segment, segment.long, scope)
         size = segment.type.size
         local = scope.entries[segment.name].text
-        if (size is None and segment.type.end is None) or w.size_by_length(segment) is not None:
+        if segment.type.form is not None and size is None:
+            text = "0"
+        elif (size is None and segment.type.end is None) or w.size_by_length(segment) is not None:
             text = f"len({local})"
         else:
             text = w.bounded(size, scope) if isinstance(size, Expression) else str(size or f"len({local})")
@@ -80,6 +82,8 @@ class FieldKind(TypedValueKind[Field]):
             return f"({short} if {local} < {segment.long.mark} else {short + longer})"
         text = f"len({local})"
         is_number = segment.type.kind not in ("ascii", "bytes")
+        if segment.type.is_delimited and is_number:
+            return f"len({forms.build(w.module, segment.type, w.wire(segment, scope), '0')})"
         if isinstance(segment.type.size, Expression) and (is_number or w.fills_up(segment)):
             text = w.text(segment.type.size, scope, PRODUCT + 1)
         elif segment.type.end is not None:
@@ -96,9 +100,11 @@ class FieldKind(TypedValueKind[Field]):
                 f" lambda raw: {forms.parse(d.module, type_, 'raw')} == {segment.long.mark:#x},"
                 f" {longer.fixed_size}, {d.parse(longer, segment)}{behind_it}"
             )
-        elif type_.size is None and type_.end is not None:
-            plain = FieldType("ascii", None, pad=type_.pad)
-            d.out.add(f"n.until({name}, {bytes_literal(type_.end)}, {d.parse(plain, segment)}{behind_it}")
+        elif type_.is_delimited:
+            parse, end, find = d.parse(type_.before_end, segment), type_.end, ""
+            if end is None:
+                end, find = type_.stops, f", find={d.module.function('find_stop')}"
+            d.out.add(f"n.until({name}, {bytes_literal(end)}, {parse}{behind_it.removesuffix(')')}{find})")
         elif type_.size is None:
             size = f"lambda n: n.rest({d.behind(behind)}, {name})"
             d.out.add(f"n.field({name}, {size}, {d.parse(type_, segment)}{behind_it}")
@@ -121,13 +127,14 @@ class FieldKind(TypedValueKind[Field]):
 
 
 def _rule(w: RuleWriter, field: Field, always: bool, lengths: Lengths) -> str:
-    kind = {"ascii": "text", "bytes": "bytes", "float": "float"}.get(field.type.kind, "number")
+    kind = forms.rule_type(field.type)
     needed = always and field.build is None and field.default is None and field.is_ is None and field.constants is None
     names = "" if field.values is None else w.module.numbers(field.values, f"{w.title} {field.name}")
     if kind in ("text", "bytes"):
         return w.rule(kind, _text_range(field, lengths), needed, names)
     limits = forms.value_range(field) if kind == "number" else forms.Range(*(field.limits or (None, None)))
-    return w.rule(kind, limits, needed, names, only=field.only, unit=field.unit or 1)
+    fits = forms.refusing(w.module, field.type)
+    return w.rule(kind, limits, needed, names, only=field.only, unit=field.unit or 1, fits=fits)
 
 
 def _text_range(field: Field, lengths: Lengths) -> forms.Range:
@@ -199,7 +206,10 @@ def _validate(w: EncodeWriter, item: Field, scope: Scope, local: str) -> None:
     by_type = item.type.kind == "int" and item.limits is None and item.zero_means is None and item.long is None
     if item.type.kind in ("ascii", "bytes"):
         _validate_text(w, item, scope, local)
-    elif not by_type and item.type.kind != "float":
+    elif not item.type.is_whole_number:
+        if item.limits is not None:
+            w.validate_range(item, scope, local, forms.Range(*item.limits))
+    elif not by_type:
         w.validate_range(item, scope, local, limits)
     if item.unit is not None and item.unit != 1:
         w.refuse(item, scope, f"{local} % {item.unit:_}")
@@ -242,9 +252,9 @@ def _read_sized(r: BufferReader, item: Item, segment: Field, after: tuple[Item, 
         first, last = r.take(item, r.size_text(type_.size, item.scope))
     elif type_.fixed_size is not None:
         first, last = r.take(item, str(type_.fixed_size))
-    elif type_.end is not None:
-        first, last = _until_end(r, item, segment, type_.end)
-        type_ = FieldType("ascii", None, pad=type_.pad)
+    elif type_.is_delimited:
+        first, last = _until_end(r, item, segment)
+        type_ = type_.before_end
     else:
         first, last = r.take_rest(item, after)
     wire = forms.parse(r.module, type_, between(r.buffer, first, last))
@@ -254,11 +264,11 @@ def _read_sized(r: BufferReader, item: Item, segment: Field, after: tuple[Item, 
     r.validate_field(item, segment, local)
 
 
-def _until_end(r: BufferReader, item: Item, field: Field, end: bytes) -> tuple[Offset, Offset]:
+def _until_end(r: BufferReader, item: Item, field: Field) -> tuple[Offset, Offset]:
     stop = r.function.names.fresh(f"{field.name}_end")
     first = r.keep(r.place)
-    r.function.add(f"{stop} = {r.buffer}.index({bytes_literal(end)}, {first.text(r.buffer)})")
-    r.advance(f"{stop} + {len(end)}")
+    r.function.add(f"{stop} = {forms.find_end(r.module, field.type, r.buffer, first.text(r.buffer))}")
+    r.advance(f"{stop} + {len(field.type.end)}" if field.type.end is not None else stop)
     r.function.stands(item.segment, r.buffer, first, r.place)
     return first, Offset(stop, 0)
 

@@ -187,10 +187,11 @@ def _rule(w: RuleWriter, repeat: Repeat, always: bool, lengths: Lengths) -> str:
     else:
         limits = lengths.get(repeat.name, forms.Range(None, None))
     if isinstance(repeat.of, FieldType):
-        kind = {"ascii": "text", "bytes": "bytes", "float": "float"}.get(repeat.of.kind, "number")
+        kind = forms.rule_type(repeat.of)
         size = repeat.of.fixed_size if kind in ("text", "bytes") else None
         item = forms.Range(None, size) if kind != "number" else forms.wire_range(repeat.of)
-        return w.rule("list", limits, always, inside=f'{{"": {w.rule(kind, item, False)}}}')
+        fits = forms.refusing(w.module, repeat.of)
+        return w.rule("list", limits, always, inside=f'{{"": {w.rule(kind, item, False, fits=fits)}}}')
     return w.rule("list", limits, always, inside=w.mapping(repeat.of))
 
 

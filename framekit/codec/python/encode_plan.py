@@ -144,6 +144,7 @@ class RuleWriter:
         inside: str = "",
         only: bool = False,
         unit: int = 1,
+        fits: str = "",
     ) -> str:
         parts = [quoted(kind)]
         if limits.least is not None or limits.most is not None:
@@ -156,6 +157,8 @@ class RuleWriter:
             parts.append("only=True")
         if unit != 1:
             parts.append(f"unit={unit:_}")
+        if fits:
+            parts.append(f"fits={fits}")
         if inside:
             parts.append(f"inside={inside}")
         return f"Rule({', '.join(parts)})"

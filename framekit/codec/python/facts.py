@@ -133,7 +133,7 @@ def ending_constants(
 def _takes_rest(segment: Segment) -> bool:
     """Whether a segment reaches as far as what follows it leaves room, whatever it holds."""
     if isinstance(segment, Field):
-        return segment.type.size is None and segment.type.end is None and segment.long is None
+        return segment.type.size is None and not segment.type.is_delimited and segment.long is None
     return segment.takes_rest or (isinstance(segment, Inner) and segment.size == "rest")
 
 

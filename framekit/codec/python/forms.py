@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from framekit.codec.python.module import Module
-from framekit.codec.python.source import bytes_literal, quoted
+from framekit.codec.python.source import bytes_literal, literal, quoted
 from framekit.definition.model.segments import Check, Count, Data, Field, FieldType, Length
 
 INT_CODES = {1: "B", 2: "H", 4: "I", 8: "Q"}
@@ -46,6 +46,14 @@ def check_code(check: Check) -> tuple[str, str]:
     if check.form == "raw" and check.size in INT_CODES:
         return INT_CODES[check.size], "" if check.size == 1 else "<" if check.order == "little" else ">"
     return f"{check.size}s", ""
+
+
+def rule_type(type_: FieldType) -> str:
+    """What values of a type must be, as rules say it."""
+    kinds = {
+        "ascii": "text", "bytes": "bytes", "float": "float", "hex_float": "float", "fraction": "decimal",
+    }  # fmt: skip
+    return kinds.get(type_.kind, "number")
 
 
 def is_slice(type_: FieldType) -> bool:
@@ -124,10 +132,59 @@ def _parse_text(functions: Functions, type_: FieldType, raw: str) -> str:
 def _build_text(functions: Functions, type_: FieldType, wire: str, size: str) -> str:
     if type_.end is not None and type_.size is None:
         return f"{functions.function('build_terminated')}({wire}, {bytes_literal(type_.end)})"
+    if type_.stops:
+        return f"{functions.function('build_stopped')}({wire}, {bytes_literal(type_.stops)})"
     if wire.startswith('"'):
         return bytes_literal(eval(wire).encode("latin-1"))
     pad = type_.pad if type_.end is None else (type_.pad or b"\0")
     return f'{wire}.encode("latin-1")' + ("" if pad is None else f".ljust({size}, {bytes_literal(pad)})")
+
+
+def _form_arguments(type_: FieldType) -> str:
+    assert type_.form is not None
+    return ", ".join(literal(one) for one in type_.form.arguments)
+
+
+def refusing(functions: Functions, type_: FieldType) -> str:
+    """Text of a function that says why a type cannot hold a number, where no range says it; empty for other types."""
+    size = type_.fixed_size or 0
+    return f"lambda value: {_build_decimal(functions, type_, 'value', str(size))}" if type_.form is not None else ""
+
+
+def find_end(functions: Functions, type_: FieldType, buffer: str, place: str) -> str:
+    """Text of the place where a value ends that certain bytes delimit, which begins at `place`."""
+    if type_.end is not None:
+        return f"{buffer}.index({bytes_literal(type_.end)}, {place})"
+    return f"{functions.function('index_stop')}({buffer}, {bytes_literal(type_.stops)}, {place})"
+
+
+def _parse_decimal(functions: Functions, type_: FieldType, raw: str) -> str:
+    assert type_.form is not None
+    text = f"{functions.function('parse_decimal')}({raw}, {type_.size is not None}, {_form_arguments(type_)})"
+    return f"({text} if {raw} else None)" if type_.form.empty else text
+
+
+def _build_decimal(functions: Functions, type_: FieldType, wire: str, size: str) -> str:
+    end = "" if type_.end is None else f" + {bytes_literal(type_.end)}"
+    size = size if type_.size is not None else "0"
+    return f"{functions.function('build_decimal')}({wire}, {size}, {_form_arguments(type_)}){end}"
+
+
+def _in_hex(type_: FieldType) -> FieldType:
+    """The type of the bytes behind hex digits."""
+    kind = "int" if type_.kind == "hex_int" else "float"
+    return FieldType(kind, (type_.fixed_size or 2) // 2, signed=True, order=type_.order)
+
+
+def _parse_hex(functions: Functions, type_: FieldType, raw: str) -> str:
+    functions.imports.add("from binascii import unhexlify")
+    return parse(functions, _in_hex(type_), f"unhexlify({raw})")
+
+
+def _build_hex(functions: Functions, type_: FieldType, wire: str, size: str) -> str:
+    functions.imports.add("from binascii import hexlify")
+    inside = _in_hex(type_)
+    return f"hexlify({build(functions, inside, wire, str(inside.size))}){'.upper()' if type_.upper else ''}"
 
 
 WIRE_FORMS: dict[str, WireForm] = {
@@ -148,6 +205,10 @@ WIRE_FORMS: dict[str, WireForm] = {
         lambda functions, type_, raw: f"{functions.function('parse_bcd')}({raw}{_turned(type_)})",
         lambda functions, type_, wire, size: f"{functions.function('build_bcd')}({wire}, {size}){_turned(type_)}",
     ),
+    "hex_int": WireForm(_parse_hex, _build_hex),
+    "hex_float": WireForm(_parse_hex, _build_hex),
+    "decimal": WireForm(_parse_decimal, _build_decimal),
+    "fraction": WireForm(_parse_decimal, _build_decimal),
     "ascii": WireForm(_parse_text, _build_text),
     "bytes": WireForm(lambda functions, type_, raw: raw, lambda functions, type_, wire, size: wire),
 }

@@ -301,8 +301,8 @@ class MeasureWriter(FunctionWriter):
     def wire(self, type_: FieldType, first: Offset, last: Offset) -> str:
         if type_.kind == "int" and type_.fixed_size == 1 and not type_.signed:
             return index("data", first)
-        self.may_fail = self.may_fail or type_.kind in ("digits", "bcd")
-        return forms.parse(self.module, type_, between("data", first, last))
+        self.may_fail = self.may_fail or type_.kind in ("digits", "bcd", "hex_int", "hex_float", "decimal", "fraction")
+        return forms.parse(self.module, type_.before_end, between("data", first, last))
 
     def _long(self, field: Field, scope: Scope, after: Pairs) -> None:
         assert field.long is not None
@@ -321,18 +321,26 @@ class MeasureWriter(FunctionWriter):
 
     def _text(self, segment: Number, scope: Scope, after: Pairs, needed: bool) -> None:
         """A text that its end marks, or that takes the rest."""
-        end = segment.type.end
-        if end is None:
+        type_ = segment.type
+        if not type_.is_delimited:
             self.rest(segment, after)
             return
         self.settle()
-        self.add(f"stop = {self.search(bytes_literal(end), 'at', after, len(end))}")
+        self.search_end(type_, after)
         with self.out.block("if stop < 0:"):
-            self.not_found(1 + self.least(after))
+            self.not_found(max(1 + self.least(after) - bool(type_.stops), 1))
         if needed and isinstance(segment, Field):
-            plain = FieldType("ascii", None, pad=segment.type.pad)
-            self.set_value(segment.name, scope, self.wire(plain, Offset("at", 0), Offset("stop", 0)))
-        self.advance(f"stop + {len(end)}")
+            self._read(segment, scope, Offset("at", 0), Offset("stop", 0))
+        self.advance(f"stop + {len(type_.end)}" if type_.end is not None else "stop")
+
+    def search_end(self, type_: FieldType, after: Pairs) -> None:
+        """Lets `stop` be the place of what ends a value that begins at the local `at`, or -1."""
+        if type_.end is not None:
+            self.add(f"stop = {self.search(bytes_literal(type_.end), 'at', after, len(type_.end))}")
+            return
+        resume = self.resume(after, 1)
+        start = "at" if resume is None else f"max(at, {resume})"
+        self.add(f"stop = {self.module.function('find_stop')}(data, {bytes_literal(type_.stops)}, {start}, end)")
 
     # ---- what ends by what follows ------------------------------------------------------------------------
 

@@ -64,5 +64,10 @@ def type_text(type_: FieldType) -> str:
         return f"{'i' if type_.signed else 'u'}{8 * size}{order}"
     if type_.kind == "float" and size is not None:
         return f"f{8 * size} {type_.order}"
+    if type_.kind in ("hex_int", "hex_float"):
+        return f"{'i' if type_.kind == 'hex_int' else 'f'}{4 * (size or 0)} {type_.order} in hex"
+    if type_.form is not None:
+        point = f" with {'any' if type_.form.decimals is None else type_.form.decimals} decimals"
+        return f"decimal{'' if type_.size is None else f' {type_.size}'}{point if type_.form.decimals != 0 else ''}"
     name = _DIGITS[type_.base] if type_.kind == "digits" else "uint" if type_.kind == "int" else type_.kind
     return name if type_.size is None else f"{name} {type_.size}"

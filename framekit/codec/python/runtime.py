@@ -401,7 +401,8 @@ class Rule(NamedTuple):
     """What a value must be. `least` and `most` limit numbers, and the length of texts, bytes and lists.
 
     `names` (name → number) may be given instead of the number, `only` those. A number is a multiple of `unit`.
-    `inside`: the rules of a mapping or of the items of a list ('' for items that are plain values).
+    `inside`: the rules of a mapping or of the items of a list ('' for items that are plain values). `fits`: raises
+    ValueError for a value that cannot be written, with the reason.
     """
 
     type: str
@@ -412,6 +413,7 @@ class Rule(NamedTuple):
     only: bool = False
     unit: int = 1
     inside: Any = None
+    fits: Any = None
 
 
 Rules = Mapping[str, Rule]
@@ -508,13 +510,21 @@ def mismatch_of(value: Any, rule: Rule, name: str) -> EncodeError | None:
         return EncodeError(name, f"'{name}' is one of {', '.join(rule.names)}, not {value!r}")
     kinds: dict[str, Any] = {"number": int, "float": (int, float), "text": str, "bytes": (bytes, bytearray)}
     kinds |= {"digits": (bytes, bytearray), "list": (list, tuple), "mapping": Mapping, "any": object}
+    kinds["decimal"] = object  # what is none does not fit
     if not isinstance(value, kinds[rule.type]):
         return EncodeError(name, f"'{name}' must be a {rule.type}, not {type(value).__name__}")
-    if rule.type in ("number", "float"):
+    if rule.fits is not None:
+        try:
+            rule.fits(value)
+        except ValueError as error:
+            return EncodeError(name, f"'{name}': {error}")
+    if rule.type in ("number", "float", "decimal"):
         size, what = value, f"'{name}' is {value}"
     else:
         size = len(value) if rule.type in ("text", "bytes", "digits", "list") else 0
         what = f"'{name}' has a length of {size}"
+    if size is None:
+        return None
     if rule.least is not None and size < rule.least:
         return EncodeError(name, f"{what}, less than {rule.least}")
     if rule.most is not None and size > rule.most:

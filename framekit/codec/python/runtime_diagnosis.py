@@ -421,15 +421,22 @@ class Diagnosis:
         self.store(name, start, raw, parse, refuse, **rules)
 
     def until(
-        self, name: str, end: bytes, parse: Callable[[bytes], Any], refuse: int | None = None, **rules: Any
+        self,
+        name: str,
+        end: bytes,
+        parse: Callable[[bytes], Any],
+        refuse: int | None = None,
+        find: Callable[..., int] | None = None,
+        **rules: Any,
     ) -> None:
-        """A text up to the bytes that end it."""
+        """A text up to the bytes that end it; `find`: of the first of them, which is part of what follows."""
         start = self.begin(name)
-        stop = self.data.find(end, start, self.end)
+        stop = self.data.find(end, start, self.end) if find is None else find(self.data, end, start, self.end)
         if stop < 0:
-            raise self.stop("short", name, f"the end {hex_text(end)}", "none", refuse)
+            shown = hex_text(end) if find is None else " or ".join(hex_text(bytes((byte,))) for byte in end)
+            raise self.stop("short", name, f"the end {shown}", "none", refuse)
         raw = self.take(name, stop - start)
-        self.at = stop + len(end)
+        self.at = stop if find is not None else stop + len(end)
         self.bounds[name] = (self.data, start, self.at)
         self.store(name, start, raw, parse, refuse, **rules)
 

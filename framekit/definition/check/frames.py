@@ -48,6 +48,7 @@ def check_frame(protocol: Protocol, frame: Frame) -> list[Problem]:
     found += _order_of_sizes(frame.segments, set())
     for repeat in parts_of(frame.segments, Repeat):
         found += () if repeat.is_counted else _last_too_soon(repeat.members)
+    found += _ends_left_for_others(frame)
     found += _lengths_of_numbers(frame)
     found += _lengths_that_never_fit(protocol, frame)
     ends = _Ends(protocol)
@@ -266,6 +267,22 @@ def _last_too_soon(segments: Segments) -> Iterator[Problem]:
                 yield Problem(expression.at, what, "take last in is: or build: only, or give times a number")
         if segment.is_record:
             yield from _last_too_soon(segment.members)
+
+
+def _ends_left_for_others(frame: Frame) -> Iterator[Problem]:
+    """What ends before one of several bytes needs something behind it that may begin with one of them."""
+    found = tuple(leaves(frame.segments))
+    for place, segment in enumerate(found):
+        stops = b"" if segment.number_type is None else segment.number_type.stops
+        if not stops:
+            continue
+        shown = " or ".join(f"{byte:02X}" for byte in stops)
+        todo = "put {field: NAME, type: u8} or a constant behind it"
+        if place + 1 == len(found):
+            yield Problem(segment.at, f"{segment.title} ends before {shown}, and nothing follows it", todo)
+        elif isinstance(behind := found[place + 1], Const) and behind.when is None and behind.data[0] not in stops:
+            what = f"{segment.title} ends before {shown}, and what follows begins with {behind.data[0]:02X}"
+            yield Problem(segment.at, what, todo)
 
 
 def _lengths_of_numbers(frame: Frame) -> Iterator[Problem]:

@@ -73,12 +73,13 @@ class Segment:
 
     `refuse` is the code of a fault here that is to be answered, not dropped. `KEY` names the kind in YAML; a kind that
     no key names is made by others. `takes_bytes`: whether it stands on the wire;
-    `is_ignored`: whether its bytes mean nothing.
+    `is_ignored`: whether its bytes mean nothing. `HINTS`: what to do about keys that it has not.
     """
 
     KEY: ClassVar[str] = ""
     takes_bytes: ClassVar[bool] = True
     is_ignored: ClassVar[bool] = False
+    HINTS: ClassVar[Mapping[str, str]] = {}
 
     at: Position
     name: str | None = None
@@ -98,7 +99,7 @@ class Segment:
         properties: dict[str, Any] = found.pop("properties")
         named = "name" in {one.name for one in cls.__dataclass_fields__.values() if "key" in one.metadata}
         if named:
-            found["x-hints"] = {"name": f"the {cls.called()}'s name is what stands behind '{cls.KEY}:'"}
+            found["x-hints"] = {"name": f"the {cls.called()}'s name is what stands behind '{cls.KEY}:'", **cls.HINTS}
         common = ("when", "refuse", "doc") if named else ("name", "when", "refuse", "doc")
         properties |= {one: here("segment_name" if one == "name" else one) for one in common}
         return {**{one: value for one, value in found.items() if one != "additionalProperties"},

@@ -11,8 +11,6 @@ from typing import ClassVar
 from framekit.definition.expression import Bytes, Expression, Text
 from framekit.definition.keys import (
     ADDRESS,
-    BYTE,
-    BYTES,
     IDENTIFIER,
     NUMBER,
     RANGE,
@@ -97,15 +95,19 @@ class Field(Segment):
     """
 
     KEY: ClassVar[str] = "field"
+    HINTS: ClassVar[MappingOf[str, str]] = {
+        "signed": "write a type that has a sign, such as i16; in text type: decimal, with sign: minus, always or space",
+        "precision": "write decimals:",
+        "separator": "write end:, or repeat: with a separator",
+        "factor": "write scale:",
+        "multiplier": "write scale:",
+    }
 
     name: str = key("field", IDENTIFIER, "Name of the value.")
     type: FieldType = type_keys(
         "type",
-        "How the value is written: u8 to u64, i8 to i64, f32, f64, uint, hex, dec, oct, bcd, ascii, bytes.",
-        more={
-            "pad": {**BYTE.schema, "description": "Byte that fills a shorter ascii text."},
-            "end": {**BYTES.schema, "description": "Bytes that end an ascii text."},
-        },
+        "How the value is written: u8 to u64, i8 to i64, f32, f64, uint, hex, dec, oct, bcd, decimal, ascii, bytes.",
+        texts=True,
     )
     values: MappingOf[int, str] | None = key(
         "values", VALUE_NAMES, "Names of the numbers: a table, or code: name.", default=None
@@ -307,6 +309,9 @@ class Field(Segment):
         }
         for key_ in (name for name, is_there in there.items() if is_there):
             yield Problem(self.at, f"{key_}: belongs to whole numbers, '{self.name}' is {kind}", f"leave {key_} out")
+        if self.limits is not None and self.type.form is not None and self.type.form.empty:
+            what = f"'{self.name}' may be empty, and nothing is in no range"
+            yield Problem(self.at, what, "leave empty or range out")
         root = None if self.is_ is None else self.is_.root
         if isinstance(root, (Text, Bytes)):
             yield from self._size_of_constant(root.value)

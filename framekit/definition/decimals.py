@@ -1,0 +1,141 @@
+"""Numbers written as decimal text: with a sign, digits behind a point, an exponent, and what fills them up.
+
+A number has one text here, so that building gives the bytes that were read, and what is written otherwise is refused.
+How the text is read and built stands in `codec/support.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from framekit.definition.keys import Schema, words
+from framekit.definition.load.reader import Reader
+from framekit.definition.tree import Mapping as Keys
+from framekit.definition.tree import Node
+
+SIGNS: Mapping[str, bytes] = {"minus": b"", "always": b"+", "space": b" ", "never": b""}
+"""What stands before a number that is not negative."""
+_MOST_DIGITS = 200
+_MOST_EXPONENT = 4
+
+
+@dataclass(frozen=True, slots=True)
+class DecimalForm:
+    """How a decimal number is written.
+
+    `decimals`: digits behind the point; None: as many as the value has. `digits`: before the point at least. `fill`:
+    the byte that fills a text of fixed size up; zeros stand behind the sign. `exponent`: digits of an exponent, which
+    then always stands there, behind one digit before the point; 0: none. `empty`: no text at all is nothing.
+    """
+
+    decimals: int | None = 0
+    sign: str = "minus"
+    digits: int = 1
+    fill: bytes = b"0"
+    exponent: int = 0
+    empty: bool = False
+
+    @property
+    def is_whole(self) -> bool:
+        return self.decimals == 0 and not self.exponent and not self.empty
+
+    @property
+    def least(self) -> int:
+        """Characters of the shortest one."""
+        if self.empty:
+            return 0
+        behind = 0 if not self.decimals else self.decimals + 1
+        signs = self.sign in ("always", "space")
+        return signs + max(self.digits, 0 if behind else 1) + behind + (self.exponent and self.exponent + 2)
+
+    @property
+    def contents(self) -> frozenset[int]:
+        """The bytes that may stand in one."""
+        found = b"0123456789" + self.fill + SIGNS[self.sign]
+        found += b"" if self.sign == "never" else b"-"
+        found += b"" if self.decimals == 0 else b"."
+        return frozenset(found + (b"E+-" if self.exponent else b""))
+
+    @property
+    def arguments(self) -> tuple[int | str | bytes | None, ...]:
+        """What the functions that read and build it are given."""
+        return self.decimals, self.sign, self.digits, self.fill, self.exponent
+
+
+DECIMAL_KEYS: Mapping[str, Schema] = {
+    "decimals": {
+        "description": "Digits behind the point of a decimal; any: as many as the value has; default 0, no point.",
+        "type": "string",
+        "pattern": "^(any|[0-9]+)$",
+        "x-expected": "a number of digits, or any",
+    },
+    "sign": {
+        **words("a sign", *SIGNS),
+        "description": "Sign of a decimal: minus where it is negative (the default), always, space instead of a plus, "
+        "never.",
+    },
+    "digits": {
+        "description": "Digits before the point of a decimal at least, with zeros in front; default 1.",
+        "type": "string",
+        "pattern": "^[0-9]+$",
+        "x-expected": "a number of digits",
+    },
+    "exponent": {
+        "description": "Digits of the exponent of a decimal: with 2, 1.5 is 1.5E+00.",
+        "type": "string",
+        "pattern": "^[0-9]+$",
+        "x-expected": "a number of digits",
+    },
+    "empty": {
+        "$ref": "common.schema.json#/$defs/flag",
+        "description": "yes: a decimal of no characters is nothing.",
+    },
+}
+"""The keys of `type: decimal`, beside those of every type."""
+
+
+def load_form(reader: Reader, keys: Keys, size: object) -> DecimalForm:
+    """What the keys of a decimal say. `size`: what its size is, None if its end shows it. Raises Broken."""
+    decimals_node, pad_node = keys.get("decimals"), keys.get("pad")
+    has_any = decimals_node is not None and reader.text(decimals_node).strip() == "any"
+    decimals = None if has_any else _digits(reader, decimals_node, 0)
+    sign_node = keys.get("sign")
+    sign = "minus" if sign_node is None else reader.one_of(sign_node, {one: one for one in SIGNS}, "a sign")
+    exponent_node = keys.get("exponent")
+    exponent = _digits(reader, exponent_node, 0)
+    fill = b"0" if pad_node is None or size is None else bytes((reader.byte(pad_node),))
+    if pad_node is not None and size is None:
+        raise reader.broken(pad_node.at, "pad: fills a size up, and this number has none", "write digits: N, or a size")
+    if pad_node is not None and fill != b"0" and fill in b"123456789+-.E":
+        what = f"{fill.hex().upper()} may stand in the number itself"
+        raise reader.broken(pad_node.at, what, "fill it up with 20 (spaces) or 30 (zeros)")
+    digits, empty, node = 1, False, keys.get("digits")
+    if node is not None:
+        digits = _digits(reader, node, 1)
+        if size is not None and fill == b"0":
+            what = "the size is filled up with zeros, digits: has no effect"
+            raise reader.broken(node.at, what, "leave digits out, or write pad: 20")
+        if exponent_node is not None:
+            what = "one digit stands before the point of a number with an exponent"
+            raise reader.broken(node.at, what, "leave digits out")
+    node = keys.get("empty")
+    if node is not None:
+        empty = reader.flag(node)
+        if size is not None:
+            what = "empty: belongs to a number that its end shows, this one has a size"
+            raise reader.broken(node.at, what, "leave empty out, or write end: instead of size:")
+    if exponent_node is not None and not 1 <= exponent <= _MOST_EXPONENT:
+        raise reader.broken(exponent_node.at, f"an exponent has 1 to {_MOST_EXPONENT} digits", "correct it")
+    if exponent_node is not None and decimals is None:
+        what = "decimals: any has no exponent: nothing would say where the point stands"
+        raise reader.broken(exponent_node.at, what, "write decimals: N")
+    return DecimalForm(decimals, sign, digits, fill, exponent, empty)
+
+
+def _digits(reader: Reader, node: Node | None, otherwise: int) -> int:
+    """A number of digits. Raises Broken for one that is too large."""
+    number = otherwise if node is None else reader.number(node)
+    if node is not None and not 0 <= number <= _MOST_DIGITS:
+        raise reader.broken(node.at, f"0 to {_MOST_DIGITS} digits are possible", "correct the number")
+    return number
