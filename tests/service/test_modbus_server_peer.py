@@ -17,8 +17,7 @@ from framekit.definition.times import LineFormat
 from framekit.runfile.devices import DeviceSettings, load_devices
 from framekit.service.device import Serving
 from framekit.transport.clock import AsyncioClock
-from framekit.transport.pty_pair import PtyPair
-from framekit.transport.serial_port import SerialPort
+from framekit.transport.serial_port import PtyPair, SerialPort
 
 DEVICE = """
 device: bench
