@@ -43,6 +43,10 @@ TEXT_TYPES: tuple[tuple[dict[str, Any], tuple[Any, ...]], ...] = (
     ({"type": "decimal", "end": ["2C", "2A"], "decimals": "any"}, (1.5, -2, 0.25)),
     ({"type": "decimal", "end": "0D 0A", "decimals": "2", "digits": "0", "empty": "yes"}, (1.5, 0.25, 0)),
     ({"type": "decimal", "end": "2C", "decimals": "3", "exponent": "2"}, (1.5, 250, 0, -0.001)),
+    ({"type": "u8", "scale": "0.5", "offset": "-40"}, (-40, 0.5, 87)),
+    ({"type": "i16", "order": "little", "scale": "0.1"}, (1.5, -2, 0)),
+    ({"type": "bcd", "size": 2, "scale": "10"}, (0, 120)),
+    ({"type": "decimal", "end": "2C", "scale": "-0.25"}, (0, 0.5, -1)),
     ({"type": "f32", "as": "hex"}, (0.0, 1.5)),
     ({"type": "f64", "as": "hex", "order": "little", "case": "lower"}, (0.0, -2.0)),
     ({"type": "i16", "as": "hex"}, (0, -2)),
@@ -309,7 +313,13 @@ def text_number(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], se
     if kind.get("size") == "§":
         drawn.expression(segment, "size", random.choice(SIZES), scope)
     values[name] = random.choice(choice)
-    if isinstance(values[name], int) and kind["type"] != "f32" and "decimals" not in kind and "exponent" not in kind:
+    if (
+        isinstance(values[name], int)
+        and kind["type"] != "f32"
+        and "scale" not in kind
+        and "decimals" not in kind
+        and "exponent" not in kind
+    ):
         scope.numbers.append(name)
         option = random.randrange(8)
         if option == 0:

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from strategy_hints import Hints, hints_of, same_attributes
 from strategy_values import Draw, Values, built, flat, fractions, span_of
 
+from framekit.codec import support
 from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName, start_values
 from framekit.codec.samples import item_of
 from framekit.definition.expression import Expression, Name, Node, names_in
@@ -212,6 +213,9 @@ class _Record:
             case "hex_float":
                 floats = {8: st.floats(width=32), 16: st.floats(width=64)}
                 return self.draw(floats[field.type.fixed_size or 8].filter(lambda number: number == number))
+            case "scaled":
+                least, most = span_of(field.type.inside, self._size(field.type.size, field.name) or None)
+                return support.scaled(self.maker.number(least, most), *field.type.scale.arguments)
             case "fraction":
                 return self.draw(fractions(field.type))
         return self._number(field, hints)
@@ -315,8 +319,12 @@ class _Record:
         if times is None:
             return None
         if isinstance(repeat.of, FieldType):
-            least, most = span_of(repeat.of, None)
-            return [self.maker.number(least, most) for _ in range(times)]
+            if repeat.of.kind == "fraction":
+                return [self.draw(fractions(repeat.of)) for _ in range(times)]
+            least, most = span_of(repeat.of.inside or repeat.of, None)
+            numbers = [self.maker.number(least, most) for _ in range(times)]
+            scale = repeat.of.scale
+            return numbers if scale is None else [support.scaled(one, *scale.arguments) for one in numbers]
         fields = self.plan.values[repeat.name][0].construct.fields  # type: ignore[attr-defined]
         items: list[dict[str, Any]] = []
         alike = same_attributes(self.all).get(repeat.name, [])

@@ -412,7 +412,12 @@ def _bytes(size: object) -> str:
     return plural(size, "byte") if isinstance(size, int) else f"{size} bytes"
 
 
-_KINDS = {"fraction": "decimal", "hex_int": "signed number in hex", "hex_float": "float in hex"}
+_KINDS = {
+    "fraction": "decimal",
+    "scaled": "scaled number",
+    "hex_int": "signed number in hex",
+    "hex_float": "float in hex",
+}
 
 
 def _form(segment: Segment) -> str | None:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from framekit.codec import support
 from framekit.codec.codec import Codec
 from framekit.codec.errors import EncodeError, FrameError
 from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName, evaluate
@@ -424,6 +425,9 @@ class _Record:
                 return self.random.randbytes(self._size(field.type.size))
             case "float" | "hex_float":
                 return self.random.choice([0.0, 1.5, -2.25, 100.0])
+            case "scaled" if field.type.scale is not None and field.type.inside is not None:
+                least, most = field.type.inside.bounds or (0, 9)
+                return support.scaled(self._some(least, most), *field.type.scale.arguments)
             case "fraction":
                 return self.random.choice([0, 1, 0.5, -2, 12.5])
         return self._number(field, hints)
@@ -516,8 +520,11 @@ class _Record:
         times = self._times(repeat)
         self.sampler.count(times)
         if isinstance(repeat.of, FieldType):
-            least, most = repeat.of.bounds or (0, 9)
-            return [self._some(least, most) for _ in range(times)]
+            of = repeat.of if repeat.of.inside is None else repeat.of.inside
+            least, most = of.bounds or (0, 9)
+            numbers = [self._some(least, most) for _ in range(times)]
+            scale = repeat.of.scale
+            return numbers if scale is None else [support.scaled(one, *scale.arguments) for one in numbers]
         records: list[_Record] = []
         self.records[repeat.name] = records
         alike = self.random.random() < 0.5 and repeat.until is None

@@ -335,6 +335,28 @@ def parse_decimal(
     return number
 
 
+def scaled(wire: int, factor: int, offset: int, places: int) -> Decimal:
+    """The number `wire` times a factor, and an offset more, both counted in 10 to the power -`places`; exact."""
+    return Decimal(f"{wire * factor + offset}E-{places}")
+
+
+def unscaled(value: Any, factor: int, offset: int, places: int, least: int | None, most: int | None) -> int:
+    """The reverse of `scaled`. Raises ValueError for what no number from `least` to `most` stands for."""
+    whole = exact_decimal(value).as_tuple()
+    power = int(whole.exponent) + places
+    if abs(power) > 999 or len(whole.digits) > 999:
+        raise Unfit(f"{value} has too many digits")
+    number = int("".join(map(str, whole.digits))) * (-1 if whole.sign else 1) * 10 ** max(power, 0)
+    unit = 10 ** max(-power, 0)
+    wire: int = (number - offset * unit) // (factor * unit)
+    if wire * factor * unit != number - offset * unit:
+        raise Unfit(f"{value} is between two values, which are {Decimal(f'{abs(factor)}E-{places}')} apart")
+    if (least is not None and wire < least) or (most is not None and wire > most):
+        ends = sorted(scaled(one, factor, offset, places) for one in (least, most) if one is not None)
+        raise Unfit(f"{value} does not fit into {' to '.join(map(str, ends))}")
+    return wire
+
+
 def find_stop(data: bytes | bytearray, stops: bytes, at: int, end: int) -> int:
     """The place of the first of some bytes, -1 if none is there before `end`."""
     found = re.compile(b"[" + re.escape(stops) + b"]").search(data, at, end)

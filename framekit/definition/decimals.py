@@ -6,8 +6,10 @@ How the text is read and built stands in `codec/support.py`.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from decimal import Decimal
 
 from framekit.definition.keys import Schema, words
 from framekit.definition.load.reader import Reader
@@ -63,6 +65,29 @@ class DecimalForm:
         return self.decimals, self.sign, self.digits, self.fill, self.exponent
 
 
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """The value is the number on the wire times `factor`, and `offset` more; both count 10 to the power -`places`."""
+
+    factor: int
+    offset: int
+    places: int
+
+    @property
+    def arguments(self) -> tuple[int, int, int]:
+        """What the functions that scale are given."""
+        return self.factor, self.offset, self.places
+
+
+_NUMBER: Schema = {
+    "type": ["string", "integer", "number"],
+    "pattern": "^\\s*-?[0-9]{1,20}(\\.[0-9]{1,20})?\\s*$",
+    "x-expected": "a number (0.1 or -40)",
+}
+SCALE_KEYS: Mapping[str, Schema] = {
+    "scale": {**_NUMBER, "description": "The value is the whole number on the wire times this, exactly."},
+    "offset": {**_NUMBER, "description": "With scale: the value is so much more."},
+}
 DECIMAL_KEYS: Mapping[str, Schema] = {
     "decimals": {
         "description": "Digits behind the point of a decimal; any: as many as the value has; default 0, no point.",
@@ -139,3 +164,30 @@ def _digits(reader: Reader, node: Node | None, otherwise: int) -> int:
     if node is not None and not 0 <= number <= _MOST_DIGITS:
         raise reader.broken(node.at, f"0 to {_MOST_DIGITS} digits are possible", "correct the number")
     return number
+
+
+def load_scale(reader: Reader, keys: Keys) -> Scale | None:
+    """What `scale` and `offset` say; None without them. Raises Broken."""
+    scale_node, offset_node = keys.get("scale"), keys.get("offset")
+    if scale_node is None:
+        if offset_node is not None:
+            what = "offset: goes with scale:"
+            todo = (
+                f"write plus: {-Decimal(_number(reader, offset_node))}: the number on the wire is the value plus this"
+            )
+            raise reader.broken(offset_node.at, what, todo)
+        return None
+    factor = _number(reader, scale_node)
+    offset = Decimal(0) if offset_node is None else _number(reader, offset_node)
+    if not factor:
+        raise reader.broken(scale_node.at, "a scale of 0 leaves nothing of the number", "correct it")
+    places = max(-int(one.as_tuple().exponent) for one in (factor, offset))
+    return Scale(int(Decimal(f"{factor}E{places}")), int(Decimal(f"{offset}E{places}")), places)
+
+
+def _number(reader: Reader, node: Node) -> Decimal:
+    """A number with a point. Raises Broken."""
+    text = reader.text(node).strip()
+    if not re.fullmatch(r"-?[0-9]{1,20}(\.[0-9]{1,20})?", text):
+        raise reader.broken(node.at, f"'{text}' is not a number", "write one such as 0.1 or -40")
+    return Decimal(text)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
-from framekit.definition.decimals import DECIMAL_KEYS, DecimalForm, load_form
+from framekit.definition.decimals import DECIMAL_KEYS, SCALE_KEYS, DecimalForm, Scale, load_form, load_scale
 from framekit.definition.expression import Expression
 from framekit.definition.keys import BYTE, Form, KeyReading, Meanings, Schema, ValueKind, here, keys, ref, words
 from framekit.definition.load.reader import Reader
@@ -85,7 +85,7 @@ class FieldType:
     `size` is bytes on the wire (digits: places; bcd: bytes). `base` 16, 10 or 8 and `upper` are for digits, `pad` (one
     byte) for ascii, `form` for decimals. Mid-endian orders exist for integers and floats of 2, 4 and 8 bytes. Without a
     size, the bytes `end` show where a text or decimal ends and belong to it, or it ends before the first of the bytes
-    `stops`, which are part of what follows.
+    `stops`, which are part of what follows. `scale`: of the number of the type `inside`, which stands on the wire.
     """
 
     kind: str
@@ -98,6 +98,8 @@ class FieldType:
     end: bytes | None = None
     stops: bytes = b""
     form: DecimalForm | None = None
+    scale: Scale | None = None
+    inside: FieldType | None = None
 
     @property
     def fixed_size(self) -> int | None:
@@ -111,7 +113,8 @@ class FieldType:
     @property
     def before_end(self) -> FieldType:
         """The type of what stands before its end."""
-        return replace(self, end=None, stops=b"")
+        inside = None if self.inside is None else self.inside.before_end
+        return replace(self, end=None, stops=b"", inside=inside)
 
     @property
     def sizes(self) -> Sizes:
@@ -135,6 +138,8 @@ class FieldType:
         """The bytes that such a value may have on the wire."""
         if self.form is not None:
             return self.form.contents | frozenset(self.end or b"")
+        if self.inside is not None:
+            return self.inside.contents
         return TYPE_KINDS[self.kind].contents
 
     @property
@@ -178,6 +183,7 @@ TYPE_KINDS: dict[str, TypeKind] = {
     "hex_float": TypeKind("number", contents=DIGITS),
     "decimal": TypeKind("number", True, _bounds_of_text),
     "fraction": TypeKind("number"),
+    "scaled": TypeKind("number"),
     "digits": TypeKind("number", True, lambda type_, size: (0, type_.base**size - 1), DIGITS),
     "bcd": TypeKind(
         "number",
@@ -365,7 +371,14 @@ def load_type(
         raise space.reader.broken(
             scalar.at, "a decimal stands in fields and lists only", "write type: dec, with a size"
         )
-    return TYPES[scalar.text](TypeKeys(space, mapping, scalar, separated))
+    type_ = TYPES[scalar.text](TypeKeys(space, mapping, scalar, separated))
+    scale = load_scale(space.reader, mapping) if texts else None
+    if scale is None:
+        return type_
+    if not type_.is_whole_number:
+        what = "scale: belongs to whole numbers on the wire"
+        raise space.reader.broken(scalar.at, what, "leave scale out, or take another type")
+    return replace(type_, kind="scaled", scale=scale, inside=type_)
 
 
 def load_size(reader: Reader, node: Node) -> Size:
@@ -404,6 +417,7 @@ TEXT_KEYS: Mapping[str, Schema] = {
     "pad": {**BYTE.schema, "description": "Byte that fills a shorter ascii text, or a decimal in front."},
     "as": AS_HEX,
     **DECIMAL_KEYS,
+    **SCALE_KEYS,
 }
 """The keys of types that only fields and lists have."""
 

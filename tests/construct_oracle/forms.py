@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from decimal import Decimal, localcontext
+from fractions import Fraction
 from functools import lru_cache
 from typing import Any
 
@@ -14,7 +15,7 @@ import construct
 from construct import Adapter, Bytes, BytesInteger, Construct, GreedyBytes, NullTerminated, Transformed
 
 from framekit.codec import support
-from framekit.definition.decimals import DecimalForm
+from framekit.definition.decimals import DecimalForm, Scale
 from framekit.definition.model.segments import FieldType, Order
 
 _FLOATS = {2: construct.Float16b, 4: construct.Float32b, 8: construct.Float64b}
@@ -224,6 +225,28 @@ class TerminatedText(Adapter):
             raise FormError(str(error), path) from None
 
 
+class Scaled(Adapter):
+    """A number times a scale, and an offset more: a `Decimal`. Raises FormError for what no number comes to."""
+
+    def __init__(self, inside: Construct, scale: Scale, bounds: tuple[int, int] | None) -> None:
+        super().__init__(inside)
+        self.factor, self.offset = (Fraction(one, 10**scale.places) for one in (scale.factor, scale.offset))
+        self.places = scale.places
+        self.bounds = bounds
+
+    def _decode(self, obj: int, context: Any, path: str) -> Decimal:
+        with localcontext() as exact:
+            exact.prec = 400
+            value = obj * self.factor + self.offset
+            return Decimal(value.numerator * 10**self.places // value.denominator).scaleb(-self.places)
+
+    def _encode(self, obj: Any, context: Any, path: str) -> int:
+        wire = (Fraction(obj) - self.offset) / self.factor
+        if wire.denominator != 1 or (self.bounds is not None and not self.bounds[0] <= wire <= self.bounds[1]):
+            raise FormError(f"{obj} stands for no number", path)
+        return int(wire)
+
+
 class HexText(Adapter):
     """What another form has in bytes, as two hex digits each. Raises FormError for other characters."""
 
@@ -272,6 +295,8 @@ def form_of(type_: FieldType, size: int) -> Construct:
         case "hex_int" | "hex_float":
             inside = replace(type_, kind=type_.kind.removeprefix("hex_"), size=size // 2)
             return HexText(form_of(inside, size // 2), size, type_.upper)
+        case "scaled":
+            return Scaled(form_of(type_.inside, size), type_.scale, type_.inside.bounds)
         case "decimal" | "fraction":
             return DecimalText(None if type_.size is None else size, type_.form, type_.end)
         case "ascii" if type_.stops:

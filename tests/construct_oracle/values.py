@@ -105,8 +105,12 @@ def of_type(type_: FieldType, value: Any, name: str, filling: Filling) -> Any:
     elif type_.kind in ("float", "hex_float"):
         wanted, fits = "a number", isinstance(value, (int, float))
         value = float(value) if fits else value
-    elif type_.kind == "fraction":
-        wanted, fits = "a number", isinstance(value, (int, float, Decimal)) or (value is None and type_.form.empty)
+    elif type_.kind in ("fraction", "scaled"):
+        wanted, fits = (
+            "a number",
+            isinstance(value, (int, float, Decimal))
+            or (value is None and type_.kind == "fraction" and type_.form.empty),
+        )
         value = Decimal(repr(value)) if isinstance(value, float) else value
     else:
         wanted, fits = "a whole number", isinstance(value, int)

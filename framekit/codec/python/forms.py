@@ -52,6 +52,7 @@ def rule_type(type_: FieldType) -> str:
     """What values of a type must be, as rules say it."""
     kinds = {
         "ascii": "text", "bytes": "bytes", "float": "float", "hex_float": "float", "fraction": "decimal",
+        "scaled": "decimal",
     }  # fmt: skip
     return kinds.get(type_.kind, "number")
 
@@ -147,8 +148,31 @@ def _form_arguments(type_: FieldType) -> str:
 
 def refusing(functions: Functions, type_: FieldType) -> str:
     """Text of a function that says why a type cannot hold a number, where no range says it; empty for other types."""
+    if type_.scale is not None:
+        return f"lambda value: {_unscaled(functions, type_, 'value')}"
     size = type_.fixed_size or 0
     return f"lambda value: {_build_decimal(functions, type_, 'value', str(size))}" if type_.form is not None else ""
+
+
+def _inside(type_: FieldType) -> tuple[FieldType, str]:
+    """The type of the number on the wire, and what is said of how it is scaled."""
+    assert type_.inside is not None and type_.scale is not None
+    return type_.inside, ", ".join(map(str, type_.scale.arguments))
+
+
+def _unscaled(functions: Functions, type_: FieldType, value: str) -> str:
+    inside, scale = _inside(type_)
+    limits = wire_range(inside)
+    return f"{functions.function('unscaled')}({value}, {scale}, {limits.least}, {limits.most})"
+
+
+def _parse_scaled(functions: Functions, type_: FieldType, raw: str) -> str:
+    inside, scale = _inside(type_)
+    return f"{functions.function('scaled')}({parse(functions, inside, raw)}, {scale})"
+
+
+def _build_scaled(functions: Functions, type_: FieldType, wire: str, size: str) -> str:
+    return build(functions, _inside(type_)[0], _unscaled(functions, type_, wire), size)
 
 
 def find_end(functions: Functions, type_: FieldType, buffer: str, place: str) -> str:
@@ -209,6 +233,7 @@ WIRE_FORMS: dict[str, WireForm] = {
     "hex_float": WireForm(_parse_hex, _build_hex),
     "decimal": WireForm(_parse_decimal, _build_decimal),
     "fraction": WireForm(_parse_decimal, _build_decimal),
+    "scaled": WireForm(_parse_scaled, _build_scaled),
     "ascii": WireForm(_parse_text, _build_text),
     "bytes": WireForm(lambda functions, type_, raw: raw, lambda functions, type_, wire, size: wire),
 }

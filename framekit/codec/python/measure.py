@@ -301,7 +301,15 @@ class MeasureWriter(FunctionWriter):
     def wire(self, type_: FieldType, first: Offset, last: Offset) -> str:
         if type_.kind == "int" and type_.fixed_size == 1 and not type_.signed:
             return index("data", first)
-        self.may_fail = self.may_fail or type_.kind in ("digits", "bcd", "hex_int", "hex_float", "decimal", "fraction")
+        self.may_fail = self.may_fail or type_.kind in (
+            "digits",
+            "bcd",
+            "hex_int",
+            "hex_float",
+            "decimal",
+            "fraction",
+            "scaled",
+        )
         return forms.parse(self.module, type_.before_end, between("data", first, last))
 
     def _long(self, field: Field, scope: Scope, after: Pairs) -> None:

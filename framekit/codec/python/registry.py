@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable, Sequence
+from decimal import Decimal
 from typing import Any
 
 from framekit.codec.python.source import Source
@@ -64,6 +65,9 @@ def type_text(type_: FieldType) -> str:
         return f"{'i' if type_.signed else 'u'}{8 * size}{order}"
     if type_.kind == "float" and size is not None:
         return f"f{8 * size} {type_.order}"
+    if type_.inside is not None and type_.scale is not None:
+        factor = Decimal(f"{type_.scale.factor}E-{type_.scale.places}")
+        return f"{type_text(type_.inside)} × {factor}"
     if type_.kind in ("hex_int", "hex_float"):
         return f"{'i' if type_.kind == 'hex_int' else 'f'}{4 * (size or 0)} {type_.order} in hex"
     if type_.form is not None:

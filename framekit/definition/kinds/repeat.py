@@ -25,7 +25,7 @@ from framekit.definition.kinds.base import (
 )
 from framekit.definition.problems import Problem
 from framekit.definition.tree import Mapping, Sequence
-from framekit.definition.wire_types import SIZE, FieldType, Size, Sizes, load_type
+from framekit.definition.wire_types import SIZE, TEXT_KEYS, FieldType, Size, Sizes, load_type
 
 INDEX, LAST, PREVIOUS = "item.index", "item.last", "item.previous"
 ITEM_WORDS = {"index": INDEX, "last": LAST, "previous": PREVIOUS}
@@ -42,7 +42,7 @@ def _items(reading: KeyReading) -> Segments | FieldType:
     if until is not None:
         what = "until asks for fields of an item, and these items are plain values"
         raise reading.reader.broken(until.at, what, "write of: [{field: NAME, type: …}]")
-    return load_type(reading.space, reading.keys, node)
+    return load_type(reading.space, reading.keys, node, texts=True)
 
 
 _ITEMS = {
@@ -56,6 +56,7 @@ _ITEMS = {
     "size": {**here("size"), "description": "Number of bytes or digits of a plain number."},
     "order": here("number_order"),
     "case": here("digit_case"),
+    **TEXT_KEYS,
     "until": {**ref("expression"), "description": "The list ends after the item for which this is true."},
 }
 
