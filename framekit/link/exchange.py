@@ -10,7 +10,10 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from framekit.link.evaluate import Names
+from framekit.link.scope import Scope
 from framekit.link.values import FrameValue
+
+_NOTHING: Mapping[str, Any] = {}
 
 
 @dataclass(slots=True)
@@ -29,26 +32,78 @@ class Outcome:
     raw: bytes = b""
 
 
-@dataclass(slots=True, eq=False, repr=False)
 class Exchange:
-    """One run of an `exchange` sequence: `run` names it (None: the role's first).
+    """One run of an `exchange` sequence: `run` names it (None: the role's first). Or what belongs to any other run.
 
     `arguments` are what the service's call gave, for sequences that take them; `params` are names for this exchange
     alone, and for what its sequences ask. `expected` are the reply frames the service named, the error frame included.
     `inside` marks an exchange that an `ask` step has asked for: what the callback got as `done`. The engine says once
     that it has `ended`.
+
+    Its sequences share the rest, from `begin` on. `asked` and `last_sent` are what replies have to repeat; `answering`
+    and `last_taken` are what this side answers. `checks_echo`: this is the side that asked. `names`: where parameters
+    are found, those of this exchange first.
     """
 
-    run: str | None = None
-    station: Any = None
-    request: FrameValue | None = None
-    buffer: bytes = b""
-    expected: tuple[str, ...] = ()
-    outside_session: bool = False
-    on_done: Callable[[Outcome], None] = lambda outcome: None
-    inside: Any = None
-    arguments: Mapping[str, Any] = field(default_factory=dict)
-    params: Mapping[str, Any] = field(default_factory=dict)
+    __slots__ = (
+        "answering", "arguments", "asked", "buffer", "checks_echo", "expected", "inside", "last_sent", "last_taken",
+        "names", "on_done", "outside_session", "params", "raw", "refusal", "reply", "reply_buffer", "request", "run",
+        "station",
+    )  # fmt: skip
+
+    asked: FrameValue | None
+    last_sent: FrameValue | None
+    answering: FrameValue | None
+    last_taken: FrameValue | None
+    names: Names
+    raw: bytes
+    checks_echo: bool
+    reply: Any
+    reply_buffer: Any
+    refusal: Any
+    request: Any
+
+    def __init__(
+        self,
+        run: str | None = None,
+        station: Any = None,
+        request: FrameValue | None = None,
+        buffer: bytes = b"",
+        expected: tuple[str, ...] = (),
+        outside_session: bool = False,
+        on_done: Callable[[Outcome], None] = lambda outcome: None,
+        inside: Any = None,
+        arguments: Mapping[str, Any] = _NOTHING,
+        params: Mapping[str, Any] = _NOTHING,
+    ) -> None:
+        self.run, self.station, self.request, self.buffer, self.expected = run, station, request, buffer, expected
+        self.outside_session, self.on_done, self.inside = outside_session, on_done, inside
+        self.arguments, self.params = arguments, params
+
+    def begin(self, scope: Scope, checks_echo: bool = True) -> Exchange:
+        """Its sequences are about to run, on a request of their own that they may change."""
+        self.checks_echo = checks_echo
+        params, given = self.params, self.request
+        self.names = Names(params, scope, scope.formulas_for(params)) if params else scope
+        if given is not None:
+            given = FrameValue(given.frame, given.fields.copy(), given.raw, given.refusal)
+        self.request = self.asked = given
+        self.reply = self.reply_buffer = self.refusal = self.last_sent = self.answering = self.last_taken = None
+        self.raw = b""
+        if self.station is None:
+            self.station = scope["own"]
+        return self
+
+    def get(self, name: str) -> Any:
+        """What a sequence that takes this name gets when nothing else gives it; None if there is no such thing."""
+        return self.arguments[name] if name in self.arguments else self.names.get(name)
+
+    def answers(self, request: Any) -> Any:
+        """`request` is what this side answers now; the sequences it calls see it too."""
+        self.request = request
+        if not self.checks_echo and type(request) is FrameValue:
+            self.answering = request
+        return request
 
     def ended(self, outcome: Outcome) -> None:
         """It is over."""

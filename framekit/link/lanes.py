@@ -16,7 +16,7 @@ from framekit.link.exchange import Exchange, Outcome
 from framekit.link.late import MOST_HOLDS
 from framekit.link.output import Output
 from framekit.link.sequences.runtime import Machine
-from framekit.link.sequences.state import ExchangeContext, LaneState, Run, State
+from framekit.link.sequences.state import LaneState, Run, State
 
 HOLD = 100_000_000
 """A listener that goes round in circles is started again after this (ns)."""
@@ -83,17 +83,17 @@ class Lanes:
         run = Run(machine, lane, "exchange", exchange)
         lane.running.append(run)
         self._reorder()
-        context = ExchangeContext(machine.scope, exchange, True)
-        name = exchange.run or lane.exchange[0]
+        name, station = exchange.run or lane.exchange[0], exchange.station
         session = machine.session
         before = session.plan(exchange) if session.session is not None else ()
+        exchange.begin(machine.scope)
         if not before:
             session.busy = False
-            machine.start(run, machine.sequences[name], context)
+            machine.start(run, machine.sequences[name], exchange)
             return
         for kind, sequence in before:
-            run.agenda.append((kind, sequence, ExchangeContext(machine.scope, None, True, exchange.station)))
-        run.agenda.append(("exchange", name, context))
+            run.agenda.append((kind, sequence, Exchange(station=station).begin(machine.scope)))
+        run.agenda.append(("exchange", name, exchange))
         session.busy = True
         self._next_of_agenda(run)
 
@@ -113,9 +113,9 @@ class Lanes:
         lane.running.append(run)
         self._reorder()
         for name in names:
-            run.agenda.append((kind, name, ExchangeContext(self.machine.scope, None, True, station)))
+            run.agenda.append((kind, name, Exchange(station=station).begin(self.machine.scope)))
         if kind == "close":
-            run.agenda.append(("ended", "", ExchangeContext(self.machine.scope, None, True, station)))
+            run.agenda.append(("ended", "", Exchange(station=station).begin(self.machine.scope)))
         self._next_of_agenda(run)
         return run
 
@@ -126,7 +126,7 @@ class Lanes:
         run = Run(machine, lane, "listen")
         lane.listener = run
         self._reorder()
-        machine.start(run, machine.sequences[lane.listen], ExchangeContext(machine.scope, None, False))
+        machine.start(run, machine.sequences[lane.listen], Exchange().begin(machine.scope, False))
         return True
 
     def _next_of_agenda(self, run: Run) -> bool:

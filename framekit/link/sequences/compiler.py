@@ -181,7 +181,7 @@ class _SequenceWriter:
             with out.block("def __init__(a, run, d, caller, nested, given):"):
                 out.add("a.run, a.d, a.caller, a.nested = run, d, caller, nested")
                 out.add("a.m = m = run.machine")
-                out.add("a.s, a.n = m.scope, d.params")
+                out.add("a.s, a.n = m.scope, d.names")
                 out.add("a.it = a.sent = a.parts = None")
                 out.add("a.resends = 0")
                 for name in self.own:
@@ -199,7 +199,7 @@ class _SequenceWriter:
                 fields = [f"{quoted(name)}: d.{name}" for name in shared]
                 fields += [f"{quoted(name)}: {first.slot(name)}" for name in self.own]
                 out.add("d = a.d")
-                out.add(f"return Names({{**d.arguments, {', '.join(fields)}}}, d.params)")
+                out.add(f"return Names({{**d.arguments, {', '.join(fields)}}}, d.names)")
 
     def _functions(self, step: StepWriter) -> None:
         with step.function():

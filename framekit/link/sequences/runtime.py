@@ -29,7 +29,6 @@ from framekit.link.sequences.state import (
     CircleError,
     CompiledSequence,
     CompiledStep,
-    ExchangeContext,
     Next,
     Run,
     SessionState,
@@ -123,7 +122,7 @@ class Machine:
 
     # ---- going on -----------------------------------------------------------------------------------------
 
-    def start(self, run: Run, sequence: CompiledSequence, context: ExchangeContext) -> None:
+    def start(self, run: Run, sequence: CompiledSequence, context: Exchange) -> None:
         """A run begins a sequence, and does everything in it that takes no time."""
         run.state = GOING
         run.top = sequence.frame(run, context, None, False, {})
@@ -338,8 +337,7 @@ class _Asked:
     def __init__(self, frame: CallFrame) -> None:
         self.frame = frame
         self.run = frame.run
-        exchange = frame.d.exchange
-        self.params = {} if exchange is None else exchange.params
+        self.params = frame.d.params
 
     def __call__(self, outcome: Outcome) -> None:
         machine, run, frame = self.run.machine, self.run, self.frame
@@ -381,7 +379,7 @@ def call(a: CallFrame, name: str, given: dict[str, Any]) -> Next:
 def _start_inside(run: Run, exchange: Exchange) -> Next:
     machine = run.machine
     sequence = machine.sequences[exchange.run or run.lane.exchange[0]]
-    run.top = sequence.frame(run, ExchangeContext(machine.scope, exchange, True), run.top, True, {})
+    run.top = sequence.frame(run, exchange.begin(machine.scope), run.top, True, {})
     run.has_always = run.has_always or sequence.has_always
     return _first(sequence, run.top)
 
@@ -447,7 +445,7 @@ def _listen_again(run: Run) -> Next:
     run.deadline = NEVER
     machine = run.machine
     sequence = machine.sequences[run.lane.listen]
-    run.top = sequence.frame(run, ExchangeContext(machine.scope, None, False), None, False, {})
+    run.top = sequence.frame(run, Exchange().begin(machine.scope, False), None, False, {})
     run.has_always = sequence.has_always
     return sequence.begin
 
@@ -484,7 +482,7 @@ def _failure(a: CallFrame, outcome: str) -> Outcome:
     return found
 
 
-def _outcome(d: ExchangeContext, results: dict[str, Any]) -> Outcome:
+def _outcome(d: Exchange, results: dict[str, Any]) -> Outcome:
     reply, buffer = results.get("reply"), results.get("buffer", b"")
     return Outcome(
         True,
@@ -512,18 +510,17 @@ def finish(run: Run, outcome: Outcome) -> None:
     machine.ended.append(run)
 
 
-def _end_nested(run: Run, d: ExchangeContext, outcome: Outcome) -> None:
+def _end_nested(run: Run, d: Exchange, outcome: Outcome) -> None:
     if run.asked is not None:
         missed(run)
     run.state, run.deadline = ASKING, NEVER
-    machine, exchange = run.machine, d.exchange
+    machine = run.machine
     machine.changed = True
-    assert exchange is not None
 
     def tell() -> None:
         before, machine.asking = machine.asking, run
         try:
-            exchange.ended(outcome)
+            d.ended(outcome)
         finally:
             machine.asking = before
 
@@ -536,8 +533,8 @@ def abandon_above(a: CallFrame) -> None:
     while run.top is not None and run.top is not a:
         dropped = run.top
         run.top = dropped.caller  # type: ignore[assignment] # of what stands above another one
-        if dropped.nested and dropped.d.exchange is not None:
-            run.machine.tell(dropped.d.exchange, Outcome(False, "abandoned", run.cause))
+        if dropped.nested:
+            run.machine.tell(dropped.d, Outcome(False, "abandoned", run.cause))
 
 
 # ---- handlers ---------------------------------------------------------------------------------------------------
@@ -746,7 +743,7 @@ def serve(a: CallFrame, request: Any, buffer: bytes, station: Any, check_only: b
         raise ValueError("nobody here serves requests")
     if type(request) is not FrameValue:
         raise TypeError("only a frame can be served")
-    served = machine.server.serve(request, buffer, station, check_only, d.params)
+    served = machine.server.serve(request, buffer, station, check_only, d.names)
     if served.trouble:
         machine.show("trouble", frame=request.frame, reason=served.trouble)
     d.reply, d.reply_buffer, d.refusal = served.reply, served.reply_buffer, served.refusal

@@ -124,65 +124,6 @@ class CompiledSequence:
         self.name, self.frame, self.begin, self.takes, self.has_always = name, frame, begin, takes, has_always
 
 
-class ExchangeContext:
-    """What belongs to one exchange, or to a run without one; its sequences share it.
-
-    `asked` and `last_sent` are what replies have to repeat; `answering` and `last_taken` are what this side answers.
-    `checks_echo`: this is the side that asked. `params`: where parameters are found, those of this exchange first.
-    """
-
-    __slots__ = (
-        "answering", "arguments", "asked", "buffer", "checks_echo", "exchange", "expected", "last_sent", "last_taken",
-        "params", "raw", "refusal", "reply", "reply_buffer", "request", "station",
-    )  # fmt: skip
-
-    def __init__(self, scope: Scope, exchange: Exchange | None, checks_echo: bool, station: Any = None) -> None:
-        self.exchange = exchange
-        self.checks_echo = checks_echo
-        self.params: Names = scope
-        self.raw = b""
-        self.request: Any
-        self.asked: FrameValue | None
-        self.reply: Any
-        self.reply_buffer: Any
-        self.refusal: Any
-        self.reply = self.reply_buffer = self.refusal = None
-        self.last_sent: FrameValue | None
-        self.answering: FrameValue | None
-        self.last_taken: FrameValue | None
-        self.last_sent = self.answering = self.last_taken = None
-        if exchange is None:
-            self.arguments: Mapping[str, Any] = _NOTHING
-            self.expected: tuple[str, ...] = ()
-            self.buffer = b""
-            self.request = self.asked = None
-        else:
-            self.arguments, self.expected, self.buffer = exchange.arguments, exchange.expected, exchange.buffer
-            given = exchange.request
-            if given is not None:
-                given = FrameValue(given.frame, given.fields.copy(), given.raw, given.refusal)
-            self.request = self.asked = given
-            if exchange.params:
-                self.params = Names(exchange.params, scope, scope.formulas_for(exchange.params))
-            if station is None:
-                station = exchange.station
-        self.station = scope["own"] if station is None else station
-
-    def get(self, name: str) -> Any:
-        """What a sequence that takes this name gets when nothing else gives it; None if there is no such thing."""
-        return self.arguments[name] if name in self.arguments else self.params.get(name)
-
-    def answers(self, request: Any) -> Any:
-        """`request` is what this side answers now; the sequences it calls see it too."""
-        self.request = request
-        if not self.checks_echo and type(request) is FrameValue:
-            self.answering = request
-        return request
-
-
-_NOTHING: Mapping[str, Any] = {}
-
-
 class CallFrame:
     """One sequence of a run's calls. Generated classes add a slot `v_…` for each variable, `c_…` for each counter.
 
@@ -207,7 +148,7 @@ class CallFrame:
         outcome: str
         part: dict[str, Any]
         caller: CallFrame | None
-        d: ExchangeContext
+        d: Exchange
         m: Any
         n: Names
         nested: bool
@@ -220,7 +161,7 @@ class CallFrame:
         step: CompiledStep
 
         def __init__(
-            self, run: Run, d: ExchangeContext, caller: CallFrame | None, nested: bool, given: Mapping[str, Any]
+            self, run: Run, d: Exchange, caller: CallFrame | None, nested: bool, given: Mapping[str, Any]
         ) -> None: ...
 
         def names(self) -> Names:
@@ -289,7 +230,7 @@ class Run:
         self.kind = self.doing = kind
         self.exchange = exchange
         self.top: CallFrame = None  # type: ignore[assignment] # as long as it has not begun, and when it is over
-        self.agenda: list[tuple[str, str, ExchangeContext]] = []
+        self.agenda: list[tuple[str, str, Exchange]] = []
         self.outcome: Outcome | None = None
         self.owed: tuple[FrameValue, FrameValue | None] | None = None
         self.state = State.GOING

@@ -529,47 +529,47 @@ class Transfer(Exchange):
     """
 
     __slots__ = (
-        "__weakref__", "_data", "_done", "_engine", "_gives", "_going", "_last", "_made", "_next", "_plan",
-        "_under_way", "_written", "commands", "given_up",
+        "__weakref__", "_data", "_done", "_engine", "_gives", "_goes_on", "_going", "_last", "_made", "_next", "_plan",
+        "_written", "commands", "given_up",
     )  # fmt: skip
 
     def __init__(self, plan: TransferPlan, engine: Starts, now: int, on_done: Done) -> None:
         self._plan, self._engine, self._done = plan, engine, on_done
         self._made = plan.made() if plan.is_new_each_time else plan.sent
         self._next = self._written = 0
-        self._under_way = self.given_up = False
+        self.given_up = False
         self._data: list[bytes] = []
         self._gives: dict[str, Any] = {}
         self._last = NOTHING_YET
         self.commands: list[Command] = []
-        self._go(now)
+        self._goes_on = True
+        if self._made:
+            self._go(now)
+        else:
+            self._end(plan.result(()))
 
     def _go(self, now: int) -> None:
         """Starts exchanges as long as their outcomes come at once."""
         self._going = True
-        exchanges, engine = self._plan.exchanges, self._engine
-        while not self._under_way and self._done is not _told:
-            if self._next == len(exchanges):
-                result = self._plan.result(self._data)
-                result.gives = self._gives
-                self._end(result)
-            elif self.given_up:
+        while self._goes_on:
+            if self.given_up:
                 self._end(TransferResult(False, outcome="cancelled"))
-            else:
-                one = exchanges[self._next]
-                self.request, self.buffer, self.run = self._made[self._next]
-                self._next += 1
-                self.station, self.expected, self.outside_session = one.station, one.expected, one.outside_session
-                self.inside, self.arguments, self.params = one.inside, one.arguments, one.params
-                self._under_way = True
-                self.commands += engine.start(self, now)
+                break
+            place = self._next
+            one = self._plan.exchanges[place]
+            self.request, self.buffer, self.run = self._made[place]
+            self.station, self.expected, self.outside_session = one.station, one.expected, one.outside_session
+            self.inside, self.arguments, self.params = one.inside, one.arguments, one.params
+            self._next = place + 1
+            self._goes_on = False
+            self.commands += self._engine.start(self, now)
         self._going = False
 
     def ended(self, outcome: Outcome) -> None:
-        self._under_way = False
         self._last = outcome
-        one = self._plan.exchanges[self._next - 1]
-        answer = one.answer(outcome, self.request)
+        place = self._next - 1
+        one = self._plan.exchanges[place]
+        answer = one.answer(outcome, self._made[place][0])
         if isinstance(answer, TransferResult):
             self._end(answer)
             return
@@ -577,11 +577,17 @@ class Transfer(Exchange):
         self._data += data
         self._gives.update(gives)
         self._written += one.written
-        if not self._going:
-            self._go(self._engine.scope.now)
+        if self._next == len(self._made):
+            self._end(self._plan.result(self._data))
+        else:
+            self._goes_on = True
+            if not self._going:
+                self._go(self._engine.scope.now)
 
     def _end(self, result: TransferResult) -> None:
         result.exchanges, result.written = self._next, self._written
+        if result.ok:
+            result.gives = self._gives
         result.reply, result.raw, result.buffer = self._last.reply, self._last.raw, self._last.buffer
         done, self._done = self._done, _told  # nothing is left that refers to itself, so it is freed at once
         done(result)
