@@ -348,9 +348,9 @@ class Engine:
                 continue
             else:
                 if not machine.is_idle:
+                    found = self.reception.next_arrival()
                     machine.is_idle = receiver.is_idle
-                if not machine.is_idle:
-                    if self.reception.next_arrival():
+                    if found:
                         continue
                 else:  # what to look for is worked out when something comes
                     for run in lanes.order:

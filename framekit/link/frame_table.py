@@ -387,6 +387,14 @@ class FrameTable:
                     continue
         return fields
 
+    def inner_plain(self, value: Any) -> Any:
+        """A frame that is to stand inside another, as the other's builder takes it."""
+        if type(value) is FrameValue and value.raw is None:
+            info = self.infos.get(value.frame)
+            if info is not None and info.flat:
+                return {value.frame: value.fields}
+        return plain(value)
+
     def encode(self, value: FrameValue, names: Context) -> bytes:
         """The bytes of a frame value; afterwards the value holds them and every field as sent. Raises ValueError."""
         info = self.infos[value.frame]
@@ -404,8 +412,9 @@ class FrameTable:
             if type(inner) is FrameValue and inner.raw is None:
                 inner.pending = partial(_read_inner, read, name)  # which does not lead back to `value`
                 below = self.infos.get(inner.frame)
-                if below is not None and not below.usual.keys() <= inner.fields.keys():  # they need not be read then
-                    inner.known = {one: names[given] for one, given in below.usual.items() if one not in inner.fields}
+                usual = None if below is None else below.usual
+                if usual and not usual.keys() <= inner.fields.keys():  # they need not be read then
+                    inner.known = {one: names[given] for one, given in usual.items() if one not in inner.fields}
         if info.announces:
             value.complete()
 

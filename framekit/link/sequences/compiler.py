@@ -370,17 +370,6 @@ def plain_fields(fields: Mapping[str, Any]) -> dict[str, Any]:
     return {name: plain(value) if type(value) in HOLDERS else value for name, value in fields.items()}
 
 
-def inner_plain(value: Any) -> Any:
-    """A frame that is to stand inside another, as the other's builder takes it."""
-    if type(value) is FrameValue and value.raw is None:
-        fields = value.fields
-        for one in fields.values():
-            if type(one) in HOLDERS:
-                return plain(value)
-        return {value.frame: fields}
-    return plain(value)
-
-
 def number_of(numbers: Mapping[str, int], value: Any) -> Any:
     """The number behind a name of a field's values."""
     return numbers.get(value, value) if type(value) is str else value
@@ -405,7 +394,6 @@ _GLOBALS: dict[str, Any] = {
     "State": State,
     "attribute": attribute,
     "begin_clock": begin_clock,
-    "inner_plain": inner_plain,
     "number_of": number_of,
     "plain": plain,
     "plain_fields": plain_fields,

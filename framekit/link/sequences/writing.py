@@ -373,7 +373,8 @@ class StepWriter:
         elif info.inner in value.fields and len(info.shape) == 1:
             inner = quoted(info.inner or "")
             self.add("fields = value.fields")
-            self.add(f"data = {encode}({{**fields, {inner}: inner_plain(fields[{inner}])}}, {names})")
+            inner_plain = constant("inner_plain", "TABLE.inner_plain")
+            self.add(f"data = {encode}({{**fields, {inner}: {inner_plain}(fields[{inner}])}}, {names})")
         else:
             self.add(f"data = {encode}(plain_fields(value.fields), {names})")
         self.add(f"{constant('mark_sent', 'TABLE.mark_sent')}(value, data, {names})")
