@@ -24,8 +24,8 @@ from framekit.transport.port import Port, PortEvents
 from framekit.transport.schemes import SCHEMES, Scheme
 
 MOST_FOR_A_REQUEST = 66
-MOST_FOR_A_READ = 90
-MOST_FOR_A_BLOCK = 164
+MOST_FOR_A_READ = 88
+MOST_FOR_A_BLOCK = 161
 """What holds now, of the exchange with the fewest: clocks call something now and then. The goal for a block is 120."""
 
 READ_10 = bytes.fromhex("0001 0000 0006 01 03 0000 000A")
@@ -210,9 +210,9 @@ def test_an_exchange_of_a_read_block_that_is_shown_to_a_monitor(
 
 
 CALLS_OF_A_READ = {
-    "mldp": (("%MW100", 1, "client", None), 99, 93),
-    "srtp": (("%R1", None, "client", None), 120, 124),
-    "df1": (("N7:0", 1, "full", 0), 216, 246),
+    "mldp": (("%MW100", 1, "client", None), 97, 90),
+    "srtp": (("%R1", None, "client", None), 117, 120),
+    "df1": (("N7:0", 1, "full", 0), 215, 246),
 }
 """What holds now: place, station, role and own station; functions of the client and of the server for ten words."""
 
