@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection, Mapping
+from decimal import Decimal
 from typing import Any
 
 from framekit.codec.python.runtime import RangeTable
+from framekit.codec.support import exact_decimal
 from framekit.definition.expression import ENGINE_FUNCTIONS, Call, Expression, names_in, parse_expression, walk
 from framekit.definition.load.reader import parse_bytes, parse_constant, parse_flag, parse_number
 from framekit.definition.model.sections import Parameter
@@ -45,7 +47,7 @@ def _flag(value: Any) -> Any:
     return 1 if value else 0
 
 
-def _of_class(kind: type, words: str) -> Fit:
+def _of_class(kind: type | tuple[type, ...], words: str) -> Fit:
     def fit(value: Any) -> Any:
         return value if isinstance(value, kind) else _refuse(value, words)
 
@@ -79,6 +81,7 @@ def _refuse(value: Any, wanted: str) -> Any:
 _FITS: dict[str, Fit] = {
     "flag": _flag,
     "number": _of_class(int, "a number"),
+    "decimal": _of_class((int, float, Decimal), "a number"),
     "time": _of_class(int, "a time"),
     "text": _of_class(str, "a text"),
     "choice": _of_class(str, "a text"),
@@ -107,7 +110,7 @@ def fit_of(type_: str, names: Mapping[int, str] | None = None, size: int | None 
 
 def empty_of(type_: str, size: int | None = None) -> Any:
     """What a variable of this type holds before anything is put into it; records and frames hold nothing."""
-    if _INTEGER.fullmatch(type_) or type_ in ("flag", "number", "time"):
+    if _INTEGER.fullmatch(type_) or type_ in ("flag", "number", "decimal", "time"):
         return 0
     if type_ in ("text", "choice"):
         return ""
@@ -253,12 +256,12 @@ def check_value(parameter: Parameter, value: Any) -> None:
         raise ParameterError(parameter.name, f"'{value}' is none of {', '.join(parameter.choices)}")
     if parameter.size is not None and isinstance(value, bytes) and len(value) != parameter.size:
         raise ParameterError(parameter.name, f"{plural(len(value), 'byte')} are not {parameter.size}")
-    if parameter.limits is None or not isinstance(value, int):
+    if parameter.limits is None or not isinstance(value, (int, Decimal)):
         return
     low, high = parameter.limits
     is_time = "time" in (parameter.type, parameter.items)
     if not low <= value <= high and not (is_time and value >= NEVER):
-        show: Callable[[int], object] = format_time if is_time else int
+        show: Callable[[Any], object] = format_time if is_time else str
         raise ParameterError(parameter.name, f"{show(value)} is not in {show(low)}..{show(high)}")
 
 
@@ -281,6 +284,16 @@ def _take_number(value: Any) -> int:
     if not isinstance(value, int):
         raise ValueError(f"{value!r} is not a whole number")
     return int(value)
+
+
+def _take_decimal(value: Any) -> int | Decimal:
+    """A number that may have a fraction, exactly; whole ones stay what they are."""
+    if isinstance(value, int):
+        return int(value)
+    try:
+        return exact_decimal(Decimal(value.strip()) if isinstance(value, str) else value)
+    except ArithmeticError:
+        raise ValueError(f"'{value}' is not a number") from None
 
 
 def _take_flag(value: Any) -> int:
@@ -320,6 +333,7 @@ def _take_item(value: Any) -> Any:
 _TAKE: dict[str, Callable[[Any], Any]] = {
     "time": _take_time,
     "number": _take_number,
+    "decimal": _take_decimal,
     "flag": _take_flag,
     "choice": _take_text,
     "text": _take_text,

@@ -345,7 +345,7 @@ def _holds_others(name: str, frame: Frame) -> tuple[str, str]:
 
 
 _BYTES = ("text", "choice", "bytes")
-_ELEMENTS = ("number", "flag", "time")
+_ELEMENTS = ("number", "decimal", "flag", "time")
 
 
 class CallLoader:

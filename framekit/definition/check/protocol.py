@@ -163,7 +163,7 @@ def _parameter(parameter: Parameter) -> Iterator[Problem]:
     name, default = parameter.name, parameter.default
     if parameter.is_ is not None and default is not None:
         yield Problem(parameter.at, f"'{name}' has a default, and is: computes it always", "leave one of them out")
-    if parameter.limits is not None and not {parameter.type, parameter.items} & {"number", "time"}:
+    if parameter.limits is not None and not {parameter.type, parameter.items} & {"number", "decimal", "time"}:
         todo = "add of: number" if parameter.type == "list" else "leave range out, or make it a number or a time"
         yield Problem(parameter.at, f"a {parameter.type} has no range", todo)
     if parameter.type == "choice" and not parameter.choices:

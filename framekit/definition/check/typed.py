@@ -398,8 +398,8 @@ def _how_to_compare(operand: Node, left: Kind, right: Kind) -> str:
 
 
 VARIABLE_KINDS: dict[str, Kind] = {
-    "flag": "number", "number": "number", "time": "time", "text": "text", "choice": "text", "bytes": "bytes",
-    "list": "list", "frame": "frame",
+    "flag": "number", "number": "number", "decimal": "number", "time": "time", "text": "text", "choice": "text",
+    "bytes": "bytes", "list": "list", "frame": "frame",
 }  # fmt: skip
 
 

@@ -33,7 +33,7 @@ from framekit.definition.tree import Node, Scalar, Sequence
 WITHOUT_NUMBER = re.compile(r"tcp(-listen)?://(\[[^\]]+\]|[^:/\[\]]+)/?")
 """A connection to a host, or a listener there, whose port number is not given."""
 ITEM_TYPES = ("time", "number", "flag", "text", "bytes")
-PARAMETER_TYPES = ("time", "number", "flag", "choice", "text", "bytes", "list")
+PARAMETER_TYPES = ("time", "number", "decimal", "flag", "choice", "text", "bytes", "list")
 
 # ---- defaults and initial values ----------------------------------------------------------------------------
 

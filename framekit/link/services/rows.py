@@ -396,7 +396,7 @@ class Planner:
 
 # ---- arguments of a call ----------------------------------------------------------------------------------
 
-TYPES = ("time", "number", "flag", "choice", "text", "bytes", "list")
+TYPES = ("time", "number", "decimal", "flag", "choice", "text", "bytes", "list")
 """The types of arguments that are checked; values of any other type are taken as they are."""
 
 
