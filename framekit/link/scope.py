@@ -14,7 +14,7 @@ from weakref import ref
 
 from framekit.definition.expression import ENGINE_FUNCTIONS, Call, Expression, is_constant, names_in, walk
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.sections import StateVariable
+from framekit.definition.model.sections import Parameter, StateVariable
 from framekit.definition.times import LineFormat
 from framekit.link.evaluate import Formula, Names, compile_expression, compile_optional
 from framekit.link.values import attribute
@@ -137,12 +137,10 @@ class Scope(Names):
     __slots__ = (
         "__weakref__",
         "_anew",
-        "_beneath",
         "_cache",
         "_expressions",
         "_fits",
         "_lasting",
-        "_overrides",
         "_remembered",
         "clock",
         "device",
@@ -175,8 +173,6 @@ class Scope(Names):
         self.settings = 0
         self.followers: list[ref[Scope]] = []
         """Names that belong to this line beside its protocol's own: their sessions end with its."""
-        self._overrides: list[dict[str, Any]] = []
-        self._beneath: dict[str, Any] = {}
         if self.device.clock is None:
             self.device.clock = DeviceClock(now, clock_start)
         self.clock = self.device.clock
@@ -229,8 +225,7 @@ class Scope(Names):
     def _add_parameters(self, formulas: dict[str, Formula], given: Mapping[str, Any]) -> None:
         parameters = self.protocol.params
         for name in given:
-            if name not in parameters:
-                raise ParameterError(name, f"'{self.protocol.name}' has no such parameter")
+            self._parameter(name)
         for name, parameter in parameters.items():
             value = given_value(parameter, given[name]) if name in given else parameter.is_ or parameter.default
             if isinstance(value, Expression) and is_constant(value):
@@ -272,14 +267,16 @@ class Scope(Names):
 
     # ---- state --------------------------------------------------------------------------------------------
 
-    def _start_value(self, variable: StateVariable) -> Any:
+    def _start_value(self, variable: StateVariable, names: Names | None = None) -> Any:
+        """What a variable begins with; `names`: those of the exchange for which it begins."""
+        names = names or self
         initial = compile_optional(variable.initial)
         fit = self._fits[variable.name]
         if variable.keys is not None:
-            fill = None if initial is None else _filler(initial, fit, self)
+            fill = None if initial is None else _filler(initial, fit, names)
             return StateTable(variable.keys, fit_of(variable.type, size=variable.size), fill)
         if initial is not None:
-            return fit(initial(self))
+            return fit(initial(names))
         if variable.announced:
             return None
         layout = self.protocol.layouts.get(variable.layout or "")
@@ -317,44 +314,26 @@ class Scope(Names):
             self._put(name, fit_of(parameter.type)(value))
 
     def worked_out(self, given: Mapping[str, Any]) -> dict[str, Any]:
-        """Values for parameters, checked and ready to use; other names as they are. Raises ParameterError."""
-        found = dict(given)
-        for name in given.keys() & self.protocol.params.keys():
-            taken = given_value(self.protocol.params[name], given[name])
+        """Values for parameters, checked and ready to use. Raises ParameterError."""
+        found = {}
+        for name, value in given.items():
+            taken = given_value(self._parameter(name), value)
             found[name] = compile_expression(taken)(self) if isinstance(taken, Expression) else taken
         return found
 
-    def override(self, given: Mapping[str, Any]) -> Callable[[], None]:
-        """Gives parameters other values for a while; what it returns gives them back, in whatever order others do.
+    def _parameter(self, name: str) -> Parameter:
+        if name not in self.protocol.params:
+            raise ParameterError(name, f"'{self.protocol.name}' has no such parameter")
+        return self.protocol.params[name]
 
-        Raises ParameterError, KeyError for what is no parameter; then nothing has changed.
-        """
-        for name in given.keys() - self.protocol.params.keys():
-            raise KeyError(name)
-        layer = self.worked_out(given)
-        for name in layer:
-            if not any(name in other for other in self._overrides):
-                self._beneath[name] = dict.get(self, name, _NOT_THERE)
-        self._overrides.append(layer)
-        self._overridden(layer)
+    def names_for(self, given: Mapping[str, Any]) -> Names:
+        """The names of one exchange that gives parameters other values. Raises ParameterError."""
+        return Names(self.worked_out(given), self, self.formulas_for(given))
 
-        def back() -> None:
-            self._overrides[:] = [other for other in self._overrides if other is not layer]
-            self._overridden(layer)
-
-        return back
-
-    def _overridden(self, names: Iterable[str]) -> None:
-        """Each of these parameters has the value that was given last, or its own again."""
-        for name in names:
-            given = [layer[name] for layer in self._overrides if name in layer]
-            value = given[-1] if given else self._beneath.pop(name)
-            if value is _NOT_THERE:
-                self.pop(name, None)
-            else:
-                self[name] = value
-        self.writes += 1
-        self.settings += 1
+    def may_change(self, given: Mapping[str, Any]) -> bool:
+        """Whether what one of these values comes to may change while the parameters stay as they are."""
+        values = [given_value(self._parameter(name), value) for name, value in given.items()]
+        return any(isinstance(value, Expression) and self.changes(value) for value in values)
 
     def set_entry(self, name: str, key: Any, value: Any) -> None:
         """Sets an entry of a table, an item of a list or a field of a record variable."""
@@ -373,11 +352,14 @@ class Scope(Names):
         del holder[key]
         self._put(name, holder)
 
-    def reset_session(self, but: Collection[str] = ()) -> None:
-        """Session variables return to their start values, `but` these; those of followers too."""
+    def reset_session(self, but: Collection[str] = (), names: Names | None = None) -> None:
+        """Session variables return to their start values, `but` these; those of followers too.
+
+        `names`: those of the exchange for which a session begins.
+        """
         for variable in self.protocol.state.values():
             if variable.scope == "session" and variable.name not in but:
-                self[variable.name] = self._start_value(variable)
+                self[variable.name] = self._start_value(variable, names)
         self.writes += 1
         self.followers = [follower for follower in self.followers if follower() is not None]
         for follower in self.followers:
@@ -395,11 +377,10 @@ def _own_station(protocol: Protocol, own: Any) -> Any:
     return compile_expression(protocol.station.default)(Names())
 
 
-def _filler(initial: Callable[[Names], Any], fit: Fit, scope: Scope) -> Callable[[], Any]:
-    return lambda: fit(initial(scope))
+def _filler(initial: Callable[[Names], Any], fit: Fit, names: Names) -> Callable[[], Any]:
+    return lambda: fit(initial(names))
 
 
-_NOT_THERE = object()
 _OF_EXCHANGES = frozenset({"request", "reply", "buffer"})
 
 
@@ -422,7 +403,7 @@ class CommandScope(Scope):
         self.formulas = formulas
         channel.followers.append(ref(self))
 
-    def reset_session(self, but: Collection[str] = ()) -> None:
+    def reset_session(self, but: Collection[str] = (), names: Names | None = None) -> None:
         """The application's own session variables return to their start values; the channel's are the channel's."""
         super().reset_session(self.shared)
 
