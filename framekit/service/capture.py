@@ -24,6 +24,8 @@ from framekit.link.listener import Listener
 from framekit.transport.clock import AsyncioClock, Clock
 from framekit.transport.port import LineEvent, Port, TappedPort, Way
 
+log = logging.getLogger(__name__)
+
 HEADER = {"capture": "framekit", "version": 1}
 
 
@@ -60,7 +62,7 @@ class JsonReader:
         self._lines = iter(lines)
         try:
             head = json.loads(next(self._lines, b""))
-        except ValueError:
+        except (ValueError, RecursionError):
             head = None
         if not isinstance(head, dict) or head.get("capture") != HEADER["capture"]:
             raise CaptureError('this is no capture – its first line is not {"capture": "framekit", …}')
@@ -75,7 +77,9 @@ class JsonReader:
                 return
             try:
                 yield _event(json.loads(text))
-            except (ValueError, TypeError, KeyError, AttributeError, IndexError) as error:
+            except RecursionError:
+                raise CaptureError(f"line {number} is no event of a capture (it is nested too deeply)") from None
+            except (ValueError, TypeError, KeyError, AttributeError, IndexError, OverflowError) as error:
                 raise CaptureError(f"line {number} is no event of a capture ({explain(error)})") from None
 
 
@@ -85,10 +89,15 @@ def _event(line: dict[str, Any]) -> tuple[int, LineEvent]:
         raise ValueError(f"{kind} {direction}")
     faults = tuple(CharacterFault(int(index), LineFault(fault)) for index, fault in line.get("faults", ()))
     data = bytes.fromhex(line.get("bytes", ""))
-    event = LineEvent(
-        kind, int(line["time_ns"]), direction, data, faults, dict(line.get("lines", {})), line.get("reason", "")
-    )
-    return int(line["channel"]), event
+    at, channel = int(line["time_ns"]), int(line["channel"])
+    if not -MOST_TIME <= at <= MOST_TIME or not 0 <= channel <= MOST_TIME:
+        raise OverflowError("a number is too large")
+    lines = {str(name): bool(is_on) for name, is_on in line.get("lines", {}).items()}
+    return channel, LineEvent(kind, at, direction, data, faults, lines, str(line.get("reason", "")))
+
+
+MOST_TIME = 1 << 63
+"""No time of a capture is further from 1970 than so many nanoseconds."""
 
 
 LINK_TYPE = 250
@@ -281,8 +290,6 @@ def _joined(event: LineEvent, data: bytes, fault: LineFault | None) -> LineEvent
 
 
 JSON_SUFFIXES = (".json", ".jsonl", ".ndjson")
-
-log = logging.getLogger(__name__)
 
 
 class _Sink:

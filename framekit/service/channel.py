@@ -31,6 +31,8 @@ from framekit.service.driver import Driver, Moment
 from framekit.transport.clock import Clock
 from framekit.transport.port import Port
 
+log = logging.getLogger(__name__)
+
 
 @dataclass(slots=True)
 class ChannelCounters:
@@ -232,8 +234,6 @@ class ChannelService:
                 cause = f"{bad.cause} at byte {bad.place}"
                 self.owner.arrived(block.id, Failure(outcome="damaged_frame", cause=cause))
 
-
-log = logging.getLogger(__name__)
 
 RunMonitor = Callable[[int, Seen], None]
 """Gets everything seen on the lines: the channel's number and what was seen."""

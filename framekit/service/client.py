@@ -26,10 +26,10 @@ from framekit.service.driver import Driver
 from framekit.transport.clock import Clock
 from framekit.transport.port import Port
 
+log = logging.getLogger(__name__)
+
 MOST_FRAMES = 1000
 """So many frames are kept until they are asked for."""
-
-log = logging.getLogger(__name__)
 
 Begin = Callable[[Client, int, Done], Transfer]
 """Starts a transfer of a client at a time, with what is to be called at its end."""

@@ -15,6 +15,8 @@ from framekit.link.events import Break, CharacterFault, Command, Send, SetRts
 from framekit.transport.clock import Clock, Handle
 from framekit.transport.port import Port, PortEvents
 
+log = logging.getLogger(__name__)
+
 
 class LineLoad:
     """Counts the bytes of one line. `line` None: there is no speed, and no load can be told."""
@@ -54,8 +56,6 @@ class LineLoad:
 
 
 FIRST_RETRY, LONGEST_RETRY = 500_000_000, 30_000_000_000
-
-log = logging.getLogger(__name__)
 
 
 class Driven(Protocol):

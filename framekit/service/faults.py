@@ -217,12 +217,16 @@ GONE = "disconnected by the fault plan"
 
 @dataclass(slots=True)
 class _Item:
-    """Bytes, a break of so many ns or a silence, after a pause. `owners`: its owner waits for `sent`."""
+    """Bytes, a break of so many ns, a silence or a disconnection for so long, after a pause.
+
+    `owners`: its owner waits for `sent`.
+    """
 
     pause: int
     data: bytes = b""
     duration: int = 0
     silence: int = 0
+    cut: int | None = None
     owners: bool = True
 
 
@@ -306,18 +310,22 @@ class FaultyPort(PassingPort):
     def write(self, data: bytes) -> None:
         if self.events is None:
             return
-        whole = self._held + data
-        self._held = b""
+        before, self._held = self._held, b""
         treated = self.injector.treat(data, self._character)
-        if treated.cut is not None:
+        if treated.cut is not None and not before:
             self._later(self._now(), partial(self._cut, self._now() + treated.cut))
             return
-        before = whole[: len(whole) - len(data)]
         if treated.held:
             self._held = before + b"".join(piece for _, piece in treated.pieces)
             treated.pieces = []
         elif before and treated.pieces:
             treated.pieces[0] = (treated.pieces[0][0], before + treated.pieces[0][1])
+        elif before:  # what was held back for this frame goes out alone
+            self._queue.append(_Item(0, before, owners=False))
+        if treated.cut is not None:
+            self._queue.append(_Item(0, cut=treated.cut, owners=False))
+            self._go_on()
+            return
         for pause, piece in treated.pieces:
             self._queue.append(_Item(pause, piece))
         if not treated.pieces:
@@ -352,6 +360,8 @@ class FaultyPort(PassingPort):
             self.inner.write(item.data if self._on_wire else self.injector.damaged(item.data))
         elif item.duration:
             self.inner.send_break(item.duration)
+        elif item.cut is not None:
+            self._cut(self._now() + item.cut)
         else:
             self._busy = False
             self._go_on()

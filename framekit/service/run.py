@@ -40,6 +40,8 @@ from framekit.service.jobs import JobService, ResolveHost, resolver_for
 from framekit.service.state import StateFile, StateKeeper
 from framekit.transport.clock import Clock, date_at
 
+log = logging.getLogger(__name__)
+
 
 class RunLoop:
     """Calls `act(now)` when something is due, between `start` and `stop`; `next_time(now)` says when that is.
@@ -133,8 +135,6 @@ def close_sessions(
     for number, service in enumerate(with_session):
         service.close_session(partial(left, number))
 
-
-log = logging.getLogger(__name__)
 
 OnEnd = Callable[[BlockStatus, bool], None]
 """Told of every completion: how the block is doing then, and whether it ended well."""

@@ -19,6 +19,8 @@ from framekit.memory.memory import DeviceMemory, Shape, unit_bits
 from framekit.run.block_state import BlockState, Failure
 from framekit.transport.clock import Clock
 
+log = logging.getLogger(__name__)
+
 APPLICATION = 0x464B5354
 """What SQLite calls the application's number; it tells our files from others."""
 
@@ -225,7 +227,8 @@ class StateFile:
                 self._base.executemany("INSERT OR REPLACE INTO pages VALUES (?, ?, ?)", pages)
                 places = ", ".join("?" * 11)
                 rows = [astuple(block) for block in kept.blocks.values()]
-                self._base.executemany(f"INSERT OR REPLACE INTO blocks ({_COLUMNS}) VALUES ({places})", rows)
+                self._base.execute("DELETE FROM blocks")
+                self._base.executemany(f"INSERT INTO blocks ({_COLUMNS}) VALUES ({places})", rows)
                 self._base.execute("COMMIT")
             except sqlite3.Error:
                 if self._base.in_transaction:
@@ -240,8 +243,6 @@ def _changed(before: bytes | None, now: bytes) -> Iterable[int]:
     before = bytes(len(now)) if before is None else before
     return [at for at in range(0, len(now), PAGE) if before[at : at + PAGE] != now[at : at + PAGE]]
 
-
-log = logging.getLogger(__name__)
 
 Words = tuple[str, int, int]
 """An area, a word of it, and how many from there on."""
@@ -350,7 +351,10 @@ class StateKeeper:
     def kept(self) -> KeptRun:
         """What there is to keep now."""
         areas = {name: self.memory.read_bytes(name, 0, self.memory.area(name).size_bytes) for name in self.names()}
-        blocks = [kept_of(state, self._content(state)) for state in self.states()]
+        states = self.states()
+        blocks = [kept_of(state, self._content(state)) for state in states]
+        if len(self._contents) > len(states):  # blocks that an edit has taken out or changed
+            self._contents = {id(state.block): self._contents[id(state.block)] for state in states}
         return KeptRun(areas, {(block.set, block.number): block for block in blocks})
 
     def names(self) -> list[str]:

@@ -22,6 +22,7 @@ from framekit.transport.port import LineEvent
 from framekit.transport.simulated_line import SimulatedLine
 
 PARITY, FRAMING, OVERRUN = LineFault.PARITY, LineFault.FRAMING, LineFault.OVERRUN
+HEAD = '{"capture": "framekit", "version": 1}\n'
 EVENTS = [
     LineEvent("open", 0),
     LineEvent("data", 1_000_000_001, "out", bytes.fromhex("01 03 00 00 00 02 C4 0B")),
@@ -101,6 +102,13 @@ def test_a_killed_writer_leaves_a_file_that_can_be_read(tmp_path: Path, name: st
         (b'{"capture": "framekit", "version": 9}\n', "version 9"),
         (b'{"capture": "framekit", "version": 1}\n{"event": "data"}\n', "line 2 is no event"),
         (b'{"capture": "framekit", "version": 1}\n[1]\n', "line 2 is no event"),
+        (b'{"capture": ' + b"[" * 100_000 + b"\n", "no capture"),
+        (b'{"capture": "framekit", "version": 1}\n' + b"[" * 100_000 + b"\n", "line 2 .* nested too deeply"),
+        (b'{"capture": "framekit", "version": 1}\n{"event": ' + b"[" * 100_000 + b"\n", "nested too deeply"),
+        *(
+            (f'{HEAD}{{"event": "open", "channel": {channel}, "time_ns": {time}}}\n'.encode(), "number is too large")
+            for channel, time in ((1, "Infinity"), (1, 1 << 64), (1, -(10**400)), (10**400, 1), (-1, 1))
+        ),
     ],
 )
 def test_files_that_are_no_captures(tmp_path: Path, data: bytes, what: str) -> None:

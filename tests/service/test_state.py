@@ -203,3 +203,32 @@ def test_killed_again_and_again(tmp_path: Path, turns: int) -> None:
     assert sum(counts[0] for counts in bench.counts()) == last
     assert all(started == done + failed and not running for started, done, failed, running in bench.counts())
     bench.service.stop()
+
+
+def test_blocks_that_an_edit_has_taken_out_are_kept_no_more(tmp_path: Path) -> None:
+    bench = Bench(tmp_path)
+    path = tmp_path / "plant.run.yaml"
+    block = '  1: {read: "40002", station: 9, into: K101, every: 1 s, phase: 500 ms}\n'
+
+    def kept() -> list[int]:
+        with closing(sqlite3.connect(tmp_path / "plant.state")) as base:
+            return [number for (number,) in base.execute("SELECT number FROM blocks ORDER BY number")]
+
+    keeper = bench.service.keeper
+    assert keeper is not None
+    for phase in range(20, 40):
+        path.write_text(RUN.replace("500 ms", f"{phase}0 ms"), encoding="utf-8")
+        bench.service.edit(load_run(path))
+        keeper.kept()
+        assert len(keeper._contents) == 2
+    bench.service.edit(load_run(path))
+    path.write_text(RUN.replace(block, ""), encoding="utf-8")
+    bench.service.edit(load_run(path))
+    bench.clock.run_for(3 * SECOND)
+    bench.service.stop()
+    assert kept() == [0]
+    path.write_text(RUN, encoding="utf-8")
+    again = Bench(tmp_path)
+    assert again.counts()[1] == (0, 0, 0, 0), "a block that comes back begins anew"
+    again.service.stop()
+    assert kept() == [0, 1]

@@ -1,0 +1,100 @@
+"""What becomes of a frame that a fault plan has held back, whatever happens to the next one."""
+
+from __future__ import annotations
+
+import pytest
+
+from framekit.codec.codec import compile_protocol
+from framekit.definition.load import load_protocol
+from framekit.link.frame_faults import FrameFaults
+from framekit.link.scope import Scope
+from framekit.run.model import FaultPlan, FaultRule
+from framekit.service.faults import FaultInjector, FaultyPort
+from framekit.transport.clock import VirtualClock
+from framekit.transport.port import Port, PortEvents
+
+MS = 1_000_000
+A, B, C = b"\x01\x06\x00", b"\x01\x03\x02", b"\x01\x04\x05"
+
+
+class Events(PortEvents):
+    """The owner: what it is told, with the time."""
+
+    def __init__(self) -> None:
+        self.told: list[tuple[str, int]] = []
+
+    def opened(self, now: int) -> None:
+        self.told.append(("opened", now))
+
+    def closed(self, now: int, reason: str) -> None:
+        self.told.append((reason, now))
+
+    def sent(self, now: int) -> None:
+        self.told.append(("sent", now))
+
+
+class Recorder(Port):
+    """Takes 1 ms for everything that is written."""
+
+    name, settings, is_stream = "recorder", None, True
+
+    def __init__(self, clock: VirtualClock) -> None:
+        self.clock = clock
+        self.written: list[bytes] = []
+        self.events: PortEvents | None = None
+
+    def open(self, events: PortEvents) -> None:
+        self.events = events
+        events.opened(self.clock.now())
+
+    def write(self, data: bytes) -> None:
+        self.written.append(data)
+        self.clock.call_at(self.clock.now() + MS, self._left)
+
+    def _left(self) -> None:
+        if self.events is not None:
+            self.events.sent(self.clock.now())
+
+    def close(self) -> None:
+        self.events = None
+
+    def send_break(self, duration: int) -> None: ...
+
+
+def sent(*rules: FaultRule) -> tuple[list[bytes], list[tuple[str, int]]]:
+    """What leaves, and what the owner is told, when it sends three frames 10 ms apart."""
+    clock = VirtualClock()
+    protocol = load_protocol("modbus-rtu")
+    frames = FrameFaults(protocol, compile_protocol(protocol), Scope(protocol, role="server"), answers=True)
+    port, events = Recorder(clock), Events()
+    faulty = FaultyPort(port, FaultInjector(FaultPlan(rules=rules), clock, frames))
+    faulty.open(events)
+    for frame in (A, B, C):
+        faulty.write(frame)
+        clock.run_for(10 * MS)
+    return port.written, events.told
+
+
+GLUE = FaultRule(kind="glue", times=1)
+
+
+def test_a_frame_is_glued_to_the_next() -> None:
+    assert sent(GLUE)[0] == [A + B, C]
+
+
+def test_a_frame_that_was_held_back_goes_out_when_the_next_is_swallowed() -> None:
+    written, told = sent(GLUE, FaultRule(kind="no_reply", every=2))
+    assert written == [A, C]
+    assert [what for what, _ in told] == ["opened", "sent", "sent", "sent"], "one for each"
+
+
+def test_a_frame_that_was_held_back_leaves_before_the_line_is_lost() -> None:
+    written, told = sent(GLUE, FaultRule(kind="disconnect", every=2, time=500 * MS))
+    assert written == [A]
+    assert told[-1] == ("disconnected by the fault plan", 11 * MS), "1 ms after it began"
+
+
+@pytest.mark.parametrize("times", [2, 3])
+def test_several_held_back_go_out_together(times: int) -> None:
+    rules = FaultRule(kind="glue", times=times), FaultRule(kind="no_reply", every=3)
+    assert sent(*rules)[0] == ([A + B] if times == 2 else [])
