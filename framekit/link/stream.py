@@ -191,14 +191,13 @@ class Pauses:
     What bytes themselves take on the line is no pause, so it does not matter in which pieces a port hands them over.
     Times (ns) are worked out anew when a variable or parameter has changed.
 
-    `own_gap` false: `gap` is what the waiting step allows instead of the definition's (None: any pause). `is_idle`: no
+    `own_gap` false: the waiting step allows any pause, or limits it itself. `is_idle`: no
     waiting step limits the time of a frame, so where the definition has no `gap` either, the usual one holds.
     `character`: what one takes on the line.
     """
 
     __slots__ = (
-        "_gap_of", "_line", "_names", "_quiet_of", "_scope", "_stream", "_worked_out", "character", "gap", "is_idle",
-        "own_gap",
+        "_gap_of", "_line", "_names", "_quiet_of", "_scope", "_stream", "_worked_out", "character", "is_idle", "own_gap",
     )  # fmt: skip
 
     def __init__(self, rules: Rules, names: Names, stream: Stream) -> None:
@@ -213,7 +212,6 @@ class Pauses:
         self._worked_out: tuple[int, int, int | None] | None = None
         self.own_gap = True
         self.is_idle = False
-        self.gap: int | None = None
 
     def limits(self) -> tuple[int, int | None]:
         """`quiet`, and the gap in force or None."""
@@ -225,7 +223,7 @@ class Pauses:
                 quiet = self._line.chars(QUIET_CHARACTERS)
             found = self._worked_out = (version, quiet, self._time(self._gap_of))
         if not self.own_gap:
-            return found[1], self.gap
+            return found[1], None
         return found[1], self._usual_gap() if self.is_idle and self._gap_of is None else found[2]
 
     def _usual_gap(self) -> int:

@@ -296,7 +296,7 @@ class Serving:
         self.monitor = monitor
         self.wrap = wrap or (lambda port: port)
         self.stores = stores_of(devices, clock)
-        self.stations: dict[Port, list[DeviceService]] = {}
+        self.connected: dict[Port, list[DeviceService]] = {}
         self.line_errors: Counter[str] = Counter()
         self.connections = 0
         self.limits = limits
@@ -369,7 +369,7 @@ class Serving:
 
     def _last_frame(self, port: Port) -> int:
         """When the last good frame went over a connection; at first when it was made."""
-        return max(service.engine.last_frame for service in self.stations[port])
+        return max(service.engine.last_frame for service in self.connected[port])
 
     def _set_idle_alarm(self) -> None:
         oldest = min(map(self._last_frame, self._hosts), default=NEVER)
@@ -400,7 +400,7 @@ class Serving:
                     on_state=on_state if number == 0 else None,
                 )
             )
-        self.stations[port] = services
+        self.connected[port] = services
         for service in services:
             service.start()
 
@@ -427,7 +427,7 @@ class Serving:
     def _end(self, port: Port) -> None:
         """A connection is over: it will not come again, another one may."""
         self._hosts.pop(port, None)
-        for service in self.stations.pop(port, ()):
+        for service in self.connected.pop(port, ()):
             service.stop()
 
     def stop(self) -> None:
@@ -435,7 +435,7 @@ class Serving:
         if self.listener is not None:
             self.listener.stop()
         self._idle_alarm.cancel()
-        for port in list(self.stations):
+        for port in list(self.connected):
             self._end(port)
         if self._own_port is not None:
             self._own_port.release()
@@ -444,7 +444,7 @@ class Serving:
 
     def published(self, number: int) -> dict[str, Any]:
         """The published variables of a device, those of scope line or session as its latest connection has them."""
-        services = next(reversed(self.stations.values()), None)
+        services = next(reversed(self.connected.values()), None)
         return {} if services is None else services[number].engine.status()
 
 

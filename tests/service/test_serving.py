@@ -93,7 +93,7 @@ def test_connections_that_are_over_are_forgotten() -> None:
         async with served() as (serving, number):
             for _ in range(3):
                 await asked(number, 1, READ_3)
-            while serving.stations:
+            while serving.connected:
                 await asyncio.sleep(0)
 
     run(scenario())
@@ -103,7 +103,7 @@ def test_too_many_connections_are_closed_at_once() -> None:
     async def scenario() -> None:
         async with served(limits=ConnectionLimits(per_address=2 * MOST_CONNECTIONS)) as (serving, number):
             open_ones = [await asyncio.open_connection("127.0.0.1", number) for _ in range(MOST_CONNECTIONS)]
-            while len(serving.stations) < MOST_CONNECTIONS:
+            while len(serving.connected) < MOST_CONNECTIONS:
                 await asyncio.sleep(0)
             reader, _ = await asyncio.open_connection("127.0.0.1", number)
             assert await reader.read() == b""
@@ -120,7 +120,7 @@ def test_one_address_has_only_so_many_connections() -> None:
     async def scenario() -> None:
         async with served(limits=ConnectionLimits(per_address=2)) as (serving, number):
             idle = [await asyncio.open_connection("127.0.0.1", number) for _ in range(2)]
-            while len(serving.stations) < 2:
+            while len(serving.connected) < 2:
                 await asyncio.sleep(0)
             reader, _ = await asyncio.open_connection("127.0.0.1", number)
             assert await reader.read() == b""
@@ -133,7 +133,7 @@ def test_one_address_has_only_so_many_connections() -> None:
             other_writer.write(request(1, 1, READ_3))
             assert (await reply_of(other_reader))[2] == THREE, "another address is let in"
             idle[0][1].close()
-            while len(serving.stations) > 2:
+            while len(serving.connected) > 2:
                 await asyncio.sleep(0)
             assert await asked(number, 1, READ_3) == THREE, "so is this one, when one of its own has ended"
             idle[1][1].close()
@@ -153,13 +153,13 @@ def test_a_connection_over_which_nothing_good_goes_is_closed() -> None:
         asks.port.write(ASK)
         babbles.port.write(b"\xff")
     clock.run_for(MINUTE - 1)
-    assert len(serving.stations) == 3
+    assert len(serving.connected) == 3
     clock.run_for(1)
-    assert [port.name for port in serving.stations] == ["asks"]
+    assert [port.name for port in serving.connected] == ["asks"]
     assert serving.line_errors["idle connections closed"] == 2
     assert [len(master.heard) for master in masters] == [9 * 11, 0, 0]
     clock.run_for(10 * MINUTE)
-    assert not serving.stations
+    assert not serving.connected
 
 
 def test_frames_are_read_to_be_shown_only_where_a_monitor_listens(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -250,7 +250,7 @@ def test_a_new_sender_takes_the_place_of_the_one_silent_longest() -> None:
                 asker = await Asker.to(number)
                 asker.transport.sendto(ASK)
                 assert len(await asker.got.get()) == 11
-            assert (len(serving.stations), serving.connections) == (2, 5)
+            assert (len(serving.connected), serving.connections) == (2, 5)
             assert not serving.line_errors
 
     run(scenario())
@@ -317,7 +317,7 @@ def test_a_client_that_never_reads_its_replies() -> None:
                 await asyncio.sleep(0)
             assert sent < MOST_FLOOD, "the flood comes to a stop"
             assert await asked(number, 1, READ_3) == THREE
-            waiting = [len(one.engine.receiver.stream.buffer) for each in serving.stations.values() for one in each]
+            waiting = [len(one.engine.receiver.stream.buffer) for each in serving.connected.values() for one in each]
             assert max(waiting) < 500_000, "requests are not taken faster than replies"
             writer.transport.abort()
 
@@ -423,7 +423,7 @@ def test_stations_on_one_line_answer_each_for_itself() -> None:
     assert {number for number, one in seen if one.kind == "open"} == {0, 1, 2}
     serving.stop()
     clock.run_for(1_000_000_000)
-    assert not serving.stations
+    assert not serving.connected
 
 
 def test_several_stations_of_a_device_file(tmp_path: Path) -> None:

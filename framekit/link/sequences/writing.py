@@ -1,7 +1,7 @@
 """Writes Python functions for the parts of a sequence: names, values, settings, sends, actions, and where they lead.
 
 Text of a definition reaches the source only by `quoted`, `literal` and the expression emitter. What a step's keys come
-to is in `step_keys`; how functions become a module in `compiler`.
+to stands in the table STEP_KEYS; how functions become a module in `compiler`.
 """
 
 from __future__ import annotations

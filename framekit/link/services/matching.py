@@ -126,7 +126,7 @@ class Matching:
         return function(request, buffer, station, names)
 
     def serving(self) -> Serve:
-        """What serves a request; it gives and raises as `read`, and RefusedError and what the memory raises."""
+        """What serves a request; it gives and raises as `read`, and RefusedMatchError and what the memory raises."""
         serve: Serve = RowWriter(self, True, True).function()
         return serve
 

@@ -539,7 +539,7 @@ class MemoryServer:
     def asked(self, request: FrameValue, names: Names) -> tuple[CompiledBlock | None, Names]:
         """The exchange that a request asks for, whether it would be refused or not; nothing is done.
 
-        Raises RefusedError for a request that no row is for, and EVALUATION_ERRORS.
+        Raises RefusedMatchError for a request that no row is for, and EVALUATION_ERRORS.
         """
         rows = self._rows.get(request.frame, ())
         return self._first([(row.asked, row.service) for row in rows], request, b"", None, names)
@@ -569,7 +569,7 @@ class MemoryServer:
     ) -> Found:  # fmt: skip
         """What the first row that fits gives, by its function and service.
 
-        Raises RefusedError with the best reason why none does.
+        Raises RefusedMatchError with the best reason why none does.
         """
         reason, damaged = "no_service", None
         for function, service in functions:
@@ -632,7 +632,7 @@ class MemoryServer:
 
 
 def validate(refuse: Sequence[Rule], names: Names, check_only: bool) -> None:
-    """Raises RefusedError for the first rule whose condition holds."""
+    """Raises RefusedMatchError for the first rule whose condition holds."""
     for when, code, needs_buffer in refuse:
         if not (check_only and needs_buffer) and when(names):
             raise RefusedMatchError(int(code(names)))
