@@ -197,7 +197,8 @@ class Pauses:
     """
 
     __slots__ = (
-        "_gap_of", "_line", "_names", "_quiet_of", "_scope", "_stream", "_worked_out", "character", "is_idle", "own_gap",
+        "_gap_of", "_line", "_names", "_quiet_of", "_scope", "_stream", "_worked_out", "character", "is_idle",
+        "own_gap",
     )  # fmt: skip
 
     def __init__(self, rules: Rules, names: Names, stream: Stream) -> None:

@@ -35,7 +35,12 @@ def test_a_wrong_value_or_name_is_refused(scope: Scope, given: dict[str, object]
 
 
 @pytest.mark.parametrize(
-    ("given", "may_change"), [({"reply_timeout": "2 s"}, False), ({"reply_timeout": "9 chars"}, False), ({"reply_timeout": "9 chars + now"}, True)]
+    ("given", "may_change"),
+    [
+        ({"reply_timeout": "2 s"}, False),
+        ({"reply_timeout": "9 chars"}, False),
+        ({"reply_timeout": "9 chars + now"}, True),
+    ],
 )
 def test_times_of_the_line_do_not_change(scope: Scope, given: dict[str, object], may_change: bool) -> None:
     assert scope.may_change(given) is may_change
