@@ -467,6 +467,9 @@ def _items(
     own = [one for one in inside.numbers if one.isidentifier() and one not in ("index", "last")]
     if own and drawn.apart.random() < 0.2:
         segment["of"].append({"require": f"either(previous.{own[-1]}, 1) * 0 == {own[-1]} * 0"})
+    if drawn.apart.random() < 0.2:
+        segment |= {"align": drawn.apart.choice([2, 4, 4, 8])}
+        segment |= drawn.apart.choice([{}, {"between": "yes"}, {"between": "yes", "fill": "2A"}])
     if times == "rest" and many and drawn.apart.random() < 0.4:
         del segment["times"]
         drawn.expression(segment, "until", drawn.apart.choice([f"index == {many - 1}", "§ == 8", "§ > 3"]), inside)

@@ -230,6 +230,16 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
         Case("up to the end, the last item marked", "- repeat: list\n  times: rest\n  of: [{bits: {end: 7, value: 0-6}, of: u8, is: {end: last}}]",
              {"list": [{"value": 5}, {"value": 2}]}, "05 82", {"list": [{"end": 0, "value": 5}, {"end": 1, "value": 2}]},
              {"85 82": "value", "05 02": "value"}),
+        Case("items that begin at multiples of 4 bytes, none filled up behind the last", "- repeat: list\n  times: rest\n  align: 4\n"
+             "  between: yes\n  of: [{length: n, type: u8, of: [s]}, {field: s, type: ascii, size: n}]",
+             {"list": [{"s": "a"}, {"s": "xyz"}, {"s": "b"}]}, "01 61 00 00 03 78 79 7A 01 62",
+             {"list": [{"n": 1, "s": "a"}, {"n": 3, "s": "xyz"}, {"n": 1, "s": "b"}]}, {"01 61 00 00": "short", "01 61 00": "short"}),
+        Case("every item filled up", "- {count: n, type: u8, of: list}\n- repeat: list\n  times: n\n  align: 4\n  fill: 20\n"
+             "  of: [{field: s, type: ascii, end: 0D}]\n- const: ETX", {"list": [{"s": "a"}, {"s": "xyz"}]},
+             "02 61 0D 20 20 78 79 7A 0D 03", {"n": 2}, {"02 61 0D 20 20 78 0D 03": "short"}),
+        Case("items of a fixed size, filled up in between", "- repeat: list\n  times: 3\n  align: 2\n  between: yes\n"
+             "  of: [{field: a, type: u8}]\n- {field: b, type: u8}", {"list": [{"a": 1}, {"a": 2}, {"a": 3}], "b": 4},
+             "01 00 02 00 03 04"),
         Case("a fixed number of values", "- {repeat: list, times: 3, of: u8}", {"list": [1, 2, 3]}, "01 02 03"),
         Case("values up to the end", "- {repeat: list, times: rest, of: u16, order: little}", {"list": [1, 2]}, "01 00 02 00"),
         Case("values behind a number of another order", "- {field: a, type: u16, order: little}\n"

@@ -15,6 +15,7 @@ from small_protocol import small_protocol
 
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import EncodeError
+from framekit.definition.load import load_protocol_text
 
 MANUAL = Path(__file__).parents[2] / "docs" / "language.md"
 ROW = re.compile(r"^\| `(\{repeat: a, .*?\})`(?::[^|]*)? \| `(\[.*?\])` \| `([0-9A-F ]+)` \|$", re.MULTILINE)
@@ -24,7 +25,7 @@ CHAIN = "[{const: 7E}, {repeat: a, until: more == 0, of: [{bits: {more: 7, v: 0-
 def test_the_lists_of_the_language_reference() -> None:
     """Both compilers make the bytes of each row, and read them."""
     rows = ROW.findall(MANUAL.read_text(encoding="utf-8"))
-    assert len(rows) == 6
+    assert len(rows) == 8
     for segment, items, wire in rows:
         protocol = small_protocol(f"[{segment}]")
         for codec in (compile_protocol(protocol), compile_construct(protocol)):
@@ -88,6 +89,11 @@ TRIALS: dict[str, tuple[str, dict[str, Any]]] = {
         " 2: [{wrap: hex, of: [{field: c, type: u8, is: last}]}]}, else: []}]}]",
         {"d": [{"k": 1}, {"k": 2}, {"k": 0}]},
     ),
+    "aligned in a wrap, and the last one known by its end": (
+        "[{field: k, type: u8}, {wrap: {escape: 10}, of: [{repeat: d, times: rest, align: 4, fill: 10, of:"
+        " [{length: n, type: u8, of: [s]}, {data: s, size: n}, {field: e, type: u8, is: last}]}]}, {const: 10 03}]",
+        {"k": 1, "d": [{"s": b"a"}, {"s": b""}, {"s": b"ab\x10"}]},
+    ),
     "the last one before the end of the region": (
         "[{repeat: d, times: rest, of: [{bits: {more: 7, v: 0-6}, of: u8, is: {more: not last}}]},"
         " {field: e, type: u8}]",
@@ -120,3 +126,26 @@ def test_a_chain_that_comes_byte_by_byte_is_not_walked_again() -> None:
     for have in range(1, len(data) + 1):
         assert codec.measure("f", data, 0, have, None, have - 1) < 0
     assert Counted.looked_at < 6 * len(data)
+
+
+def test_a_list_of_texts_each_at_a_multiple_of_4() -> None:
+    """As a device sends them: a count, texts behind their lengths, nothing behind the last; in streams however cut."""
+    text = (
+        "protocol: texts\nframes:\n  texts:\n    from: server\n    body:\n      - const: 54\n"
+        "      - {length: size, type: u8, of: [names]}\n      - {count: n, type: u8, of: names}\n"
+        "      - repeat: names\n        times: n\n        align: 4\n        between: yes\n"
+        "        of: [{length: n, type: u8, of: [text]}, {field: text, type: ascii, size: n}]\n"
+        "      - {check: sum8}\n"
+    )
+    protocol = load_protocol_text(text, "texts")
+    values = {"names": [{"text": one} for one in ("pump", "", "valve 7", "x")]}
+    wire = bytes.fromhex("54 16 04 04 70756D70 000000 00 000000 07 76616C76652037 01 78")
+    wire += bytes([sum(wire) & 0xFF])
+    for codec in (compile_protocol(protocol), compile_construct(protocol)):
+        assert codec.encode("texts", values) == wire
+        assert [one["text"] for one in codec.decode("texts", wire)["names"]] == ["pump", "", "valve 7", "x"]
+    stream = wire + b"\x00\x01" + wire + wire
+    whole = feed(receiver_of(text), [stream], ("texts",))
+    assert [one[2] for one in whole if one[0] == "frame"] == [wire] * 3
+    for cuts in ([*range(len(stream))], [4, 30, 31], [9, 27, 50]):
+        assert feed(receiver_of(text), cut_at(stream, cuts), ("texts",)) == whole

@@ -176,7 +176,10 @@ class RepeatConstruct(ValueSegment):
         reading.store(context, self.name, items, place)
         times = self._times(reading, context, place)
         with reading.within(self._room(reading, stream, context, place)), reading.as_it_stands(stream):
+            start = stream.tell()
             while self._goes_on(items, times, reading, stream):
+                if self.segment.between:
+                    self._pass_fill(start, reading, stream, place)
                 before = stream.tell()
                 inner = self.fields.open(stream, context)
                 inner._item = self.name, len(items)
@@ -188,10 +191,16 @@ class RepeatConstruct(ValueSegment):
                     self.fields.segments._parse(stream, inner, f"{path}[{len(items) - 1}]")
                 if not isinstance(self.segment.times, int) and stream.tell() == before:
                     raise reading.stop(place, "length", "items that take room", "0 bytes")
+                if not self.segment.between:
+                    self._pass_fill(start, reading, stream, place)
                 if self.segment.until is not None and inner._words[LAST]:
                     break
                 if self.segment.until is None and times is None:
                     inner._words[LAST] = stream.tell() >= reading.region.end
+
+    def _pass_fill(self, start: int, reading: Reading, stream: BytesIO, place: Place) -> None:
+        """What fills an item up is not looked at."""
+        reading.leaf(reading.take(stream, -(stream.tell() - start) % self.segment.align, place))
 
     def _goes_on(self, items: list[Any], times: int | None, reading: Reading, stream: BytesIO) -> bool:
         if self.segment.until is not None:
@@ -259,7 +268,10 @@ class RepeatConstruct(ValueSegment):
             self._write_items(items, filling, stream, context, path)
 
     def _write_items(self, items: list[Any], filling: Filling, stream: BytesIO, context: Container, path: str) -> None:
+        start, segment = stream.tell(), self.segment
         for place, item in enumerate(items):
+            if place and segment.align > 1:
+                self._fill_up(start, stream, context)
             if self.fields is not None:
                 before = stream.tell()
                 self.fields._build(item, stream, context, f"{path}[{place}]")
@@ -269,6 +281,13 @@ class RepeatConstruct(ValueSegment):
             else:
                 assert isinstance(self.segment.of, FieldType)
                 write_wire(self.segment.of, item, f"{self.name}[{place}]", filling, stream, context)
+        if items and segment.align > 1 and not segment.between:
+            self._fill_up(start, stream, context)
+
+    def _fill_up(self, start: int, stream: BytesIO, context: Container) -> None:
+        fill = bytes((self.segment.fill,)) * (-(stream.tell() - start) % self.segment.align)
+        stream.write(fill)
+        context._state.leaf(fill)
 
 
 class ItemEndConstruct(SegmentConstruct):

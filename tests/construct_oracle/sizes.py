@@ -108,7 +108,7 @@ class KnownSizes:
             case Repeat(times=times, of=of):
                 number = _number(times, evaluate)
                 item = _number(of.size, evaluate) if isinstance(of, FieldType) else self.all(of, nothing_known)
-                return None if number is None or item is None else number * item
+                return None if number is None or item is None else segment.filled(item, number)
             case Choose(on=on, cases=cases, otherwise=otherwise):
                 value = evaluate(on)
                 chosen = next((of for keys, of in cases if value in keys), otherwise)

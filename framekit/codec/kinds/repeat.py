@@ -13,7 +13,7 @@ from framekit.codec.python.function import Fields, Offset, between
 from framekit.codec.python.measure import Finished, MeasureWriter, Pairs
 from framekit.codec.python.reader import BufferReader, Item, without_end
 from framekit.codec.python.registry import summary, type_text
-from framekit.codec.python.source import Code, quoted, text_source
+from framekit.codec.python.source import Code, bytes_literal, quoted, text_source
 from framekit.definition.expression import AND, BIT_OR, PRODUCT, Binary, Expression, Number
 from framekit.definition.model.frames import expressions_of, flat, names_read_in
 from framekit.definition.model.segments import (
@@ -85,6 +85,8 @@ class RepeatKind(SegmentKind[Repeat]):
             for word in words:
                 inside.entries[word] = _word_entry(word, f"{item}.{word.partition('.')[2]}", segment)
         option += ", until=True" if segment.until is not None else ""
+        option += f", align={segment.align}" if segment.align > 1 else ""
+        option += ", between=True" if segment.between else ""
         with d.out.block(f"for {item} in n.items({name}, {times}{option}):"):
             outside, d.in_item = d.in_item, True
             d.list(segment.of, inside, ())
@@ -97,7 +99,7 @@ class RepeatKind(SegmentKind[Repeat]):
         times = str(segment.times)
         if isinstance(segment.times, Expression):
             times = m.size_text(segment.times, scope, PRODUCT + 1)
-        if item.fixed is not None and segment.name not in m.needed and segment.until is None:
+        if item.fixed is not None and segment.name not in m.needed and segment.until is None and segment.align == 1:
             whole = str(int(times) * item.fixed) if times.isdigit() else f"{item.fixed} * {times}"
             m.skip(times if item.fixed == 1 else whole)
         elif isinstance(segment.of, FieldType):
@@ -114,6 +116,8 @@ class RepeatKind(SegmentKind[Repeat]):
     def describe(self, segment: Repeat) -> str:
         of = segment.of
         inside = type_text(of) if isinstance(of, FieldType) else f"({summary(of)})"
+        if segment.align > 1:
+            inside += f" each at a multiple of {segment.align}"
         if segment.until is not None:
             return f"{segment.name} {inside} until {segment.until}"
         return f"{segment.name} {segment.times} × {inside}"
@@ -274,6 +278,9 @@ def _put_records(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) ->
     for word in words:
         inside.entries[word] = _word_entry(word, texts[word], repeat)
     with w.out.block(f"for {place}, {item} in enumerate({there}):"), w.apart():
+        fill = f"{wire} += {bytes_literal(bytes((repeat.fill,)))} * (-len({wire}) % {repeat.align})"
+        if repeat.between:
+            w.add(fill)
         if before:
             w.add(f"{before} = len({wire})")
         w.values(repeat.of, inside, inner)
@@ -284,6 +291,8 @@ def _put_records(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) ->
             where = (*path[:-1], "]")
             message = text_source("'", *where, "' takes no bytes, so nothing shows that it is there")
             w.complain(f"len({wire}) == {before}", text_source(*where), message)
+        if repeat.align > 1 and not repeat.between:
+            w.add(fill)
         if whole:
             w.add(f"{complete}.append({_values_text(repeat.of, inside)})")
     w.wires[repeat.name] = wire
@@ -417,20 +426,34 @@ def _read_records(r: BufferReader, item: Item, repeat: Repeat, of: Segments, aft
     r.settle()
     function.add(f"{found} = []")
     inside.entries[repeat.name] = NameEntry(found, "list", inside)  # the items before this one
+    fill = ""
+    if repeat.align > 1:
+        start = function.names.fresh("first")
+        function.add(f"{start} = {r.at}")
+        fill = _fill_text(repeat, r.at, start)
     function.in_branch += 1
     with function.out.block(header):
+        if fill and repeat.between:
+            function.add(fill)
+            if end is not None:
+                function.mismatch_if(f"{r.at} >= {end}")
+                function.flush()
         begin = None
         if may_be_empty(r.static, repeat):
             begin = function.names.fresh("item_start")
             function.add(f"{begin} = {r.at}")
         _words_of_item(r, repeat, words, found, count, inside)
         outside = r.deferred, r.in_item, r.list_end
-        r.deferred, r.in_item, r.list_end = [], True, end or ""
+        filled = repeat.align - 1 if fill and not repeat.between else 0  # behind the last item at most
+        r.deferred, r.in_item, r.list_end = [], True, f"{end} - {filled}" if filled else end or ""
         r.read(of, inside, fields)
         r.deferred, r.in_item, r.list_end = outside
         r.settle()
         if begin is not None:
             function.mismatch_if(f"{r.at} == {begin}")
+        if fill and not repeat.between:
+            function.flush()
+            function.add(fill)
         if repeat.until is not None:
             function.mismatch_if(f"{r.at} > len({r.buffer})")
         function.flush()
@@ -499,8 +522,15 @@ def _measure_records(m: MeasureWriter, repeat: Repeat, of: Segments, scope: Scop
         inside.entries[word] = _word_entry(word, texts[word] if word == PREVIOUS else f"({texts[word]})", repeat)
     if repeat.until is not None and found is None and _can_be_resumed(m, repeat):
         _resume(m, repeat, after)
+    fill = ""
+    if repeat.align > 1:
+        first = m.names.fresh("first")
+        m.add(f"{first} = at")
+        fill = _fill_text(repeat, "at", first)
     header = f"for {left} in range({times}, 0, -1):" if repeat.until is None else "while True:"
     with m.out.block(header):
+        if fill and repeat.between:
+            m.add(fill)
         if repeat.until is not None:
             _want_item(m, least, behind)
         elif least:
@@ -519,6 +549,8 @@ def _measure_records(m: MeasureWriter, repeat: Repeat, of: Segments, scope: Scop
         if empty:
             with m.out.block(f"if at == {before}:"):
                 m.add("return LOST")
+        if fill and not repeat.between:
+            m.add(fill)
         if found is not None:
             m.add(f"{found}.append({_item_text(inside, found)})")
         if repeat.until is not None:
@@ -534,6 +566,11 @@ def _measure_records(m: MeasureWriter, repeat: Repeat, of: Segments, scope: Scop
         scope.entries[repeat.name] = NameEntry(found, "list", inside)
 
 
+def _fill_text(repeat: Repeat, place: str, first: str) -> str:
+    """The line that passes over what fills an item up; `first` is where the list begins."""
+    return f"{place} += -({place} - {first}) % {repeat.align}"
+
+
 def _want_item(m: MeasureWriter, least: int, behind: int) -> None:
     """Goes on if the next item of a list can be there: nothing tells how many come, so only that one is wanted."""
     with m.out.block(f"if end < at + {least}:"):
@@ -545,7 +582,7 @@ def _can_be_resumed(m: MeasureWriter, repeat: Repeat) -> bool:
     """Whether an item that did not end the list in an earlier call does not end it now, wherever it stands."""
     own = {name for one in repeat.members for name in one.value_names}
     asked = names_read_in(repeat.members)
-    return m.static.all(repeat.members).fixed is not None and asked <= own
+    return m.static.all(repeat.members).fixed is not None and asked <= own and repeat.align == 1
 
 
 def _resume(m: MeasureWriter, repeat: Repeat, after: Pairs) -> None:

@@ -35,13 +35,17 @@ class Nothing(dict[str, Any]):
 
 
 class ItemPlace:
-    """An item being read: its number from 0, the item before; `count` items come, or `ended` tells it at its end."""
+    """An item being read: its number from 0, the item before; `count` items come, or `ended` tells it at its end.
 
-    def __init__(self, reading: Diagnosis, index: int, previous: Any, count: int | None) -> None:
+    `filled`: so many bytes may stand behind the last item at most.
+    """
+
+    def __init__(self, reading: Diagnosis, index: int, previous: Any, count: int | None, filled: int = 0) -> None:
         self.reading = reading
         self.index = index
         self.previous = previous
         self.count = count
+        self.filled = filled
         self.ended: bool | None = None
 
     @property
@@ -49,7 +53,9 @@ class ItemPlace:
         """Whether it is the last one; without a count it is known at the end of the item."""
         if self.ended is not None:
             return self.ended
-        return self.reading.at >= self.reading.end if self.count is None else self.index == self.count - 1
+        if self.count is not None:
+            return self.index == self.count - 1
+        return self.reading.at + self.filled >= self.reading.end
 
 
 class Notes:
@@ -280,11 +286,18 @@ class Diagnosis:
         self.path = outer
 
     def items(
-        self, name: str, times: int | Ask | None, behind: int | Ask = 0, until: bool = False
+        self,
+        name: str,
+        times: int | Ask | None,
+        behind: int | Ask = 0,
+        until: bool = False,
+        align: int = 1,
+        between: bool = False,
     ) -> Iterator[ItemPlace]:
         """Every item of a list of records; `times` None: as many as fit before the last `behind` bytes.
 
-        `until`: the items tell themselves which is the last one (`ends`).
+        `until`: the items tell themselves which is the last one (`ends`). `align`: each begins at a multiple of so many
+        bytes of the list; `between`: nothing fills the last one up.
         """
         start = self.begin(name)
         items: list[dict[str, Any]] = []
@@ -297,8 +310,11 @@ class Diagnosis:
         if count is None and not until:
             self.end = start + self.rest(behind, name)
         while not ended if until else self.at < self.end if count is None else len(items) < count:
+            if between:
+                self.at += -(self.at - start) % align
             before = self.at
-            item = ItemPlace(self, len(items), items[-1] if items else None, count)
+            filled = 0 if between else align - 1
+            item = ItemPlace(self, len(items), items[-1] if items else None, count, filled)
             items.append({})
             self.path = f"{outer}{name}[{item.index}]."
             self.scopes.append(items[-1])
@@ -308,6 +324,8 @@ class Diagnosis:
             ended = bool(item.ended)
             if self.at == before and not isinstance(times, int):
                 raise self.stop("length", name, "items with bytes", "an empty one")
+            if not between:
+                self.take(name, -(self.at - start) % align)
         self.end = whole
         self.bounds[name] = (self.data, start, self.at)
 

@@ -547,6 +547,8 @@ def _may_hold(segment: Segment, byte: int) -> bool:
         return byte in (segment.fill * segment.size)[: segment.size]
     if isinstance(segment, Repeat) and isinstance(segment.of, FieldType):
         return segment.of.kind != "ascii" and byte in bytes_of((segment,))
+    if isinstance(segment, Repeat):
+        return segment.align > 1 and byte == segment.fill
     if segment.blocks or segment.inner_record is not None or segment.frames_inside or segment.whole_frame is not None:
         return isinstance(segment, Wrap) and byte in segment.coding.contents
     is_text = segment.number_type is not None and segment.number_type.kind == "ascii"

@@ -11,21 +11,22 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 from framekit.definition.expression import Expression, both
-from framekit.definition.keys import IDENTIFIER, Form, KeyReading, ValueKind, here, key, keys, ref
+from framekit.definition.keys import BYTE, FLAG, IDENTIFIER, NUMBER, Form, KeyReading, ValueKind, here, key, keys, ref
 from framekit.definition.kinds.base import (
     Contents,
     Given,
     Segment,
     SegmentLoading,
     Segments,
+    all_fixed,
     contents_of,
     fixed_size,
     lack_default,
     sizes_of,
 )
-from framekit.definition.problems import Problem
-from framekit.definition.tree import Mapping, Sequence
-from framekit.definition.wire_types import SIZE, TEXT_KEYS, FieldType, Size, Sizes, load_type
+from framekit.definition.problems import Problem, plural
+from framekit.definition.tree import Mapping, Node, Sequence
+from framekit.definition.wire_types import EVERY_BYTE, SIZE, TEXT_KEYS, FieldType, Size, Sizes, load_type
 
 INDEX, LAST, PREVIOUS = "item.index", "item.last", "item.previous"
 ITEM_WORDS = {"index": INDEX, "last": LAST, "previous": PREVIOUS}
@@ -45,6 +46,15 @@ def _items(reading: KeyReading) -> Segments | FieldType:
     return load_type(reading.space, reading.keys, node, texts=True)
 
 
+def _align(reading: KeyReading, node: Node) -> int:
+    found = reading.reader.number(node)
+    if not 2 <= found <= MOST_ALIGNED:
+        raise reading.reader.broken(node.at, f"align is from 2 to {MOST_ALIGNED}, not {found}", "correct it")
+    return found
+
+
+MOST_ALIGNED = 256
+ALIGN = NUMBER._replace(read=_align)
 _ITEMS = {
     "of": {
         "description": "The segments of an item, or the type of plain numbers.",
@@ -81,7 +91,8 @@ class ItemEnd(Segment):
 class Repeat(Segment):
     """A list: of records when `of` is segments, of plain values when it is a type.
 
-    `times` is None where the items themselves tell which is the last one.
+    `times` is None where the items themselves tell which is the last one. With `align` each item begins at a multiple
+    of so many bytes of the list; what fills up is not looked at.
     """
 
     KEY: ClassVar[str] = "repeat"
@@ -89,6 +100,9 @@ class Repeat(Segment):
     name: str = key("repeat", IDENTIFIER, "Name of the list.")
     times: Size | None = key("times", SIZE, "Number of items; an expression; or rest, as many as fit.", default=None)
     of: Segments | FieldType = keys(_ITEMS, _items)
+    align: int = key("align", ALIGN, "Each item begins at a multiple of so many bytes of the list.", default=1)
+    between: bool = key("between", FLAG, "Nothing is filled up behind the last item.", default=False)
+    fill: int = key("fill", BYTE, "What is sent to fill up; default 00.", default=0)
 
     @classmethod
     def called(cls) -> str:
@@ -122,11 +136,20 @@ class Repeat(Segment):
 
     def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
         item = self.of.sizes if isinstance(self.of, FieldType) else sizes_of(self.of, of_frame)
-        if isinstance(self.times, int):
-            return item.times(self.times, self.times)
-        return item.times(1 if self.times is None else 0, None)
+        least, most = (self.times, self.times) if isinstance(self.times, int) else (0 if self.times else 1, None)
+        if self.align == 1:
+            return item.times(least, most)
+        greatest = None if most is None or item.most is None else self.filled(item.most, most)
+        return Sizes(self.filled(item.least, least), greatest)
+
+    def filled(self, item: int, times: int) -> int:
+        """Bytes of so many items of this size, with what fills them up."""
+        more = -item % self.align
+        return times * (item + more) - (more if times and self.between else 0)
 
     def contents(self, of_frame: Contents) -> frozenset[int]:
+        if self.align > 1:
+            return EVERY_BYTE  # nobody looks at what fills up
         return self.of.contents if isinstance(self.of, FieldType) else contents_of(self.of, of_frame)
 
     @property
@@ -160,6 +183,7 @@ class Repeat(Segment):
         elif self.times is not None and self.until is not None:
             what = f"times and until both say where '{self.name}' ends"
             yield Problem(self.at, what, "leave one of them out")
+        yield from self._check_align()
         if isinstance(self.of, FieldType):
             return
         if not self.of:
@@ -169,6 +193,24 @@ class Repeat(Segment):
         elif self.times == "rest" and all(_may_be_nothing(segment) for segment in self.of):
             what = f"an item of '{self.name}' may take no bytes, so nothing shows how many there are"
             yield Problem(self.at, what, "add a segment that always takes some, or a count")
+
+    def _check_align(self) -> Iterator[Problem]:
+        """Filling up has to have an effect, and items whose size may vary."""
+        size = all_fixed(self.of) if not isinstance(self.of, FieldType) else None
+        if self.align < 2:
+            for set_, key_ in ((self.between, "between"), (self.fill, "fill")):
+                if set_:
+                    yield Problem(self.at, f"{key_} of '{self.name}' has no effect without align", "add align: N")
+        elif isinstance(self.of, FieldType):
+            what = f"the items of '{self.name}' are plain values, which align does not fill up"
+            yield Problem(self.at, what, "write of: [{field: NAME, type: …}]")
+        elif size is not None and size % self.align == 0:
+            what = f"every item of '{self.name}' takes {plural(size, 'byte')}, so align: {self.align} has no effect"
+            yield Problem(self.at, what, "leave it out")
+        elif self.between and self.times == 1:
+            yield Problem(
+                self.at, f"nothing stands between the items of '{self.name}', which is one", "leave align out"
+            )
 
 
 def _may_be_nothing(segment: Segment) -> bool:
