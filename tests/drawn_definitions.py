@@ -515,7 +515,23 @@ def include(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth:
     if inside.numbers and drawn.chance(0.6):
         scope.numbers.append(f"{name}.{drawn.random.choice(inside.numbers)}")
     scope.places.append(name)
+    if drawn.apart.random() < 0.2:
+        _nest(drawn, layout, values[name])
     return [{"include": layout, "as": name}]
+
+
+def _nest(drawn: DrawnDefinition, layout: str, values: dict[str, Any]) -> None:
+    """Lets a layout stand in itself, in a list or where a field says so."""
+    again = {"include": layout, "as": "again", "depth": drawn.apart.choice([2, 3])}
+    drawn.used.add(("include", "depth"))
+    flat = {**values}
+    if drawn.apart.random() < 0.5:
+        drawn.layouts[layout] += [{"field": "more", "type": "u8"}, {**again, "when": "more"}]
+        values |= {"more": 1, "again": {**flat, "more": 0}}
+    else:
+        count = {"count": "more", "type": "u8", "of": "below"}
+        drawn.layouts[layout] += [count, {"repeat": "below", "times": "more", "of": [again]}]
+        values["below"] = [{"again": {**flat, "below": []}}] * drawn.apart.randrange(3)
 
 
 def inner(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: int) -> Segments:
@@ -565,6 +581,7 @@ def coded(drawn: DrawnDefinition, segment: dict[str, Any]) -> Segments:
             ({"escape": "7D", "xor": "20", "bytes": ["7E", "7D", "10"]}, "7E"),
             ({"escape": "DB", "codes": {"C0": "DC", "DB": "DD"}}, "C0"),
             ("cobs", "00"),
+            ("none", ""),
             ({"after": "10 03", "insert": drawn.apart.choice(["03", "10", "FF FF"])}, ""),
         ]
     )

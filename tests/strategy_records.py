@@ -173,6 +173,8 @@ class _Record:
             case model.Record():
                 fields = self.plan.values[segment.name][0].construct.fields  # type: ignore[attr-defined]
                 return _Record(self.maker, fields.plan, segment.of, self.filling()).made()
+            case model.Nested():
+                return self.maker.frame(segment.frame)
             case model.Inner():
                 frame = self.draw(st.sampled_from(segment.frames))
                 values = self.maker.frame(frame)

@@ -22,6 +22,7 @@ from framekit.definition.model.segments import (
     FieldType,
     Inner,
     Length,
+    Nested,
     Repeat,
     Segment,
 )
@@ -92,6 +93,8 @@ class PlainValues:
                 if frame not in self.protocol.frames:
                     return {frame: fields}
                 return {frame: self.from_plain(frame, _mapping(fields))}
+            case Nested(frame=frame):
+                return self.from_plain(frame, _mapping(value))
             case Bits():
                 return _number(value)
         return _number(value) if isinstance(value, str) and _is_number(value) else value
@@ -115,6 +118,8 @@ class PlainValues:
                 return self._written(_special(segment.members), value)
             case Inner() if isinstance(value, dict):
                 return {frame: self.to_plain(frame, fields) for frame, fields in value.items()}
+            case Nested(frame=frame) if isinstance(value, dict):
+                return self.to_plain(frame, value)
         return shown(value)
 
 
@@ -124,7 +129,7 @@ def _special(segments: tuple[Segment, ...]) -> dict[str, Segment]:
         name: segment
         for name, segment in by_value_name(segments).items()
         if segment.inner_record
-        or isinstance(segment, Inner)
+        or isinstance(segment, (Inner, Nested))
         or (isinstance(segment, Field) and segment.unit is not None)
     }
 
@@ -249,3 +254,5 @@ def _levels(protocol: Protocol, segments: tuple[Segment, ...], given: Any) -> It
                 for frame, fields in value.items():
                     if frame in protocol.frames:
                         yield from _levels(protocol, protocol.frames[frame].segments, fields)
+            case Nested(frame=frame):
+                yield from _levels(protocol, protocol.frames[frame].segments, value)

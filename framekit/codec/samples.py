@@ -376,6 +376,8 @@ class _Record:
                 return values
             case model.Inner(frames=frames):
                 return self._inner(frames)
+            case model.Nested(frame=frame):
+                return self._inner((frame,))[frame]
             case model.Value(build=None, name=name) if name in self.inputs:
                 return self.random.randrange(32)
         return _LEFT_OUT

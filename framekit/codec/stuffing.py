@@ -13,6 +13,19 @@ from framekit.codec.support import Unfit
 Opened = tuple[bytes, Sequence[int], str]
 
 
+# ---- as it is
+
+
+def stuff_none(data: bytes) -> bytes:
+    """Content that stands on the wire as it is."""
+    return data
+
+
+def open_none(raw: bytes) -> tuple[bytes, Sequence[int], str]:
+    """The same with the place of each byte, for a careful reading."""
+    return raw, range(len(raw) + 1), ""
+
+
 # ---- some bytes escaped: `codes` is what stands for each, the escape byte's own first; `never` may not stand alone
 
 

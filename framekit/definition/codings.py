@@ -61,6 +61,18 @@ class Hex(Coding):
 
 
 @dataclass(frozen=True, slots=True)
+class Plain(Coding):
+    """Content as it is: a region of so many bytes."""
+
+    def sizes(self, plain: Sizes) -> Sizes:
+        return plain
+
+    @property
+    def shown(self) -> str:
+        return "region"
+
+
+@dataclass(frozen=True, slots=True)
 class Doubled(Coding):
     """The byte `escape` stands twice; alone it ends the content."""
 
@@ -151,15 +163,15 @@ _WAYS: Mapping[frozenset[str], str] = {
     frozenset({"after", "insert"}): "inserted",
 }
 _EXPECTED = (
-    "hex, cobs, {escape: BYTE}, {escape: BYTE, xor: BYTE, bytes: [BYTES]}, {escape: BYTE, codes: {BYTE: BYTE}} "
+    "hex, cobs, none, {escape: BYTE}, {escape: BYTE, xor: BYTE, bytes: [BYTES]}, {escape: BYTE, codes: {BYTE: BYTE}} "
     "or {after: BYTES, insert: BYTES}"
 )
 _SCHEMA: Schema = {
     "title": "wrap",
     "description": f"How the content stands on the wire: {_EXPECTED}.",
     "type": ["string", "object"],
-    "pattern": "^(hex|cobs)$",
-    "x-expected": "a wrap (hex, cobs, {escape: …} or {after: …})",
+    "pattern": "^(hex|cobs|none)$",
+    "x-expected": "a wrap (hex, cobs, none, {escape: …} or {after: …})",
     "properties": {
         "escape": {**BYTE.schema, "description": "The byte that escapes; alone: it is doubled in the content."},
         "xor": {**BYTE.schema, "description": "Behind the escape byte a byte stands with these bits turned."},
@@ -188,7 +200,7 @@ def _read(reading: KeyReading, node: Node) -> Coding:
     """The coding that `wrap` names. Raises Broken."""
     reader = reading.reader
     if not isinstance(node, Keys):
-        return Hex(node.at) if reader.text(node) == "hex" else Cobs(node.at)
+        return {"hex": Hex, "cobs": Cobs, "none": Plain}[reader.text(node)](node.at)
     way = _WAYS.get(frozenset(str(entry.key.text) for entry in node.read_all()))
     if way is None:
         raise reader.broken(node.at, "these keys together are no wrap", f"write {_EXPECTED}")

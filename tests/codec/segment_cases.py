@@ -210,6 +210,9 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
              "       {data: d, size: len(list)}]", {"list": [{"a": 5, "d": b""}, {"a": 7, "d": b"x"}]},
              "02 05 00 07 05 78", {"n": 2, "list": [{"a": 5, "at": 0, "sum": 0, "d": b""}, {"a": 7, "at": 1, "sum": 5, "d": b"x"}]},
              {"02 05 00 07 06 78": "value"}),
+        Case("a list of so many bytes", "- {length: n, type: u8, of: [w]}\n- wrap: none\n  name: w\n  size: n\n"
+             "  of: [{repeat: list, times: rest, of: [{field: s, type: ascii, end: 00}]}]\n- const: ETX",
+             {"list": [{"s": "ab"}, {"s": ""}]}, "04 61 62 00 00 03", {"n": 4}, {"03 61 62 00 00 03": "constant", "02 61 62 03": "short"}),
         Case("a list that its last item ends", "- repeat: list\n  until: more == 0\n  of: [{bits: {more: 7, value: 0-6}, of: u8}]\n"
              "- const: ETX", {"list": [{"more": 1, "value": 5}, {"more": 0, "value": 2}]}, "85 02 03",
              bad={"85 02 04": "constant", "85 82 03": "short"}),
@@ -246,6 +249,17 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
              "- {repeat: list, times: rest, of: i16}", {"a": 1, "list": [2, -2]}, "01 00 00 02 FF FE"),
         Case("a record", "- {include: pair, as: p}", {"p": {"a": 1, "b": 2}}, "01 02",
              top="layouts:\n  pair: [{field: a, type: u8}, {field: b, type: u8}]\n"),
+        Case("a layout that stands in itself, at most three deep", "- include: node\n- const: ETX",
+             {"a": 1, "below": [{"node": {"a": 2, "below": []}}, {"node": {"a": 3, "below": [{"node": {"a": 4, "below": []}}]}}]},
+             "01 02 02 00 03 01 04 00 03",
+             {"n": 2, "below": [{"node": {"a": 2, "n": 0, "below": []}},
+                                {"node": {"a": 3, "n": 1, "below": [{"node": {"a": 4, "n": 0, "below": []}}]}}]},
+             {"01 02 02 00 03 01 04 00 04": "constant", "01 01 02 01 03 01 04 00 03": "require"},
+             top="layouts:\n  node: [{field: a, type: u8}, {count: n, type: u8, of: below},\n"
+                 "         {repeat: below, times: n, of: [{include: node, as: node, depth: 3}]}]\n"),
+        Case("a layout that stands in itself under a condition", "- include: link\n- const: ETX",
+             {"more": 1, "next": {"more": 1, "next": {"more": 0}}}, "01 01 00 03", bad={"01 01 01 00 03": "require"},
+             top="layouts:\n  link: [{field: more, type: u8}, {include: link, as: next, depth: 3, when: more}]\n"),
         Case("an include", "- include: pair", {"a": 1, "b": 2}, "01 02",
              top="layouts:\n  pair: [{field: a, type: u8}, {field: b, type: u8}]\n"),
         Case("a choice", "- {field: kind, type: u8}\n- choose: kind\n  cases:\n    1: [{field: a, type: u8}]\n"

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import cProfile
 import json
+import pstats
 import re
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +17,7 @@ from link.link_world import cut_at, feed, receiver_of
 from small_protocol import small_protocol
 
 from framekit.codec.codec import compile_protocol
-from framekit.codec.errors import EncodeError
+from framekit.codec.errors import EncodeError, FrameError
 from framekit.definition.load import load_protocol_text
 
 MANUAL = Path(__file__).parents[2] / "docs" / "language.md"
@@ -149,3 +152,154 @@ def test_a_list_of_texts_each_at_a_multiple_of_4() -> None:
     assert [one[2] for one in whole if one[0] == "frame"] == [wire] * 3
     for cuts in ([*range(len(stream))], [4, 30, 31], [9, 27, 50]):
         assert feed(receiver_of(text), cut_at(stream, cuts), ("texts",)) == whole
+
+
+# ---- M-Bus: records whose extension bits tell how long they are -------------------------------------------------
+
+M_BUS = """
+protocol: meter
+order: little
+tables: {sizes: {1: 1, 2: 2, 3: 3, 4: 4, 5: 4, 6: 6, 7: 8, 9: 1, 10: 2, 11: 3, 12: 4, 14: 6}}
+layouts:
+  extension: [{bits: {more: 7, unit: 6, tariff: 4-5, storage: 0-3}, of: u8, is: {more: not last}}]
+  record:
+    - {bits: {extended: 7, storage: 6, function: 4-5, coding: 0-3}, of: u8}
+    - {repeat: difes, when: extended, until: not more, of: [{include: extension}]}
+    - {bits: {vif_extended: 7, vif: 0-6}, of: u8}
+    - repeat: vifes
+      when: vif_extended
+      until: not more
+      of: [{bits: {more: 7, code: 0-6}, of: u8, is: {more: not last}}]
+    - {data: raw, size: "get(sizes, coding, 0)"}
+frames:
+  reply:
+    from: server
+    max: 261
+    body:
+      - const: 68
+      - {length: size, type: u8, of: [content]}
+      - {field: again, type: u8, is: size}
+      - const: 68
+      - wrap: none
+        name: content
+        size: size
+        of:
+          - {field: control, type: u8, default: 8}
+          - {field: address, type: u8}
+          - const: 72
+          - {field: number, type: bcd, size: 4, order: little}
+          - {data: header, size: 8}
+          - {repeat: records, times: rest, of: [{include: record}]}
+      - {check: sum8, over: control..here}
+      - const: 16
+"""
+REPLY = bytes.fromhex(
+    "681F1F68 080272 78563412 24400107 55000000 0313153100 DA023B1301 8B6004371802 1816"
+)  # The M-Bus: A Documentation, 4.8: a reply with variable data structure
+SIMPLE = {"extended": 0, "storage": 0, "function": 0, "vif_extended": 0}
+DIFE = {"more": 0, "unit": 0, "tariff": 0, "storage": 0}
+RECORDS = [
+    SIMPLE | {"coding": 3, "vif": 0x13, "raw": b"\x15\x31\0"},
+    SIMPLE
+    | {"extended": 1, "storage": 1, "function": 1, "coding": 10, "vif": 0x3B, "raw": b"\x13\x01"}
+    | {"difes": [DIFE | {"storage": 2}]},
+    SIMPLE
+    | {"extended": 1, "coding": 11, "vif": 4, "raw": b"\x37\x18\x02"}
+    | {"difes": [DIFE | {"unit": 1, "tariff": 2}]},
+]
+
+
+def test_records_of_a_meter() -> None:
+    """The published reply, and longer chains, of which only the number of extensions is given."""
+    protocol = load_protocol_text(M_BUS, "meter")
+    long = {"extended": 1, "storage": 0, "function": 0, "coding": 1, "vif_extended": 1, "vif": 0x7D, "raw": b"\x05"}
+    long |= {"difes": [{"unit": 0, "tariff": 1, "storage": n} for n in range(3)], "vifes": [{"code": 1}, {"code": 2}]}
+    for codec in (compile_protocol(protocol), compile_construct(protocol)):
+        read = codec.decode("reply", REPLY)
+        assert (read["number"], read["address"], read["records"]) == (12345678, 2, RECORDS)
+        assert codec.encode("reply", read) == REPLY
+        values = {"address": 1, "number": 1, "header": bytes(8), "records": [long]}
+        made = codec.encode("reply", values)
+        assert made[19:-2] == bytes.fromhex("81 90 91 12 FD 81 02 05")
+        with pytest.raises(EncodeError, match="at least one item"):
+            codec.encode("reply", values | {"records": [{**long, "difes": []}]})
+
+
+def test_records_of_a_meter_in_a_stream() -> None:
+    damaged = REPLY[:20] + b"\xff" * 11 + REPLY[31:]
+    stream = b"\xe5" + REPLY + damaged + REPLY
+    whole = feed(receiver_of(M_BUS), [stream], ("reply",))
+    assert [one[2] for one in whole if one[0] == "frame"] == [REPLY, REPLY]
+    for cuts in ([*range(len(stream))], [3, 40, 77], [1, 20, 38, 39, 99]):
+        assert feed(receiver_of(M_BUS), cut_at(stream, cuts), ("reply",)) == whole
+
+
+# ---- a tree of tag, length, value ---------------------------------------------------------------------------------
+
+TREE = next(block for block in MANUAL.read_text("utf-8").split("```") if block.startswith("yaml\nlayouts:\n  tlv:"))
+TREE = "protocol: tree\n" + TREE.removeprefix("yaml\n").replace("body: [", "body: [{const: 54}, ")
+
+
+def leaf(tag: int, value: bytes) -> dict[str, Any]:
+    return {"tlv": {"tag": tag, "value": value}}
+
+
+def node(*items: dict[str, Any]) -> dict[str, Any]:
+    return {"tlv": {"tag": 0x20, "items": list(items)}}
+
+
+def test_a_tree_as_documented() -> None:
+    protocol = load_protocol_text(TREE, "tree")
+    tree = {"tag": 32, "items": [leaf(1, bytes.fromhex("61 62 63"))]}
+    for codec in (compile_protocol(protocol), compile_construct(protocol)):
+        assert codec.encode("tree", tree) == bytes.fromhex("54 20 05 01 03 61 62 63")
+        read = codec.decode("tree", bytes.fromhex("54 20 05 01 03 61 62 63"))
+        assert read == {"tag": 32, "n": 5, "items": [{"tlv": {"tag": 1, "n": 3, "value": b"abc"}}]}
+
+
+def test_a_tree_in_every_way() -> None:
+    values = node(leaf(1, b"ab"), node(leaf(2, b""), node(leaf(3, b"xyz"), leaf(3, b""))), leaf(4, b"q"))["tlv"]
+    text = TREE.replace("tree: {body: [", "f: {body: [")
+    for seed in range(10):
+        assert Trial(text, dict(values), seed).run() is not None
+
+
+def test_a_tree_is_no_deeper_than_said() -> None:
+    """Values are refused; bytes are a fault, at the place where it is too deep."""
+    protocol = load_protocol_text(TREE, "tree")
+    fits, deeper = node(node(node(leaf(1, b"")))), node(node(node(node(leaf(1, b"")))))
+    for codec in (compile_protocol(protocol), compile_construct(protocol)):
+        assert codec.decode("tree", codec.encode("tree", fits["tlv"]))["items"]
+        with pytest.raises(EncodeError):
+            codec.encode("tree", deeper["tlv"])
+        with pytest.raises(FrameError) as caught:
+            codec.decode("tree", bytes.fromhex("54 20 08 20 06 20 04 20 02 01 00"))
+        assert (caught.value.cause, caught.value.offset) == ("require", 9)
+
+
+def test_a_tree_in_a_stream() -> None:
+    tree = compile_protocol(load_protocol_text(TREE, "tree")).encode(
+        "tree", node(node(leaf(1, b"ab")), leaf(2, b""))["tlv"]
+    )
+    stream = tree + b"\x01" + tree + bytes.fromhex("54 20 04 01 07 00 00") + tree
+    whole = feed(receiver_of(TREE), [stream], ("tree",))
+    assert [one[2] for one in whole if one[0] == "frame"] == [tree] * 3
+    for cuts in ([*range(len(stream))], [3, 13, 30], [1, 12, 25]):
+        assert feed(receiver_of(TREE), cut_at(stream, cuts), ("tree",)) == whole
+
+
+def test_work_for_nested_lists_is_bounded() -> None:
+    """Each byte costs a level's work at most once a level: whatever the bytes, so many calls and no more."""
+    layouts = (
+        "layouts: {node: [{field: v, type: u8}, {count: n, type: u8, of: below},"
+        " {repeat: below, times: n, of: [{include: node, as: node, depth: 32}]}]}"
+    )
+    codec = compile_protocol(small_protocol("[{include: node}]", layouts))
+    for data in (b"\x01\x01" * 31 + b"\x01\x00", b"\x01\x02" * 300, (b"\x01\xff" + b"\x01\x00" * 255) * 2):
+        profile = cProfile.Profile()
+        profile.enable()
+        codec.measure("f", data)
+        with suppress(FrameError):
+            codec.decode("f", data).get("below")
+        profile.disable()
+        assert pstats.Stats(profile).total_calls < 100 * len(data)  # type: ignore[attr-defined]

@@ -22,6 +22,7 @@ from framekit.definition.model.segments import (
     Field,
     Inner,
     Length,
+    Nested,
     Optional,
     Record,
     Repeat,
@@ -35,7 +36,7 @@ def value_names(segment: Segment) -> tuple[str, ...]:
     """The names of the values that a segment itself gives its record."""
     if isinstance(segment, Bits):
         return tuple(part.name for part in segment.parts)
-    valued = (Field, Data, Length, Count, Repeat, Record, Inner, Value)
+    valued = (Field, Data, Length, Count, Repeat, Record, Inner, Nested, Value)
     return (segment.name,) if isinstance(segment, valued) else ()
 
 

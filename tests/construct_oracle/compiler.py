@@ -20,7 +20,7 @@ from construct_oracle.holders import (
     RepeatConstruct,
     Segments,
 )
-from construct_oracle.inner import InnerConstruct
+from construct_oracle.inner import InnerConstruct, NestedConstruct
 from construct_oracle.names import Names
 from construct_oracle.pieces import (
     ConstantConstruct,
@@ -117,6 +117,8 @@ class _Compiler:
                 return self._optional(segment, plan, conditions)
             case model.Wrap():
                 return self._wrap(segment, plan, conditions)
+            case model.Nested():
+                return NestedConstruct(segment, self.frames)
             case model.Inner():
                 return InnerConstruct(segment, self.frames, self.models)
         return _PLAIN[type(segment)](segment)

@@ -20,10 +20,51 @@ from construct_oracle.values import evaluated_size
 from framekit.codec.python.facts import in_place_of_records
 from framekit.definition.expression import Expression
 from framekit.definition.model.frames import Frame
-from framekit.definition.model.segments import Inner
+from framekit.definition.model.segments import Inner, Nested
 
 UNKNOWN = "unknown"
 """The name under which the bytes of an inner region stand that no frame fits."""
+
+
+class NestedConstruct(ValueSegment):
+    """A layout that stands in itself, one level deeper. Parses to its fields, builds from them."""
+
+    segment: Nested
+
+    def __init__(self, segment: Nested, frames: Mapping[str, FrameConstruct]) -> None:
+        super().__init__(segment)
+        self.frames = frames
+
+    def read(self, stream: BytesIO, context: Container, path: str, place: Place) -> None:
+        reading: Reading = context._state
+        start = stream.tell()
+        data = stream.read(max(reading.region.end - start, 0))
+        outcome = self.frames[self.segment.frame].read(data, reading.names, context, path, exact=False)
+        stream.seek(start + outcome.size)
+        reading.leaf(data[: outcome.size])
+        reading.store(context, self.name, outcome.values, place)
+        if outcome.fault is not None:
+            inner = outcome.fault.place
+            there = reading.place(stream, inner.label, outcome.refuse)
+            moved = Place(there.order, reading.offset(start + inner.offset), there.label, there.refuse)
+            reading.note(moved, outcome.fault.cause, outcome.fault.expected, outcome.fault.found)
+
+    def fill(self, filling: Filling, name: str) -> Any:
+        given = filling.given_of(name)
+        if given is MISSING:
+            if not filling.is_there(name):
+                raise Absent(name)
+            raise filling.error(name, f"'{name}' is missing")
+        if not isinstance(given, Mapping):
+            raise filling.error(name, f"'{name}' is a mapping of fields, not {given!r}")
+        return given
+
+    def write(self, filling: Filling, stream: BytesIO, context: Container, path: str) -> None:
+        prefix = f"{filling.path}{self.name}."
+        frame = self.frames[self.segment.frame]
+        data = frame.to_bytes(filling[self.name], filling.names, context, path, prefix)
+        stream.write(data)
+        context._state.leaf(data)
 
 
 class InnerConstruct(ValueSegment):

@@ -19,7 +19,7 @@ from construct_oracle.state import Reading, Region, Writing
 from construct_oracle.values import evaluated_size
 from framekit.codec import support
 from framekit.codec.python.facts import in_place_of_records
-from framekit.definition.codings import Cobs, Coding, Escaped, Hex, Inserted
+from framekit.definition.codings import Cobs, Coding, Escaped, Hex, Inserted, Plain
 from framekit.definition.expression import Expression
 from framekit.definition.model.segments import Const, Wrap
 
@@ -216,6 +216,8 @@ class CodedConstruct(WrapConstruct):
 def coded(coding: Coding, plain: bytes) -> bytes:
     """Content as it stands on the wire."""
     match coding:
+        case Plain():
+            return plain
         case Hex():
             return support.hex_to_ascii(plain)
         case Escaped(escape=escape, codes=codes):
@@ -244,6 +246,8 @@ def coded(coding: Coding, plain: bytes) -> bytes:
 def uncoded(coding: Coding, wire: bytes) -> tuple[bytes | None, list[int]]:
     """The content (None where the wire is none) and where each of its bytes stands; last the place of what is wrong."""
     plain, places, at = bytearray(), [0][:0], 0
+    if isinstance(coding, Plain):
+        return wire, list(range(len(wire)))
     if isinstance(coding, Cobs):
         return _uncobs(wire)
     if isinstance(coding, Hex):

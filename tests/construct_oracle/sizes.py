@@ -23,6 +23,7 @@ from framekit.definition.model.segments import (
     Inner,
     ItemEnd,
     Length,
+    Nested,
     Record,
     Repeat,
     Require,
@@ -118,6 +119,8 @@ class KnownSizes:
             case Wrap(coding=coding, of=of):
                 content = self.all(of, evaluate)
                 return None if content is None else coding.sizes(exactly(content)).fixed
+            case Nested(frame=name):
+                return self.frame(name)
             case Inner(size=None, frames=names):
                 sizes = {self.frame(name) for name in names}
                 return sizes.pop() if len(sizes) == 1 else None

@@ -11,6 +11,7 @@ from framekit.codec.kinds.counted import CountKind, LengthKind
 from framekit.codec.kinds.data import DataKind
 from framekit.codec.kinds.field import FieldKind
 from framekit.codec.kinds.inner import InnerKind
+from framekit.codec.kinds.nested import NestedKind
 from framekit.codec.kinds.optional import OptionalKind
 from framekit.codec.kinds.record import RecordKind
 from framekit.codec.kinds.repeat import ItemEndKind, RepeatKind
@@ -40,4 +41,5 @@ register(
     OptionalKind,
     WrapKind,
     InnerKind,
+    NestedKind,
 )

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from framekit.codec import stuffing, support
 from framekit.codec.python.forms import Functions
 from framekit.codec.python.source import bytes_literal, literal
-from framekit.definition.codings import Cobs, Coding, Doubled, Escaped, Hex, Inserted
+from framekit.definition.codings import Cobs, Coding, Doubled, Escaped, Hex, Inserted, Plain
 
 
 class WireCoding(NamedTuple):
@@ -92,6 +92,7 @@ WIRE: Mapping[type[Coding], WireCoding] = {
         _escaped_arguments,
         lambda coding, plain: stuffing.stuff_escaped(plain, _codes(coding)),
     ),
+    Plain: WireCoding("stuff_none", "stuff_none", "open_none", starts=lambda coding, plain: plain),
     Cobs: WireCoding("stuff_cobs", "unstuff_cobs", "open_cobs"),
     Inserted: WireCoding(
         "stuff_inserted", "unstuff_inserted", "open_inserted", _inserted_arguments, _inserted_arguments

@@ -57,6 +57,7 @@ from framekit.definition.model.segments import (
     Fill,
     Inner,
     Length,
+    Nested,
     Repeat,
     Segment,
     Value,
@@ -569,7 +570,7 @@ class EncodeWriter(FunctionWriter):
         own = {f"{what}{name}" for name in inside for what in ("", "items of ", "bytes of ")}
         return read - own
 
-    def plain_given(self, segment: Inner | Repeat, scope: Scope, given: Given) -> None:
+    def plain_given(self, segment: Inner | Nested | Repeat, scope: Scope, given: Given) -> None:
         """A local for a value that has to be given."""
         local, key = self.local(segment.name, given), given.value(segment.name)
         if segment.when is not None:

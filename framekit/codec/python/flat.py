@@ -35,6 +35,7 @@ from framekit.definition.model.segments import (
     Fill,
     Inner,
     Length,
+    Nested,
     Repeat,
     Require,
     Segment,
@@ -466,6 +467,8 @@ class Parameters:
             case Inner(name=name) if all(segment is not level.inner for level in self.levels):
                 default = None if is_certain else LEFT_OUT
                 yield Keyword("", name, 0, default, "Mapping[str, Any]", "one frame as {name: values}")
+            case Nested(name=name):
+                yield Keyword("", name, 0, LEFT_OUT, "Mapping[str, Any]", segment.doc)
             case Value(name=name) if segment.build is not None or _is_given(name, segments):
                 yield Keyword("", name, 0, LEFT_OUT, "Any", segment.doc)
 

@@ -394,6 +394,17 @@ def encode_one(choice: Choice, value: Any, name: str, ctx: Context) -> bytes:
     raise EncodeError(name, f"'{name}' cannot be a '{wanted}'")
 
 
+def encode_nested(level: Frame, value: Any, name: str, ctx: Context) -> bytes:
+    """The bytes of a layout that stands in itself, one level deeper. Raises EncodeError."""
+    if not isinstance(value, Mapping):
+        raise EncodeError(name, f"'{name}' must be a mapping of fields")
+    try:
+        return level.encode(value, ctx)
+    except EncodeError as error:
+        more = tuple(f"{name}.{one}" for one in error.more)
+        raise EncodeError(f"{name}.{error.field}" if error.field else name, str(error), more) from None
+
+
 # ---- why values cannot be sent: asked by encoders when something went wrong ---------------------------------
 
 

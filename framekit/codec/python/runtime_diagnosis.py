@@ -626,6 +626,17 @@ class Diagnosis:
         self.scopes[-1][name] = {"unknown": {"data": raw}}
         self.show(name, start, raw)
 
+    def nested(self, name: str, level: Any) -> None:
+        """The layout around once more, one level deeper; it tells itself where it ends."""
+        start = self.begin(name)
+        size = level.measure(self.data, start, self.end, self.ctx)
+        raw = self.take(name, size) if size > 0 else self.data[start : self.end]
+        one: Diagnosis = level.diagnose(raw, self.ctx)
+        self.scopes[-1][name] = one.fields
+        self.adopt(name, start, one)
+        if size <= 0:
+            raise Stop
+
     def adopt(self, name: str, start: int, inner: Diagnosis) -> None:
         """Takes over what was found out about a frame inside; its fault comes behind the frame itself."""
         self.shown.append((self.path, name, start, start, inner, self.places))

@@ -11,6 +11,7 @@ from framekit.definition.model.frames import (
     StaticSizes,
     all_fixed,
     bytes_of,
+    certain,
     everything,
     expressions_of,
     field_names,
@@ -32,6 +33,7 @@ from framekit.definition.model.segments import (
     FieldType,
     Inner,
     Length,
+    Nested,
     Repeat,
     Segment,
     Segments,
@@ -96,6 +98,13 @@ def _inner(protocol: Protocol, frame: Frame, ends: _Ends) -> Iterator[Problem]:
         if isinstance(inner.size, int) and sizes and min(sizes) > inner.size:
             what = f"every frame for '{inner.name}' has at least {plural(min(sizes), 'byte')}, its size is {inner.size}"
             yield Problem(inner.at, what, "correct size")
+    for nested in _always_nested(frame.segments):
+        what = f"'{nested.layout}' always stands in itself, so it never ends"
+        yield Problem(nested.at, what, "put the include into a repeat, a choose or an optional")
+    for nested in parts_of(frame.segments, Nested):
+        if nested.frame in protocol.frames and ends.is_open(protocol.frames[nested.frame].segments):
+            what = f"nothing shows where '{nested.layout}' ends that stands in itself"
+            yield Problem(nested.at, what, "give all in it a size, or an end of its own")
     for repeat in parts_of(frame.segments, Repeat):
         for inner in parts_of(repeat.of, Inner):
             known = {_always(protocol.frames[name]) for name in inner.frames if name in protocol.frames}
@@ -103,6 +112,18 @@ def _inner(protocol: Protocol, frame: Frame, ends: _Ends) -> Iterator[Problem]:
             if inner.size is None and not inside_itself and known and (None in known or len(known) > 1):
                 what = f"nothing shows where '{inner.name}' ends in an item of '{repeat.name}'"
                 yield Problem(inner.at, what, "give it a size, such as that of a length before it")
+
+
+def _always_nested(segments: Segments) -> Iterator[Nested]:
+    """What holds the layout around it once more, whatever the values are."""
+    for segment, there in certain(segments):
+        if not there or segment.when is not None:
+            continue
+        if isinstance(segment, Nested):
+            yield segment
+        elif not isinstance(segment, Repeat) or segment.until is not None or segment.times not in (0, "rest"):
+            counted = isinstance(segment, Repeat) and isinstance(segment.times, Expression)
+            yield from () if counted else _always_nested(segment.members)
 
 
 def _always(frame: Frame) -> int | None:
@@ -115,7 +136,7 @@ def _within(protocol: Protocol, segments: Segments) -> dict[str, None]:
     found: dict[str, None] = {}
     ahead = [segments]
     while ahead:
-        names = {name for inner in parts_of(ahead.pop(), Inner) for name in inner.frames}
+        names = {name for part in parts_of(ahead.pop(), Segment) for name in part.frames_inside}
         fresh = sorted((names & protocol.frames.keys()) - found.keys())
         found |= dict.fromkeys(fresh)
         ahead += [protocol.frames[name].segments for name in fresh]

@@ -24,6 +24,7 @@ from framekit.definition.kinds.base import (
     lack_default,
     sizes_of,
 )
+from framekit.definition.kinds.nested import Nested
 from framekit.definition.problems import Problem, plural
 from framekit.definition.tree import Mapping, Node, Sequence
 from framekit.definition.wire_types import EVERY_BYTE, SIZE, TEXT_KEYS, FieldType, Size, Sizes, load_type
@@ -263,11 +264,20 @@ class IncludeKeys(Segment):
 
     of: Segments = key("include", INCLUDED, "The layout whose segments stand here; FILE.layout for one of a used file.")
     record: str | None = key("as", IDENTIFIER, "Makes its values one record of this name.", default=None)
+    depth: int | None = key("depth", NUMBER, "Of a layout that stands in itself: how deep at most.", default=None)
 
     @classmethod
     def load(cls, loader: SegmentLoading, keys: Mapping) -> Segments:
-        found = cls.attributes(loader, keys)
         reader = loader.space.reader
+        layout, depth = keys.get("include"), keys.get("depth")
+        if layout is not None and depth is not None:
+            frame, record = loader.nested(layout, depth), keys.get("as")
+            if record is None:
+                what = "an include with depth makes a record, which has no name"
+                raise reader.broken(keys.at, what, "add as: NAME")
+            common = {**loader.common(keys, "include"), "name": reader.text(record)}
+            return (Nested(**common, layout=reader.text(layout), frame=frame),)
+        found = cls.attributes(loader, keys)
         when = reader.maybe(reader.expression, keys.get("when"))
         refuse = reader.maybe(reader.number, keys.get("refuse"))
         segments: Segments = found["of"]

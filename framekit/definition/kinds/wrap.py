@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
-from framekit.definition.codings import CODING, Coding, Doubled, Hex
+from framekit.definition.codings import CODING, Coding, Doubled, Hex, Plain
 from framekit.definition.expression import Expression
 from framekit.definition.keys import EXPRESSION, NUMBER, Form, KeyReading, key, ref
 from framekit.definition.kinds.base import Contents, Given, Segment, Segments, least_size, sizes_of
@@ -108,6 +108,9 @@ class Wrap(Segment):
         if self.size is not None and self.escape is not None:
             what = "the escape byte that is not doubled ends the content, and size says where it ends too"
             yield Problem(self.at, what, "leave size out")
+        if isinstance(self.coding, Plain) and self.size is None:
+            todo = "add size:, or put the content there without a wrap"
+            yield Problem(self.at, "wrap: none only says how many bytes the content takes", todo)
         if self.inside and self.escape is None:
             what = "frames stand inside only where a byte is doubled"
             yield Problem(self.at, what, "leave inside out, or take wrap: {escape: BYTE}")

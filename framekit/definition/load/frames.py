@@ -6,39 +6,43 @@ segments there are, and how each is read, stands in `definition/kinds`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from framekit.definition.expression import Expression, names_in
+from framekit.definition.expression import Expression, Number, names_in
 from framekit.definition.keys import Meanings
 from framekit.definition.kinds.base import KINDS, Segment, Segments, fixed_size
 from framekit.definition.load.items import with_item_words
 from framekit.definition.load.namespace import Namespace, Owned
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.frames import Frame, Group, Side, change_all, field_names, flat, leaves
+from framekit.definition.model.segments import Require, Skip
 from framekit.definition.problems import Position, did_you_mean, plural
 from framekit.definition.tree import Mapping, Node, Scalar, Sequence
 
 MOST_SEGMENTS = 4000
 """Of one frame, with everything it includes."""
+MOST_LEVELS = 32
+"""Of a layout that stands in itself."""
 
 
 class SegmentLoader:
     """Reads lists of segments.
 
-    `space` gives the meaning of the names of types, tables and checks, `find_frames` the frames that an `inner` or
-    `inside` means by a name. `side`: who sends the frame they belong to. `aliases` collects what a named include stands
-    for: its name → the names of its segments. `spoilt` says that segments were left out because they are
-    broken, `begun` is the layout that it reads by itself, `known` the names that
-    expressions may read beside values.
+    `space` gives the meaning of the names of types, tables and checks, `frames` finds those that an `inner` or `inside`
+    means by a name. `level`: how deep a layout that stands in itself is read. `side`: who sends the frame they belong
+    to. `aliases` collects what a named include stands for: its name → the names of its segments. `spoilt` says that
+    segments were left out because they are broken, `begun` is the layout that it reads by itself, `known` the names
+    that expressions may read beside values.
     """
 
-    def __init__(self, space: Meanings, find_frames: Callable[[Any, Node], tuple[str, ...]]) -> None:
+    def __init__(self, space: Meanings, frames: FrameLoader, level: int = 1) -> None:
         self.space = space
+        self.frames = frames
+        self.level = level
         self.reader = space.reader
         self.side: str | None = None
-        self.find_frames = find_frames
         self.aliases: dict[str, tuple[str, ...]] = {}
         self.under_way: list[tuple[str, Sequence]] = []
         self.read = 0
@@ -111,6 +115,21 @@ class SegmentLoader:
             self.space = outer
             self.under_way.pop()
 
+    def find_frames(self, space: Any, node: Node) -> tuple[str, ...]:
+        """The frames that a name means. Raises Broken."""
+        return self.frames.find(space, node)
+
+    def nested(self, node: Node, depth: Node) -> str:
+        """The frame for a layout that stands in itself, one level deeper. Raises Broken."""
+        nodes, space = self.space.layout(node)
+        most = self.reader.number(depth)
+        if not 2 <= most <= MOST_LEVELS:
+            raise self.reader.broken(depth.at, f"depth is from 2 to {MOST_LEVELS}, not {most}", "correct it")
+        if all(other is not nodes for _, other in self.under_way) and not _stands_in(nodes, space, nodes, []):
+            what = f"'{self.reader.text(node)}' does not stand in itself, so depth has no effect"
+            raise self.reader.broken(depth.at, what, "leave it out")
+        return self.frames.nested(self.space, node, self.level + 1, most)
+
     def _circle(self, node: Node, names: list[str]) -> Broken:
         """Layouts that include each other; told once, whichever of them it was found from."""
         if frozenset(names) in self.space.circles:
@@ -118,7 +137,28 @@ class SegmentLoader:
         self.space.circles.add(frozenset(names))
         chain = " → ".join([*names, names[0]])
         what = f"layouts include each other in a circle: {chain}" if len(names) > 1 else f"'{names[0]}' includes itself"
-        return self.reader.broken(node.at, what, "break the circle")
+        todo = "break the circle, or include it with as: and depth: in a repeat, a choose or an optional"
+        return self.reader.broken(node.at, what, todo)
+
+
+def _stands_in(wanted: Sequence, space: Meanings, nodes: Node, seen: list[Node]) -> bool:
+    """Whether a layout is included somewhere in nodes, also by layouts that these include."""
+    if isinstance(nodes, Sequence):
+        return any(_stands_in(wanted, space, item, seen) for item in nodes.items)
+    if not isinstance(nodes, Mapping):
+        return False
+    for entry in nodes.entries:
+        if entry.key.text == "include" and isinstance(entry.value, Scalar):
+            found, there = space.layout(entry.value)
+            if found is wanted:
+                return True
+            if all(found is not one for one in seen):
+                seen.append(found)
+                if _stands_in(wanted, there, found, seen):
+                    return True
+        elif _stands_in(wanted, space, entry.value, seen):
+            return True
+    return False
 
 
 def in_order(*lists: Segments) -> list[Segments]:
@@ -333,6 +373,7 @@ class FrameLoader:
         self.groups: dict[str, tuple[Namespace, Owned]] = {}
         self.frames: dict[str, Frame] = {}
         self.missing = MissingSegments(self.reader)
+        self.levels: dict[tuple[Position, int, int], str] = {}  # the frames of layouts that stand in themselves
         self._outline(space, inner_only=False)
 
     # ---- names first --------------------------------------------------------------------------------------
@@ -418,6 +459,46 @@ class FrameLoader:
         self.missing.tell()
         return self.frames
 
+    def nested(self, space: Meanings, node: Node, level: int, most: int) -> str:
+        """The frame for a layout that stands in itself so deep; one behind the greatest depth fits nothing.
+
+        Raises Broken.
+        """
+        layout, at = self.reader.text(node), space.layout(node)[0].at
+        key = at, min(level, most + 1), most
+        if key in self.levels:
+            return self.levels[key]
+        name = f"{layout} {level}"
+        while name in self.frames:
+            name += "'"
+        self.levels[key] = name
+        body: Segments
+        if level > most:
+            text = f"{layout} stands in itself {most} times at most"
+            never = Expression(text, Number(node.at, 0))
+            body = (Require(at=node.at, name="_depth", condition=never), Skip(at=node.at, name="_deeper", size=1))
+        else:
+            loader = SegmentLoader(space, self, level)
+            body = resolve_references(
+                ((), loader.layout(node), ()), loader.aliases, f"layout '{layout}'", self.missing
+            )[1]
+            if loader.spoilt:
+                raise Broken(layout)
+            body = with_item_words(body, loader.known)
+        self.frames[name] = Frame(
+            name=name,
+            at=node.at,
+            groups=(),
+            side="none",
+            head=(),
+            body=body,
+            tail=(),
+            inner=True,
+            echo={},
+            announces={},
+        )
+        return name
+
     def load_groups(self) -> dict[str, Group]:
         result = {}
         for name, (space, owned) in self.groups.items():
@@ -462,7 +543,7 @@ class FrameLoader:
         keys |= _inherited_keys(own)
         if not self._keys_known(outline, own):
             raise Broken(outline.name)
-        loader = SegmentLoader(space, self.find)
+        loader = SegmentLoader(space, self)
         loader.side = self._side(keys.get("from"))
         head, body, tail = loader.load(keys.get("head")), loader.load(own.get("body")), loader.load(keys.get("tail"))
         if loader.spoilt or outline.lacks_group:

@@ -231,7 +231,7 @@ class ProtocolLoader:
         for name, at in (self._included_only() | wanted).items():
             before = len(self.reader.problems)
             with self.reader.going_on():
-                loader = SegmentLoader(self.space, self.frames.find)
+                loader = SegmentLoader(self.space, self.frames)
                 segments = loader.layout(Scalar(name, at, False))
                 if name in wanted:
                     whose, missing = f"layout '{name}'", self.frames.missing

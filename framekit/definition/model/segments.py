@@ -15,6 +15,7 @@ from framekit.definition.kinds.counted import Count, Length
 from framekit.definition.kinds.data import Data
 from framekit.definition.kinds.field import Field, Long
 from framekit.definition.kinds.inner import Inner
+from framekit.definition.kinds.nested import Nested
 from framekit.definition.kinds.repeat import INDEX, ITEM_WORDS, LAST, PREVIOUS, IncludeKeys, ItemEnd, Record, Repeat
 from framekit.definition.kinds.value import Require, Value
 from framekit.definition.kinds.wrap import Wrap
@@ -28,7 +29,7 @@ add_kind(
 
 __all__ = [
     "ANY", "INDEX", "ITEM_WORDS", "LAST", "MOST_BYTES", "NOTHING", "PREVIOUS", "Bits", "BitsPart", "Check", "Choose",
-    "Const", "Count", "Data", "Field", "FieldType", "Fill", "Inner", "ItemEnd", "Length", "Long", "Optional", "Order",
-    "Record", "Repeat", "Require", "Segment", "Segments", "Size", "Sizes", "Skip", "Value", "Wrap", "either", "exactly",
-    "lack_default", "of_any_frame", "sizes_of",
+    "Const", "Count", "Data", "Field", "FieldType", "Fill", "Inner", "ItemEnd", "Length", "Long", "Nested", "Optional",
+    "Order", "Record", "Repeat", "Require", "Segment", "Segments", "Size", "Sizes", "Skip", "Value", "Wrap", "either",
+    "exactly", "lack_default", "of_any_frame", "sizes_of",
 ]  # fmt: skip

@@ -84,8 +84,8 @@ class Frames:
     def _parts(self, frame: str, known: set[str]) -> set[str]:
         if frame not in known:
             known.add(frame)
-            for inner in parts_of(self.protocol.frames[frame].segments, Inner):
-                for name in inner.frames:
+            for part in parts_of(self.protocol.frames[frame].segments, Segment):
+                for name in part.frames_inside:
                     self._parts(name, known)
         return known
 
