@@ -200,7 +200,7 @@ def _read(reading: KeyReading, node: Node) -> Coding:
     """The coding that `wrap` names. Raises Broken."""
     reader = reading.reader
     if not isinstance(node, Keys):
-        return {"hex": Hex, "cobs": Cobs, "none": Plain}[reader.text(node)](node.at)
+        return {"hex": Hex, "none": Plain}.get(reader.text(node), Cobs)(node.at)
     way = _WAYS.get(frozenset(str(entry.key.text) for entry in node.read_all()))
     if way is None:
         raise reader.broken(node.at, "these keys together are no wrap", f"write {_EXPECTED}")
