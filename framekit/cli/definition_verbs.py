@@ -358,22 +358,43 @@ def run_frames(arguments: argparse.Namespace) -> int:
 
 
 def _protocols(as_json: bool) -> int:
-    from framekit.definition.load.reader import Reader
-    from framekit.definition.nodes import Mapping, Scalar, read_nodes
+    """The shipped definitions by family, a line each; one that extends another is of the same family."""
+    from framekit.definition.nodes import Mapping, read_nodes
     from framekit.definition.sources import shipped_folder
 
-    rows = []
+    roots: dict[str, Mapping] = {}
     for path in sorted(shipped_folder("frames").glob("*.yaml")):
         root = read_nodes(path)
-        kind = root.entries[0].key.text if isinstance(root, Mapping) and root.entries else ""
-        if kind in ("protocol", "application") and isinstance(root, Mapping):
-            about = root.get("about")
-            rows.append((path.stem, kind, Reader().text(about) if isinstance(about, Scalar) else ""))
+        if isinstance(root, Mapping) and root.entries and root.entries[0].key.text in ("protocol", "application"):
+            roots[path.stem] = root
+    rows = [
+        (_family(name, roots), name, root.entries[0].key.text, _said(root, "about")) for name, root in roots.items()
+    ]
+    rows.sort(key=lambda row: (row[0].casefold(), row[1]))
+    head = ("family", "name", "kind", "about")
     if as_json:
-        print_json([{"name": name, "kind": kind, "about": about} for name, kind, about in rows])
+        print_json([dict(zip(head, row, strict=True)) for row in rows])
     else:
-        print(table(rows, ("name", "kind", "about")))
+        print(table(rows, head))
     return 0
+
+
+def _family(name: str, roots: Mapping[str, Any]) -> str:
+    """The family that a shipped definition names, or the first of those it extends that does."""
+    while name in roots:
+        if family := _said(roots[name], "family"):
+            return family
+        name = _said(roots[name], "extends")
+    return ""
+
+
+def _said(root: Any, key: str) -> str:
+    """What a definition says by a key that holds a text."""
+    from framekit.definition.load.reader import Reader
+    from framekit.definition.nodes import Scalar
+
+    value = root.get(key)
+    return Reader().text(value) if isinstance(value, Scalar) else ""
 
 
 def _as_json(frame: Frame, fields: list[tuple[str, str]]) -> dict[str, Any]:

@@ -11,8 +11,7 @@ import pytest
 from peer_world import at_work, tcp_device
 
 tcp = pytest.importorskip("fins.tcp", reason="fins is not installed")
-
-from fins.fins_common import FinsPLCMemoryAreas, FinsResponseFrame
+common = pytest.importorskip("fins.fins_common", reason="fins is not installed")
 
 DEVICE = """
 device: peer
@@ -22,7 +21,7 @@ memory:
   sizes: {CIO0: 64}
   set: {D100: [4660, 2, 0xFFFE], D110: [0, 0x4148], CIO10.05: 1, T7: 99, C7: 98, W3: 7, H4: 8}
 """
-AREAS = FinsPLCMemoryAreas()
+AREAS = common.FinsPLCMemoryAreas()
 
 
 def connected(number: int) -> Any:
@@ -33,7 +32,7 @@ def connected(number: int) -> Any:
 
 def answer(data: bytes) -> tuple[bytes, bytes]:
     """End code and text of a response."""
-    frame = FinsResponseFrame()
+    frame = common.FinsResponseFrame()
     frame.from_bytes(data)
     return frame.end_code, frame.text
 

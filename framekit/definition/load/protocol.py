@@ -112,6 +112,7 @@ class ProtocolLoader:
         profile = root.get("profile")
         return {
             "name": self._name(),
+            "family": self._text("family"),
             "about": self._text("about"),
             "source": self._text("source"),
             "kind": "application" if root.get("protocol") is None else "protocol",

@@ -21,10 +21,12 @@ class Protocol:
 
     `frames` are in the order of the file, those of the application after those of the protocol. `frames_alone` says
     that there are no roles: blocks send and receive its frames directly. `sources`: the files it was read from.
+    `family`: whose protocol it is, '' if nothing says it; a definition that extends another has that one's.
     `commands`: this is an application of command blocks; `commands_file`: the one a protocol names for its channels.
     """
 
     name: str
+    family: str
     about: str
     source: str
     kind: Literal["protocol", "application"]
