@@ -10,10 +10,9 @@ from typing import Any
 
 from framekit.definition.times import LineFormat
 from framekit.runfile.devices import load_devices
-from framekit.service.serving import Serving
+from framekit.service.device import Serving
 from framekit.transport.clock import AsyncioClock
-from framekit.transport.pty_pair import PtyPair
-from framekit.transport.serial_port import SerialPort
+from framekit.transport.serial_port import PtyPair, SerialPort
 
 WAIT = 60
 """Seconds that a peer may take for all it does."""
