@@ -53,6 +53,11 @@ TEXT_TYPES: tuple[tuple[dict[str, Any], tuple[Any, ...]], ...] = (
     ({"type": "ascii", "end": ["2C", "2A"]}, ("", "abc", "a,")),
 )
 """Numbers as text, and a choice of ends."""
+LIST_TYPES = (
+    *((kind, choice) for kind, choice in TEXT_TYPES if "end" not in kind and kind.get("size") != "§"),
+    ({"type": "decimal", "size": 9, "decimals": "1", "exponent": "1"}, (1.5, 250, 0)),
+)
+"""Those that the items of a list may have: each says itself how many bytes it takes."""
 CONDITIONS = ("§ > 3", "§ == 2", "§ != §", "§ % 2 == 0", "§ in names", "not § > 1", "§ > 1 and § < 7", "bit(§, 1)")
 NUMBERS = (
     "§", "§ + 1", "§ * 2", "§ - 1", "§ & 3", "len(¤)", "4 if § > 2 else 1", "min(§, 3)", "§ // §", "max(§, §)",
@@ -451,6 +456,12 @@ def _items(
 ) -> dict[str, Any]:
     segment: dict[str, Any] = {"repeat": name, "times": times}
     scope.places.append(name)
+    if drawn.apart.random() < 0.3:
+        kind, choice = drawn.apart.choice(LIST_TYPES)
+        segment |= {"of": kind["type"], **{key: one for key, one in kind.items() if key != "type"}}
+        values[name] = [drawn.apart.choice(choice) for _ in range(many)]
+        scope.sized.append(name)
+        return segment
     if drawn.chance(0.4):
         kind = dict(drawn.random.choice([one for one in TYPES if one.get("size") != "§"]))
         segment["of"] = kind.pop("type")

@@ -67,7 +67,7 @@ _ITEMS = {
     "size": {**here("size"), "description": "Number of bytes or digits of a plain number."},
     "order": here("number_order"),
     "case": here("digit_case"),
-    **TEXT_KEYS,
+    **{name: schema for name, schema in TEXT_KEYS.items() if name != "empty"},  # each takes some bytes
     "until": {**ref("expression"), "description": "The list ends after the item for which this is true."},
 }
 
