@@ -582,19 +582,36 @@ def wrap(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: in
         segment |= {"inside": [frame], "insert": "1 == 1"}
     if "inside" in segment or drawn.apart.random() < 0.4:
         return [segment, {"const": "10 03"}] if isinstance(segment["wrap"], dict) else [segment]
-    return coded(drawn, segment)
+    return coded(drawn, segment, scope)
 
 
-def coded(drawn: DrawnDefinition, segment: dict[str, Any]) -> Segments:
+def coded(drawn: DrawnDefinition, segment: dict[str, Any], scope: Scope) -> Segments:
     """The wrap with another coding, and what shows its end: a constant that cannot stand in it, or a length."""
-    segment["wrap"], end = drawn.apart.choice(
-        [
-            ({"escape": "7D", "xor": "20", "bytes": ["7E", "7D", "10"]}, "7E"),
-            ({"escape": "DB", "codes": {"C0": "DC", "DB": "DD"}}, "C0"),
-            ("cobs", "00"),
-            ("none", ""),
-            ({"after": "10 03", "insert": drawn.apart.choice(["03", "10", "FF FF"])}, ""),
-        ]
+    if drawn.apart.random() < 0.2:
+        segment["wrap"] = {"short": drawn.apart.choice(["00", "02"])}
+        if drawn.apart.random() < 0.5:
+            segment["wrap"]["min"] = drawn.apart.choice([1, 2])
+        return [segment, {"const": "7F"}] if drawn.apart.random() < 0.5 else [segment]
+    if drawn.apart.random() < 0.25:
+        segment["wrap"] = {"block": drawn.apart.choice([1, 2, 5]), "check": drawn.apart.choice(CHECKS)}
+        segment["wrap"] |= drawn.apart.choice([{}, {"as": "hex"}, {"order": "little"}])
+        if drawn.apart.random() < 0.4:
+            segment["plain"] = drawn.apart.choice([2, 3, "§"])
+            if segment["plain"] == "§":
+                drawn.expression(segment, "plain", "§", scope)
+            return [segment]
+    segment["wrap"], end = (
+        (segment["wrap"], "")
+        if "block" in segment["wrap"]
+        else drawn.apart.choice(
+            [
+                ({"escape": "7D", "xor": "20", "bytes": ["7E", "7D", "10"]}, "7E"),
+                ({"escape": "DB", "codes": {"C0": "DC", "DB": "DD"}}, "C0"),
+                ("cobs", "00"),
+                ("none", ""),
+                ({"after": "10 03", "insert": drawn.apart.choice(["03", "10", "FF FF"])}, ""),
+            ]
+        )
     )
     if end and drawn.apart.random() < 0.7:
         return [segment, {"const": end}]
@@ -626,7 +643,27 @@ def check(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: i
         segment["verify"] = drawn.some("warn", "off")
     if drawn.chance(0.1):
         segment["size"] = drawn.some(2, 4)
+    if drawn.apart.random() < 0.2:
+        segment["ends"] = "yes"
+    if "over" in segment:
+        beside_what_stands(drawn, segment, scope)
     return [segment]
+
+
+def beside_what_stands(drawn: DrawnDefinition, check: dict[str, Any], scope: Scope) -> None:
+    """What else a check may say of what it covers: bytes that are not on the wire, wraps as they stand there."""
+    if drawn.apart.random() < 0.3:
+        check["wire"] = drawn.apart.choice(["yes", "yes", "no"])
+    if drawn.apart.random() < 0.3:
+        parts = check["over"] if isinstance(check["over"], list) else [check["over"]]
+        added: dict[str, Any] = {"bytes": "h'10 02'"}
+        if drawn.apart.random() < 0.6:
+            drawn.expression(added, "bytes", drawn.apart.choice(["§ & 0xFF", "§", "get(names, §, 3)"]), scope)
+            added |= drawn.apart.choice(
+                [{"type": "u8"}, {"type": "u16", "order": "little"}, {"type": "dec", "size": 3}]
+            )
+        parts.insert(drawn.apart.randrange(len(parts) + 1), added)
+        check["over"] = parts
 
 
 def value(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: int) -> Segments:

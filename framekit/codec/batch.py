@@ -195,7 +195,7 @@ def _known_size(data: Data, segments: tuple[Segment, ...]) -> None:
 
 
 def _check(check: Check, offset: int) -> tuple[CheckMethod, int, int, str]:
-    if check.form != "raw" or check.verify != "error" or check.over is not None or check.span is not None:
+    if check.form != "raw" or check.verify != "error" or check.covers is not None:
         raise NoPlanError
     return check.method, offset, check.size, check.order
 

@@ -1,16 +1,17 @@
-"""Content of a wrap to the wire and back: `stuff_…` makes what stands on the wire, `unstuff_…` the content again.
+"""Content of a wrap to the wire and back: `stuff_…` and others make what stands on the wire, `unstuff_…` the content.
 
-`open_…` reads with care: the content, where each of its bytes stands, and "constant" where something is wrong; the last
-place is that of the fault. Generated code carries these functions along as they stand.
+`open_…` reads with care: the content, where each of its bytes stands, and the cause where something is wrong; the last
+place is that of the fault. Behind the cause of a wrong check code stand the right one and the one there is. Generated
+code carries these functions along as they stand.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from framekit.codec.support import Unfit
 
-Opened = tuple[bytes, Sequence[int], str]
+Opened = tuple[bytes, Sequence[int], *tuple[str, ...]]
 
 
 # ---- as it is
@@ -155,3 +156,70 @@ def open_inserted(raw: bytes, after: bytes, insert: bytes) -> Opened:
         start = stop + len(insert)
     content += raw[start:]
     return bytes(content), [*places, *range(start, len(raw) + 1)], ""
+
+
+# ---- a check code behind every `size` bytes, and behind what is left
+
+
+def add_codes(data: bytes | bytearray, size: int, code: Callable[[bytes], bytes]) -> bytes:
+    """Blocks of content, each with its check code behind."""
+    found: list[bytes] = []
+    for place in range(0, len(data), size):
+        block = bytes(data[place : place + size])
+        found += block, code(block)
+    return b"".join(found)
+
+
+def strip_codes(
+    data: bytes | bytearray, size: int, code: Callable[[bytes], bytes], width: int, digits: bool = False
+) -> bytes:
+    """The content again; digits of codes may be in either case. Raises ValueError for a wrong code, or none."""
+    found: list[bytes] = []
+    for place in range(0, len(data), size + width):
+        part = bytes(data[place : place + size + width])
+        block, there = part[:-width], part[-width:]
+        if not block or (there != code(block) and not (digits and there.upper() == code(block).upper())):
+            raise Unfit(f"the check code of the block at {place} is wrong")
+        found.append(block)
+    return b"".join(found)
+
+
+def open_codes(raw: bytes, size: int, code: Callable[[bytes], bytes], width: int, digits: bool = False) -> Opened:
+    """The same with care."""
+    content: list[bytes] = []
+    places: list[int] = []
+    for place in range(0, len(raw), size + width):
+        part = raw[place : place + size + width]
+        block, there = part[:-width], part[-width:]
+        if not block:
+            return b"", [*places, place], "short"
+        wanted = code(block)
+        if there != wanted and not (digits and there.upper() == wanted.upper()):
+            return b"", [*places, place + len(block)], "check", wanted.hex(" ").upper(), there.hex(" ").upper()
+        content.append(block)
+        places += range(place, place + len(block))
+    return b"".join(content), [*places, len(raw)], ""
+
+
+# ---- bytes left out at the end
+
+
+def shorten(data: bytes | bytearray, fill: bytes, least: int) -> bytes:
+    """Content without such bytes at its end; the first `least` bytes always stay."""
+    return bytes(data[: max(len(data.rstrip(fill)), least)])
+
+
+def fill_up(data: bytes | bytearray, fill: bytes, least: int, size: int) -> bytes:
+    """The content again. Raises ValueError for more bytes than it has, and for too few."""
+    if not least <= len(data) <= size:
+        raise Unfit(f"{len(data)} bytes are none of {least} to {size}")
+    return bytes(data.ljust(size, fill))
+
+
+def open_short(raw: bytes, fill: bytes, least: int, size: int) -> Opened:
+    """The same with care; what is left out stands where the region ends."""
+    if len(raw) < least:
+        return b"", [len(raw)], "short"
+    if len(raw) > size:
+        return b"", [size], "too_long"
+    return raw.ljust(size, fill), [min(place, len(raw)) for place in range(size + 1)], ""

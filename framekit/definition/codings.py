@@ -8,10 +8,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from framekit.definition.keys import BYTE, Form, KeyReading, Schema, ref
-from framekit.definition.problems import Position, Problem
+from framekit.definition.expression import Binary, Node, Number
+from framekit.definition.keys import BYTE, NUMBER, Form, KeyReading, Schema, properties_of, ref
+from framekit.definition.kinds.check import Check
+from framekit.definition.problems import Position, Problem, plural
 from framekit.definition.tree import Mapping as Keys
-from framekit.definition.tree import Node
+from framekit.definition.tree import Node as YamlNode
 from framekit.definition.wire_types import DIGITS, EVERY_BYTE, Sizes
 
 
@@ -34,8 +36,16 @@ class Coding:
         """Bytes on the wire of so many plain ones: each may become two, if the coding says nothing else."""
         return Sizes(plain.least, plain.times(1, 2).most)
 
+    def size_of(self, plain: Node) -> Node | None:
+        """The bytes on the wire of as many plain ones as an expression says; None if that depends on the content."""
+        return None
+
     def check(self) -> Iterator[Problem]:
         """What is wrong with it by itself."""
+        return iter(())
+
+    def check_content(self, size: int | None) -> Iterator[Problem]:
+        """What is wrong with content that always has so many bytes; None: that depends on its values."""
         return iter(())
 
     @property
@@ -55,6 +65,9 @@ class Hex(Coding):
     def sizes(self, plain: Sizes) -> Sizes:
         return plain.times(2, 2)
 
+    def size_of(self, plain: Node) -> Node:
+        return Binary(plain.at, "*", Number(plain.at, 2), plain)
+
     @property
     def shown(self) -> str:
         return "hex digits"
@@ -65,6 +78,9 @@ class Plain(Coding):
     """Content as it is: a region of so many bytes."""
 
     def sizes(self, plain: Sizes) -> Sizes:
+        return plain
+
+    def size_of(self, plain: Node) -> Node:
         return plain
 
     @property
@@ -154,6 +170,56 @@ class Inserted(Coding):
         return f"{self.insert.hex(' ').upper()} put in behind {self.after.hex(' ').upper()}"
 
 
+@dataclass(frozen=True, slots=True)
+class Blocks(Coding):
+    """Behind every `size` bytes, and behind what is left, stands a check code over them."""
+
+    size: int
+    check_code: Check
+
+    def sizes(self, plain: Sizes) -> Sizes:
+        return Sizes(self._on_wire(plain.least), None if plain.most is None else self._on_wire(plain.most))
+
+    def _on_wire(self, plain: int) -> int:
+        return plain + -(-plain // self.size) * self.check_code.size
+
+    def size_of(self, plain: Node) -> Node:
+        at, block = plain.at, Number(plain.at, self.size)
+        blocks = Binary(at, "//", Binary(at, "+", plain, Number(at, self.size - 1)), block)
+        return Binary(at, "+", plain, Binary(at, "*", blocks, Number(at, self.check_code.size)))
+
+    def check(self) -> Iterator[Problem]:
+        if self.size < 1:
+            yield Problem(self.at, "a block of no bytes has no check code", "give the number of bytes of a block")
+        yield from self.check_code.check()
+
+    @property
+    def shown(self) -> str:
+        return f"{self.check_code.method.name} behind each {plural(self.size, 'byte')}"
+
+
+@dataclass(frozen=True, slots=True)
+class Short(Coding):
+    """Bytes `fill` at the end are left out, but not of the first `least` bytes; the content has one size."""
+
+    fill: int
+    least: int = 0
+
+    def sizes(self, plain: Sizes) -> Sizes:
+        return Sizes(min(self.least, plain.least), plain.most)
+
+    def check_content(self, size: int | None) -> Iterator[Problem]:
+        if size is None:
+            yield Problem(self.at, "what is left out at the end cannot be told of content of any size", "give it sizes")
+        elif self.least > size:
+            what = f"the content has {plural(size, 'byte')}, and {self.least} are never left out"
+            yield Problem(self.at, what, "correct min")
+
+    @property
+    def shown(self) -> str:
+        return f"without {self.fill:02X} at the end"
+
+
 # ---- in YAML ------------------------------------------------------------------------------------------------
 
 _WAYS: Mapping[frozenset[str], str] = {
@@ -161,17 +227,21 @@ _WAYS: Mapping[frozenset[str], str] = {
     frozenset({"escape", "xor", "bytes"}): "xor",
     frozenset({"escape", "codes"}): "codes",
     frozenset({"after", "insert"}): "inserted",
+    frozenset({"short"}): "short",
+    frozenset({"short", "min"}): "short",
 }
 _EXPECTED = (
-    "hex, cobs, none, {escape: BYTE}, {escape: BYTE, xor: BYTE, bytes: [BYTES]}, {escape: BYTE, codes: {BYTE: BYTE}} "
-    "or {after: BYTES, insert: BYTES}"
+    "hex, cobs, none, {escape: BYTE}, {escape: BYTE, xor: BYTE, bytes: [BYTES]}, {escape: BYTE, codes: {BYTE: BYTE}}, "
+    "{after: BYTES, insert: BYTES}, {block: N, check: METHOD} or {short: BYTE}"
 )
+_OF_BLOCKS = ("check", "as", "case", "order", "size")
+"""The keys of a check code that one behind blocks may have."""
 _SCHEMA: Schema = {
     "title": "wrap",
     "description": f"How the content stands on the wire: {_EXPECTED}.",
     "type": ["string", "object"],
     "pattern": "^(hex|cobs|none)$",
-    "x-expected": "a wrap (hex, cobs, none, {escape: …} or {after: …})",
+    "x-expected": "a wrap (hex, cobs, none, {escape: …}, {after: …}, {block: …} or {short: …})",
     "properties": {
         "escape": {**BYTE.schema, "description": "The byte that escapes; alone: it is doubled in the content."},
         "xor": {**BYTE.schema, "description": "Behind the escape byte a byte stands with these bits turned."},
@@ -191,21 +261,34 @@ _SCHEMA: Schema = {
         },
         "after": {**ref("bytes"), "description": "The bytes behind which others are put in."},
         "insert": {**ref("bytes"), "description": "The bytes that are put in."},
+        "block": {
+            **NUMBER.schema,
+            "description": "Behind so many bytes, and behind what is left, stands a check code.",
+        },
+        **{name: one for name, one in properties_of(Check).items() if name in _OF_BLOCKS},
+        "short": {**BYTE.schema, "description": "Such bytes at the end are left out, and read as if they stood there."},
+        "min": {**NUMBER.schema, "description": "Number of bytes of which none is left out; default 0."},
     },
     "additionalProperties": False,
 }
 
 
-def _read(reading: KeyReading, node: Node) -> Coding:
+def _read(reading: KeyReading, node: YamlNode) -> Coding:
     """The coding that `wrap` names. Raises Broken."""
     reader = reading.reader
     if not isinstance(node, Keys):
         return {"hex": Hex, "none": Plain}.get(reader.text(node), Cobs)(node.at)
-    way = _WAYS.get(frozenset(str(entry.key.text) for entry in node.read_all()))
+    given = frozenset(str(entry.key.text) for entry in node.read_all())
+    if {"block", "check"} <= given <= {"block", *_OF_BLOCKS}:
+        check = Check(at=node.at, **Check.attributes(reading.loader, node))
+        return Blocks(node.at, reader.bytes_at_most(node.get("block")), check)
+    way = _WAYS.get(given)
     if way is None:
         raise reader.broken(node.at, "these keys together are no wrap", f"write {_EXPECTED}")
     if way == "inserted":
         return Inserted(node.at, reader.bytes(node.get("after")), reader.bytes(node.get("insert")))
+    if way == "short":
+        return Short(node.at, reader.byte(node.get("short")), reader.maybe(reader.bytes_at_most, node.get("min")) or 0)
     escape = reader.byte(node.get("escape"))
     if way == "doubled":
         return Doubled(node.at, escape)

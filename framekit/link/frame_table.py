@@ -522,6 +522,8 @@ def quick_of(info: FrameInfo, shapes: StaticSizes, fused: tuple[int, Sequence[An
     inside.
     """
     frame = info.frame
+    if any(check.ends for check in parts_of(frame.segments, Check)):  # what measures it looks at that
+        return NOT_QUICK
     fixed = None if frame.delimited else shapes.all(shapes.segments(frame)).fixed
     if fixed and info.flat and (frame.most is None or fixed <= frame.most):
         return Quick(0, 1, UNKNOWN, [(fixed, 0, info.decode)] * 256)
@@ -566,7 +568,7 @@ def _is_any(segment: Segment, shapes: StaticSizes) -> bool:
         return False
     if isinstance(segment, Field):
         return segment.constants is None and segment.is_ is None and segment.limits is None and segment.long is None
-    return isinstance(segment, Check | Data)
+    return isinstance(segment, Data) or (isinstance(segment, Check) and not segment.ends)
 
 
 def _size_inside(branch: Leaf | Switch, at: int, shapes: StaticSizes) -> tuple[int | None, int]:
@@ -714,8 +716,7 @@ def _check_of(frame: Frame) -> Intact | None:
         return None
     if (
         last.method.kind == "fold"
-        or last.over is not None
-        or last.span is not None
+        or last.covers is not None
         or any(one.is_there_inside for one in parts_of(frame.segments, Segment))
     ):
         return None
@@ -737,7 +738,7 @@ def _check_in_digits(frame: Frame) -> Intact | None:
     if not isinstance(last, Check) or last.form != "raw" or last.verify != "error" or last.when is not None:
         return None
     is_over_all = last.span is not None and last.span[0] in first.value_names and last.span[1] == "here"
-    if last.method.kind == "fold" or last.over is not None or first.when is not None or not is_over_all:
+    if last.method.kind == "fold" or last.wire or first.when is not None or not is_over_all:
         return None
     sizes, code = StaticSizes({}), _code_of(last)
     before, behind = sizes.all(frame.segments[:place]).least, sizes.all(frame.segments[place + 1 :]).least

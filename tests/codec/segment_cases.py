@@ -312,6 +312,26 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
              {"d": b"\xff\xff\xfd\x01"}, "FF FF FD 00 05 00 FF FF FD FD 01", {"n": 5},
              {"FF FF FD 00 04 00 FF FF FD 01": "constant"}),
     ),
+    "Wraps with check codes and of shorter content": (
+        Case("a check code behind each block of a body", "- {length: n, type: u8, of: [d], plus: 5}\n"
+             "- {wrap: {block: 4, check: sum8}, plain: n - 5, of: [{data: d, size: rest}]}\n- {check: xor8, over: n..here}",
+             {"d": b"\x01\x02\x03\x04\x05"}, "0A 01 02 03 04 0A 05 05 0B", {"n": 10},
+             {"0A 01 02 03 04 0B 05 05 0B": "check", "0A 01 02 03 04 0A 05 06 0B": "check"}),
+        Case("the same, with digits, up to the end", "- {wrap: {block: 2, check: sum8, as: hex}, of: [{field: a, type: u8}, {data: d, size: rest}]}",
+             {"a": 1, "d": b"\x02\x05"}, "01 02 30 33 05 30 35", bad={"01 02 30 33 30 35": "short", "01 02 30 34 05 30 35": "check"}),
+        Case("blocks of content of fixed size", "- {wrap: {block: 2, check: crc16-dnp, order: little}, of: [{field: a, type: u8}, {data: d, size: 3}]}\n"
+             "- const: ETX", {"a": 1, "d": b"\x02\x03\x04"}, "01 02 0D 38 03 04 2C 96 03",
+             bad={"01 02 0D 38 03 04 2C 97 03": "check"}),
+        Case("zeros left out at the end", "- {length: n, type: u8, of: [p]}\n"
+             "- {name: p, wrap: {short: 00, min: 1}, size: n, of: [{field: a, type: u16}, {field: b, type: u16, order: little}]}\n"
+             "- {check: sum8, over: [p]}", {"a": 0x0100, "b": 2}, "03 01 00 02 03", {"n": 3},
+             {"05 01 00 02 00 00 03": "too_long", "00 00": "short"}),
+        Case("the same, with nothing but zeros", "- {length: n, type: u8, of: [p]}\n"
+             "- {name: p, wrap: {short: 00, min: 1}, size: n, of: [{field: a, type: u16}, {field: b, type: u16}]}\n"
+             "- {check: sum8, over: n..here, wire: yes}", {"a": 0, "b": 0}, "01 00 01", {"n": 1}),
+        Case("spaces left out at the end of a frame", "- {field: k, type: u8}\n- {wrap: {short: 20}, of: [{field: t, type: ascii, size: 5}, {data: d, size: 1}]}\n"
+             "- const: CR", {"k": 1, "t": "AB   ", "d": b" "}, "01 41 42 0D", bad={"01 41 42 43 44 45 46 47 0D": "too_long"}),
+    ),
     "Check codes": (
         Case("sum, low byte, as digits", "- const: STX\n- {data: d, size: 2}\n- const: ETX\n- {check: sum8, as: hex}",
              {"d": b"RD"}, "02 52 44 03 39 42", bad={"02 52 44 03 39 43": "check"}),
@@ -345,6 +365,29 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
              "- {include: part, as: p}\n- {check: xor8, over: p}",
              {"k": 1, "p": {"x": 5}}, "01 05 05", bad={"01 05 06": "check"},
              top="layouts:\n  part: [{choose: k, cases: {1: [{field: x, type: u8}], 2: [{data: d, size: 2}]}}]\n"),
+        Case("with bytes that are not on the wire", "- {field: kind, type: u8}\n- {data: d, size: 2}\n"
+             "- {check: sum16, over: [{bytes: \"h'01 00'\"}, kind..here, {bytes: 'extra[kind]', type: u8}]}",
+             {"kind": 2, "d": b"\x03\x04"}, "02 03 04 00 31", {}, {"02 03 04 00 32": "check", "09 03 04 00 31": "value"},
+             top="tables: {extra: {1: 20, 2: 39}}\n"),
+        Case("with numbers that are not on the wire", "- {length: n, type: u8, of: [d]}\n- {data: d, size: n}\n"
+             "- {check: xor16, over: [d, {bytes: n + 0x1100, type: u16, order: little}, {bytes: 7, type: hex, size: 2}]}",
+             {"d": b"ab"}, "02 61 62 53 44", {"n": 2}, {"02 61 62 53 45": "check"}),
+        Case("over what stands on the wire, wraps too", "- const: STX\n- {name: w, wrap: {escape: DLE}, of: [{data: d, size: rest}]}\n"
+             "- {const: DLE ETX, name: end}\n- {check: sum8, over: w..here, wire: yes}", {"d": b"\x10\x01"},
+             "02 10 10 01 10 03 34", bad={"02 10 10 01 10 03 24": "check"}),
+        Case("the same wrap, plain and on the wire", "- {name: w, wrap: hex, of: [{field: a, type: u8}]}\n"
+             "- {check: sum8, over: w..here}\n- {check: sum8, over: [w], wire: yes}\n- {check: xor8, over: [w]}",
+             {"a": 0x1F}, "31 46 1F 77 1F", bad={"31 46 1F 1F 1F": "check", "31 46 77 77 1F": "check"}),
+        Case("in a case, over what stands on the wire", "- {field: k, type: u8}\n"
+             "- choose: k\n  name: c\n  cases: {1: [{name: w, wrap: hex, of: [{field: a, type: u8}]}, {field: b, type: u8}]}\n  else: [{field: b, type: u8}]\n"
+             "- {check: sum8, over: c..here, wire: yes}\n- {check: sum8, over: [c]}",
+             {"k": 1, "a": 0x1F, "b": 2}, "01 31 46 02 79 21", bad={"01 31 46 02 21 21": "check", "02 31 30 31": "check"}),
+        Case("that ends a wrong frame at once", "- const: 05 64\n- {length: n, type: u8, of: [d]}\n"
+             "- {check: crc16-dnp, order: little, ends: yes}\n- {data: d, size: n}\n- check: crc16-dnp\n  order: little",
+             {"d": b"ab"}, "05 64 02 D3 83 61 62 4B F9", {"n": 2}, {"05 64 02 D3 84 61 62 4B F9": "check"}),
+        Case("that ends it, behind parts of any size", "- {length: n, type: u8, of: [d]}\n- {data: d, size: n}\n"
+             "- {field: k, type: u8}\n- {check: sum8, over: [k, {bytes: n + 1, type: u8}, d], as: hex, ends: yes}\n- {data: e, size: n}",
+             {"d": b"ab", "e": b"cd", "k": 3}, "02 61 62 03 43 39 63 64", {"n": 2}, {"02 61 62 03 43 38 63 64": "check"}),
         Case("as decimal digits", "- {data: d, size: 1}\n- {check: sum8, as: dec}", {"d": b"\x07"}, "07 30 30 37"),
         Case("as split nibbles", "- {data: d, size: 1}\n- {check: sum8, as: nibbles}", {"d": b"\xab"}, "AB 3A 3B"),
         Case("not compared", "- {data: d, size: 1}\n- {check: sum8, verify: off}", {"d": b"\x07"}, "07 07"),

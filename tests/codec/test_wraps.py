@@ -19,6 +19,7 @@ from framekit.codec import stuffing
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.codec.errors import EncodeError, FrameError
 from framekit.codec.python.codings import wire_coding
+from framekit.codec.python.module import Module
 from framekit.definition.codings import Cobs, Coding, Escaped, Inserted
 from framekit.definition.model.segments import Wrap
 from framekit.definition.problems import DefinitionError, Position
@@ -33,6 +34,8 @@ HDLC = Escaped(AT, 0x7D, tuple((byte, byte ^ 0x20) for byte in (0x7E, 0x7D, 0x11
 SLIP = Escaped(AT, 0xDB, ((0xC0, 0xDC), (0xDB, 0xDD)))
 DYNAMIXEL = Inserted(AT, b"\xff\xff\xfd", b"\xfd")
 ALIKE = Inserted(AT, b"\x07\x07", b"\x07")
+SIZE = 600
+"""Of content that always has the same."""
 CODINGS = [HDLC, SLIP, Cobs(AT), DYNAMIXEL, ALIKE]
 BYTES = bytes(range(1, 256))
 PROTOCOLS = {
@@ -48,7 +51,9 @@ PROTOCOLS = {
 
 def functions(coding: Coding) -> tuple[str, str, str, str, str]:
     row = wire_coding(coding)
-    return row.build, row.build_arguments(coding), row.read, row.careful, row.read_arguments(coding)
+    module = Module(small_protocol("[{const: 00}]"))
+    arguments = row.build_arguments(module, coding, None), row.read_arguments(module, coding, SIZE)
+    return row.build, arguments[0], row.read, row.careful, arguments[1]
 
 
 def stuffed(coding: Coding, plain: bytes) -> bytes:
@@ -123,9 +128,9 @@ TABLE = re.compile(r"^\| `(hex|cobs|\{.*?\})` \| `([0-9A-F ]+)`.*\|(.*)\|$", re.
 def test_the_table_of_the_manual() -> None:
     """docs/language.md, section 4: the same content by each coding, and the bytes that never stand in it."""
     rows = TABLE.findall(MANUAL.read_text(encoding="utf-8"))
-    assert len(rows) == 6
+    assert len(rows) == 8
     for wrap, wire, never in rows:
-        protocol = small_protocol(f"[{{wrap: {wrap}, of: [{{data: d, size: rest}}]}}]")
+        protocol = small_protocol(f"[{{wrap: {wrap}, of: [{{data: d, size: 3}}]}}]")
         (segment,) = protocol.frames["f"].segments
         assert isinstance(segment, Wrap)
         made = compile_protocol(protocol).encode("f", {"d": bytes.fromhex("7E 7D 01")})

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 from functools import partial
 from io import BytesIO
+from typing import Any
 
-from construct import Container
+from construct import ConstructError, Container
 
 from construct_oracle.base import SegmentConstruct
 from construct_oracle.evaluate import evaluate
-from construct_oracle.faults import Place
+from construct_oracle.faults import ConstructEncodeError, Place
 from construct_oracle.filling import Filling
+from construct_oracle.forms import form_of
 from construct_oracle.names import Names
-from construct_oracle.state import Leaf, Reading, State, Writing, is_marked, mark_of
+from construct_oracle.sizes import Evaluate
+from construct_oracle.state import Leaf, Mark, Reading, State, Writing, is_marked, mark_of
 from framekit.codec import support
 from framekit.codec.checks import compute
+from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName
+from framekit.definition.kinds.check import Added, Edges
 from framekit.definition.model.checks import CheckMethod
 from framekit.definition.model.segments import Check
 
@@ -40,10 +45,15 @@ class CheckConstruct(SegmentConstruct):
             if reading.stopped and not all(is_marked(context, name) for name in self._mentioned()):
                 reading.faults.unchecked = True
                 return
-            covered = self._covered(reading, context, stream.getvalue()[:start], leaves)
+            try:
+                value_of = partial(reading.evaluate, context=context)
+                covered = self._covered(reading, context, stream.getvalue()[:start], stream, leaves, value_of)
+            except (ConstructError, MissingName, *EVALUATION_ERRORS):
+                reading.note(place, "value", "values it can be worked out from", "none")
+                return
             code = code_of(self.segment.method, covered, reading.names)
             if self._number(found) != code:
-                reading.note(place, "check", self._written(code), found)
+                reading.note(place, "check", self.written(code), found)
 
         reading.later.append(compare)
 
@@ -52,12 +62,20 @@ class CheckConstruct(SegmentConstruct):
         start, leaves = stream.tell(), len(writing.leaves)
         stream.write(bytes(self.segment.size))
         leaf = writing.leaf(bytes(self.segment.size))
-        writing.later.append(partial(self._fill_in, stream, context, start, leaves, leaf))
+        writing.later.append(partial(self._fill_in, filling, stream, context, start, leaves, leaf))
 
-    def _fill_in(self, stream: BytesIO, context: Container, start: int, leaves: int, leaf: Leaf) -> None:
+    def _fill_in(
+        self, filling: Filling, stream: BytesIO, context: Container, start: int, leaves: int, leaf: Leaf
+    ) -> None:
         state: Writing = context._state
-        covered = self._covered(state, context, stream.getvalue()[:start], leaves)
-        leaf.data = self._written(code_of(self.segment.method, covered, state.names))
+        value_of = partial(filling.compute, own=self.label)
+        try:
+            covered = self._covered(state, context, stream.getvalue()[:start], stream, leaves, value_of)
+        except (ConstructError, TypeError, ValueError) as error:
+            if isinstance(error, ConstructEncodeError):
+                raise
+            raise filling.error(self.label, f"what '{self.label}' counts cannot be worked out") from None
+        leaf.data = self.written(code_of(self.segment.method, covered, state.names))
         end = stream.tell()
         stream.seek(start)
         stream.write(leaf.data)
@@ -65,34 +83,38 @@ class CheckConstruct(SegmentConstruct):
 
     # ---- what is covered ----------------------------------------------------------------------------------
 
-    def _covered(self, state: State, context: Container, before: bytes, leaves: int) -> bytes:
-        """The bytes the code is computed over; `leaves` counts those before the check."""
-        check = self.segment
-        if check.over is not None:
-            return b"".join(self._named(state, context, name) for name in check.over)
-        if check.span is None:
+    def _covered(
+        self, state: State, context: Container, before: bytes, stream: BytesIO, leaves: int, value_of: Evaluate
+    ) -> bytes:
+        """The bytes the code is computed over; `before` and `leaves` are those before the check."""
+        if self.segment.covers is None:
             return before
-        first, last = check.span
+        here = Mark(leaves, leaves, 0, len(before))
+        parts = self.segment.covers
+        return b"".join(
+            _added(one, value_of(one.value))
+            if isinstance(one, Added)
+            else self._part(one, state, context, stream, here)
+            for one in parts
+        )
+
+    def _part(self, part: str | Edges, state: State, context: Container, stream: BytesIO, here: Mark) -> bytes:
+        first, last = (part, part) if isinstance(part, str) else part
         try:
-            start = mark_of(context, first).first
-            return state.bytes_of(start, leaves if last == "here" else mark_of(context, last).last)
+            begin, end = mark_of(context, first), here if last == "here" else mark_of(context, last)
         except KeyError:
-            return b""
+            return b""  # a segment that is not there counts nothing
+        if self.segment.wire:
+            return stream.getvalue()[begin.start : end.start + end.wire]
+        return state.bytes_of(begin.first, end.last)
 
     def _mentioned(self) -> tuple[str, ...]:
         """The names of the segments that are covered."""
-        return tuple(name for name in self.segment.over or self.segment.span or () if name != "here")
-
-    def _named(self, state: State, context: Container, name: str) -> bytes:
-        try:
-            mark = mark_of(context, name)
-        except KeyError:
-            return b""  # a segment that is not there counts nothing
-        return state.bytes_of(mark.first, mark.last)
+        return *self.segment.names, *self.segment.edges
 
     # ---- how it is written --------------------------------------------------------------------------------
 
-    def _written(self, code: int) -> bytes:
+    def written(self, code: int) -> bytes:
         """The code on the wire. Raises OverflowError or ValueError when it does not fit its size."""
         check, little = self.segment, self.segment.order == "little"
         if check.form == "raw":
@@ -117,6 +139,15 @@ class CheckConstruct(SegmentConstruct):
             return support.parse_hex_little(data) if little else support.parse_hex(data)
         except ValueError:
             return None
+
+
+def _added(part: Added, value: Any) -> bytes:
+    """Bytes that are not on the wire."""
+    if part.type is None:
+        if not isinstance(value, (bytes, bytearray)):
+            raise TypeError("no bytes")
+        return bytes(value)
+    return bytes(form_of(part.type, part.type.fixed_size or 0).build(value))
 
 
 def code_of(method: CheckMethod, data: bytes, names: Names) -> int:

@@ -10,6 +10,7 @@ from typing import Any
 from construct import Container
 
 from construct_oracle.base import SegmentConstruct
+from construct_oracle.check_codes import CheckConstruct, code_of
 from construct_oracle.faults import Place, Stop
 from construct_oracle.filling import Filling
 from construct_oracle.holders import Segments
@@ -19,7 +20,7 @@ from construct_oracle.state import Reading, Region, Writing
 from construct_oracle.values import evaluated_size
 from framekit.codec import support
 from framekit.codec.python.facts import in_place_of_records
-from framekit.definition.codings import Cobs, Coding, Escaped, Hex, Inserted, Plain
+from framekit.definition.codings import Blocks, Cobs, Coding, Escaped, Hex, Inserted, Plain, Short
 from framekit.definition.expression import Expression
 from framekit.definition.model.segments import Const, Wrap
 
@@ -40,7 +41,7 @@ class WrapConstruct(SegmentConstruct):
         super().__init__(segment)
         self.segments = segments
 
-    def to_wire(self, plain: bytes) -> bytes:
+    def to_wire(self, plain: bytes, names: Names) -> bytes:
         raise NotImplementedError
 
     def read_content(
@@ -78,7 +79,7 @@ class WrapConstruct(SegmentConstruct):
         if len(plain) < self.segment.least or (most is not None and len(plain) > most):
             bounds = f"{self.segment.least} to {most}"
             raise filling.error(self.label, f"'{self.label}' holds {bounds} bytes, not {len(plain)}")
-        stream.write(self.to_wire(plain))
+        stream.write(self.to_wire(plain, writing.names))
 
     def _most(self, evaluate: Callable[[Expression], Any]) -> int | None:
         most = self.segment.most
@@ -88,7 +89,7 @@ class WrapConstruct(SegmentConstruct):
 class HexConstruct(WrapConstruct):
     """Content as hex digits, two a byte. Parsing notes `digits` for anything else, building writes upper case."""
 
-    def to_wire(self, plain: bytes) -> bytes:
+    def to_wire(self, plain: bytes, names: Names) -> bytes:
         return support.hex_to_ascii(plain)
 
     def read(self, stream: BytesIO, context: Container, path: str, place: Place) -> None:
@@ -134,7 +135,7 @@ class EscapeConstruct(WrapConstruct):
         self.embedded = embedded
         self.escape = segment.escape or 0
 
-    def to_wire(self, plain: bytes) -> bytes:
+    def to_wire(self, plain: bytes, names: Names) -> bytes:
         return support.stuff(plain, self.escape)
 
     def read(self, stream: BytesIO, context: Container, path: str, place: Place) -> None:
@@ -177,9 +178,10 @@ class CodedConstruct(WrapConstruct):
     Parses as many bytes as `size` says, else up to the end of the region. Notes `constant` for what the coding has not.
     """
 
-    def to_wire(self, plain: bytes) -> bytes:
-        wire = coded(self.segment.coding, plain)
-        return wire
+    def to_wire(self, plain: bytes, names: Names) -> bytes:
+        if isinstance(self.segment.coding, Blocks):
+            return with_codes(self.segment.coding, plain, names)
+        return coded(self.segment.coding, plain)
 
     def read(self, stream: BytesIO, context: Container, path: str, place: Place) -> None:
         reading: Reading = context._state
@@ -193,13 +195,45 @@ class CodedConstruct(WrapConstruct):
         elif isinstance(size, Expression):
             size = evaluated_size(size, reading, context, place)
         wire = reading.take(stream, size, place)
-        plain, places = uncoded(self.segment.coding, wire)
+        if isinstance(self.segment.coding, Blocks):
+            self._read_blocks(self.segment.coding, wire, context, path, place)
+            return
+        content = None
+        if isinstance(self.segment.coding, Short):
+            content = reading.sizes.all(self.segment.of, reading.known_in(context))
+            assert content is not None
+            if not self.segment.coding.least <= len(wire) <= content:
+                reading.leaf(wire)
+                cause, offset = ("short", len(wire)) if len(wire) < content else ("too_long", content)
+                reading.note(replace(place, offset=place.offset + offset), cause, "wrapped content", wire)
+                return
+        plain, places = uncoded(self.segment.coding, wire, content)
         if plain is None:
             reading.leaf(wire)
             cause = "digits" if isinstance(self.segment.coding, Hex) else "constant"
             reading.note(replace(place, offset=place.offset + places[-1]), cause, "wrapped content", wire)
             return
         offsets = [place.offset + at for at in [*places, len(wire)]]
+        self.read_content(plain, True, lambda at: offsets[min(at, len(offsets) - 1)], context, path, place)
+
+    def _read_blocks(self, coding: Blocks, wire: bytes, context: Container, path: str, place: Place) -> None:
+        reading: Reading = context._state
+        plain, offsets, at = b"", [0][:0], 0
+        writer = CheckConstruct(coding.check_code)
+        while at < len(wire):
+            block = wire[at : at + coding.size + coding.check_code.size]
+            block, found = block[: -coding.check_code.size], block[-coding.check_code.size :]
+            wanted = writer.written(code_of(coding.check_code.method, block, reading.names))
+            digits = coding.check_code.form in ("hex", "HEX")
+            if not block or (found.upper() if digits else found) != (wanted.upper() if digits else wanted):
+                reading.leaf(wire)
+                cause = "check" if block else "short"
+                reading.note(replace(place, offset=place.offset + at + len(block)), cause, wanted, found)
+                return
+            plain += block
+            offsets += range(place.offset + at, place.offset + at + len(block))
+            at += len(block) + len(found)
+        offsets.append(place.offset + at)
         self.read_content(plain, True, lambda at: offsets[min(at, len(offsets) - 1)], context, path, place)
 
     def _up_to_the_end(self, reading: Reading, stream: BytesIO) -> int | None:
@@ -211,6 +245,15 @@ class CodedConstruct(WrapConstruct):
         found = stream.read(max(reading.region.end - start, 0)).find(end.data[:1])
         stream.seek(start)
         return None if found < 0 else found
+
+
+def with_codes(coding: Blocks, plain: bytes, names: Names) -> bytes:
+    """Content with a check code behind every block."""
+    check, wire = CheckConstruct(coding.check_code), b""
+    while plain:
+        block, plain = plain[: coding.size], plain[coding.size :]
+        wire += block + check.written(code_of(coding.check_code.method, block, names))
+    return wire
 
 
 def coded(coding: Coding, plain: bytes) -> bytes:
@@ -240,16 +283,23 @@ def coded(coding: Coding, plain: bytes) -> bytes:
                     if byte and place == len(plain) - 1:
                         return wire
             return wire + bytes((len(group) + 1,)) + group
+        case Short(fill=fill, least=least):
+            while len(plain) > least and plain[-1] == fill:
+                plain = plain[:-1]
+            return plain
     raise NotImplementedError
 
 
-def uncoded(coding: Coding, wire: bytes) -> tuple[bytes | None, list[int]]:
+def uncoded(coding: Coding, wire: bytes, size: int | None = None) -> tuple[bytes | None, list[int]]:
     """The content (None where the wire is none) and where each of its bytes stands; last the place of what is wrong."""
     plain, places, at = bytearray(), [0][:0], 0
     if isinstance(coding, Plain):
         return wire, list(range(len(wire)))
     if isinstance(coding, Cobs):
         return _uncobs(wire)
+    if isinstance(coding, Short):
+        size = size or 0
+        return wire + bytes((coding.fill,)) * (size - len(wire)), [*range(len(wire)), *(size - len(wire)) * [len(wire)]]
     if isinstance(coding, Hex):
         count = len(_leading_digits(wire))
         if count < len(wire):

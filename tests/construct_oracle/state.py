@@ -42,6 +42,7 @@ class Mark:
     first: int
     last: int
     wire: int
+    start: int = 0
 
 
 class State:
@@ -85,7 +86,7 @@ class State:
         first, start = len(self.leaves), stream_tell(stream, path)
         yield
         if name is not None:
-            context._marks[name] = Mark(first, len(self.leaves), stream_tell(stream, path) - start)
+            context._marks[name] = Mark(first, len(self.leaves), stream_tell(stream, path) - start, start)
 
     def mark_absent(self, segments: Iterable[Segment], context: Container) -> None:
         """Notes where segments would stand that are not there: ranges may begin and end with them."""
@@ -273,7 +274,8 @@ class Writing(State):
         try:
             yield
             if not self.measuring:
-                for fill_in in (*outer, *self.later):  # what stands around it may be covered, too
-                    fill_in()
+                for _ in self.later:  # a code may cover one that stands behind it
+                    for fill_in in (*outer, *self.later):  # what stands around it may be covered, too
+                        fill_in()
         finally:
             self.later = outer

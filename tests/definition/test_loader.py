@@ -118,8 +118,8 @@ def test_names_that_segments_mention_are_written_out() -> None:
     start, length, bits, wrap, _, crc, total = protocol.frames["f"].body
     assert isinstance(length, Length) and length.of[0] == "start" and len(length.of) == 7
     assert isinstance(bits, Bits) and isinstance(wrap, Wrap)
-    assert isinstance(crc, Check) and crc.over == ("start", bits.name, "w") and crc.size == 2
-    assert isinstance(total, Check) and total.span == ("n", "here")
+    assert isinstance(crc, Check) and crc.covers == ("start", bits.name, "w") and crc.size == 2
+    assert isinstance(total, Check) and total.covers == (("n", "here"),)
     assert isinstance(start, Const)
 
 

@@ -9,10 +9,12 @@ from framekit.codec.python import forms
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.forms import code_bytes
-from framekit.codec.python.function import covers_later, on_the_wire, span_names
+from framekit.codec.python.function import Offset, between, covered_names, covered_parts, covers_later, on_the_wire
+from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.reader import BufferReader, Item, Slot
 from framekit.codec.python.source import quoted
-from framekit.definition.model.frames import leaves
+from framekit.definition.expression import PRODUCT
+from framekit.definition.kinds.check import Added
 from framekit.definition.model.segments import (
     Check,
     Segments,
@@ -32,21 +34,10 @@ class CheckKind(SegmentKind[Check]):
         return Slot(item, size, code, order, r.function.names.fresh("check"))
 
     def unpacked(self, r: BufferReader, slot: Slot, segment: Check, source: str, converted: bool) -> None:
-        r.validate_check(segment, source, slot.code.endswith("s"))
+        r.validate_check(segment, slot.item.scope, source, slot.code.endswith("s"))
 
     def diagnose(self, d: DiagnosisWriter, segment: Check, scope: Scope, behind: Behind) -> None:
-        if segment.span is not None and not span_names(segment, d.segments):
-            covered = 'b""'
-        elif segment.over is not None:
-            over = (d.by_name[name] for name in segment.over if name in d.by_name)
-            covered = f"n.bytes_of({', '.join(quoted(leaf.name or '') for leaf in leaves(over))})"
-        elif segment.span is not None and segment.span[1] == "here" and _in_one_buffer(segment, d.segments):
-            covered = f"n.bytes_from({quoted(span_names(segment, d.segments)[0])})"
-        elif segment.span is not None:
-            covered = f"n.bytes_of({', '.join(quoted(name) for name in span_names(segment, d.segments))})"
-        else:
-            covered = "n.data[: n.at]"
-        code = code_bytes(d.module, segment, covered)
+        code = code_bytes(d.module, segment, _covered(d, segment, scope))
         options = ", digits=True" if segment.form in ("hex", "HEX") else ""
         options += "" if segment.verify == "error" else ", verify=False"
         if segment.verify == "off":
@@ -58,13 +49,53 @@ class CheckKind(SegmentKind[Check]):
         else:
             d.out.add(f"n.check({d.named(segment)}, {segment.size}, lambda n: {code}{options})")
 
+    def measure(self, m: MeasureWriter, segment: Check, scope: Scope, after: Pairs) -> None:
+        if segment.ends:
+            m.want(segment.size, after)
+            end = m.place.plus(segment.size)
+            code = forms.code_text(m.module, segment, _measured(m, segment, scope))
+            m.may_fail = m.may_fail or bool(segment.added) or segment.form != "raw"
+            found = forms.code_number(m.module, segment, between("data", m.place, end))
+            with m.out.block(f"if {found} != {code}:"):
+                m.add("return LOST")
+        m.skip(str(segment.size))
+
     def describe(self, segment: Check) -> str:
         return f"check {segment.method.name}" + ("" if segment.form == "raw" else f" as {segment.form}")
 
 
+def _covered(d: DiagnosisWriter, check: Check, scope: Scope) -> str:
+    """Text of the bytes that a check covers, in a function of the diagnosis."""
+    if check.covers is None:
+        return "n.data[: n.at]"
+    parts = covered_parts(check, d.segments)
+    if check.span is not None and check.span[1] == "here" and parts[0] and _in_one_buffer(check, d.segments):
+        return f"n.bytes_from({quoted(covered_names(check, d.segments)[0])})"
+    texts: list[str] = []
+    for part in parts:
+        if isinstance(part, Added):
+            texts.append(forms.added_text(d.module, part, d.writer(scope).text(part.value, PRODUCT)))
+        elif part:
+            texts.append(f"n.bytes_of({', '.join(quoted(name) for name in part)})")
+    return " + ".join(texts) or 'b""'
+
+
+def _measured(m: MeasureWriter, check: Check, scope: Scope) -> str:
+    """Text of the bytes that a check covers, where a frame is measured."""
+    if check.covers is None:
+        return between("data", Offset("start", 0), m.place)
+    texts: list[str] = []
+    for part in covered_parts(check, m.segments):
+        if isinstance(part, Added):
+            texts.append(forms.added_text(m.module, part, m.text(part.value, scope, PRODUCT)))
+        else:
+            texts += [between("data", first, last) for first, last in m.runs(part)]
+    return " + ".join(texts) or 'b""'
+
+
 def _in_one_buffer(check: Check, segments: Segments) -> bool:
     """Whether a check stands in the same buffer as everything it covers."""
-    names = set(span_names(check, segments))
+    names = set(covered_names(check, segments))
     return any(check in buffer and names <= {one.name for one in on_the_wire(buffer)} for buffer in _buffers(segments))
 
 

@@ -47,7 +47,7 @@ class WrapKind(SegmentKind[Wrap]):
             else:
                 first, last = r.take_rest(item, after)
             wire = between(r.buffer, first, last)
-            function.add(f"{plain} = {wire_coding(segment.coding).read_text(r.module, segment.coding, wire)}")
+            function.add(f"{plain} = {wire_coding(segment.coding).read_text(r.module, segment.coding, wire, fixed)}")
         inside = BufferReader(function, plain, function.names.fresh(f"{plain}_at"))
         inside.read(segment.of, item.scope, item.fields, all_is_read=False)
         inside.close()
@@ -91,7 +91,7 @@ class WrapKind(SegmentKind[Wrap]):
         fixed = d.static.all(segment.of).fixed
         option, size = "", "None"
         if segment.escape is None:
-            open_up = wire_coding(segment.coding).careful_text(d.module, segment.coding)
+            open_up = wire_coding(segment.coding).careful_text(d.module, segment.coding, fixed)
             known = _size_on_wire(segment, fixed)
             size = "None" if known is None else d.ask(known, scope)
             option = d.behind_option(known is None, behind)
@@ -201,7 +201,7 @@ def _unstuff(r: BufferReader, item: Item, wrap: Wrap, fixed: int | None, after: 
             tests = " or ".join(f"{frame} in {plain}" for frame in embedded_texts)
             with r.function.out.block(f"if {tests}:"):
                 r.function.add(f"{plain} = {name('without_embedded')}({plain}, {escape}, {embedded})")
-        r.function.add(f"{plain} = {read.read_text(r.module, wrap.coding, plain)}")
+        r.function.add(f"{plain} = {read.read_text(r.module, wrap.coding, plain, fixed)}")
 
 
 def _measure_content(

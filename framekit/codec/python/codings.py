@@ -9,9 +9,13 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from framekit.codec import stuffing, support
-from framekit.codec.python.forms import Functions
+from framekit.codec.python.forms import code_bytes
+from framekit.codec.python.module import Module
 from framekit.codec.python.source import bytes_literal, literal
-from framekit.definition.codings import Cobs, Coding, Doubled, Escaped, Hex, Inserted, Plain
+from framekit.definition.codings import Blocks, Cobs, Coding, Doubled, Escaped, Hex, Inserted, Plain, Short
+
+Arguments = Callable[[Module, Any, int | None], str]
+"""The text of further arguments: for a module, a coding, and the size of its content, where that is always the same."""
 
 
 class WireCoding(NamedTuple):
@@ -26,25 +30,25 @@ class WireCoding(NamedTuple):
     build: str
     read: str
     careful: str
-    build_arguments: Callable[[Any], str] = lambda coding: ""
-    read_arguments: Callable[[Any], str] = lambda coding: ""
+    build_arguments: Arguments = lambda module, coding, size: ""
+    read_arguments: Arguments = lambda module, coding, size: ""
     starts: Callable[[Any, bytes], bytes] = lambda coding, plain: b""
     brought: str = ""
 
-    def build_text(self, functions: Functions, coding: Coding, content: str) -> str:
+    def build_text(self, module: Module, coding: Coding, content: str) -> str:
         """Text of what stands on the wire for the content, a text."""
-        return f"{functions.function(self.build)}({content}{self.build_arguments(coding)})"
+        return f"{module.function(self.build)}({content}{self.build_arguments(module, coding, None)})"
 
-    def read_text(self, functions: Functions, coding: Coding, wire: str) -> str:
-        """Text of the content of what stands on the wire, a text."""
+    def read_text(self, module: Module, coding: Coding, wire: str, size: int | None) -> str:
+        """Text of the content of what stands on the wire, a text; `size`: of content that always has so many bytes."""
         if self.brought:
-            functions.imports.add(self.brought)
+            module.imports.add(self.brought)
             return f"{self.read}({wire})"
-        return f"{functions.function(self.read)}({wire}{self.read_arguments(coding)})"
+        return f"{module.function(self.read)}({wire}{self.read_arguments(module, coding, size)})"
 
-    def careful_text(self, functions: Functions, coding: Coding) -> str:
+    def careful_text(self, module: Module, coding: Coding, size: int | None) -> str:
         """Text of a function that reads with care what stands on the wire."""
-        function, arguments = functions.function(self.careful), self.read_arguments(coding)
+        function, arguments = module.function(self.careful), self.read_arguments(module, coding, size)
         return f"lambda raw: {function}(raw{arguments})" if arguments else function
 
 
@@ -58,14 +62,23 @@ def _codes(coding: Escaped) -> tuple[tuple[bytes, bytes], ...]:
     return tuple((_one(byte), bytes((coding.escape, code))) for byte, code in codes)
 
 
-def _escaped_arguments(coding: Escaped) -> str:
+def _escaped_arguments(module: Module, coding: Escaped, size: int | None) -> str:
     plain = {code: _one(byte) for byte, code in coding.codes}
     never = bytes(sorted(coding.never))
     return f", {bytes_literal(_one(coding.escape))}, {literal(plain)}, {literal(coding.flip)}, {bytes_literal(never)}"
 
 
-def _inserted_arguments(coding: Inserted) -> str:
+def _inserted_arguments(module: Module, coding: Inserted, size: int | None) -> str:
     return f", {bytes_literal(coding.after)}, {bytes_literal(coding.insert)}"
+
+
+def _blocks_arguments(module: Module, coding: Blocks, size: int | None) -> str:
+    return f", {coding.size}, lambda block: {code_bytes(module, coding.check_code, 'block')}"
+
+
+def _read_blocks_arguments(module: Module, coding: Blocks, size: int | None) -> str:
+    digits = ", True" if coding.check_code.form in ("hex", "HEX") else ""
+    return f"{_blocks_arguments(module, coding, size)}, {coding.check_code.size}{digits}"
 
 
 WIRE: Mapping[type[Coding], WireCoding] = {
@@ -80,15 +93,17 @@ WIRE: Mapping[type[Coding], WireCoding] = {
         "stuff",
         "unstuff",
         "",
-        lambda coding: f", {coding.escape:#04x}",
-        lambda coding: f", {bytes_literal(_one(coding.escape))}, {bytes_literal(2 * _one(coding.escape))}",
+        lambda module, coding, size: f", {coding.escape:#04x}",
+        lambda module, coding, size: (
+            f", {bytes_literal(_one(coding.escape))}, {bytes_literal(2 * _one(coding.escape))}"
+        ),
         lambda coding, plain: support.stuff(plain, coding.escape),
     ),
     Escaped: WireCoding(
         "stuff_escaped",
         "unstuff_escaped",
         "open_escaped",
-        lambda coding: f", {literal(_codes(coding))}",
+        lambda module, coding, size: f", {literal(_codes(coding))}",
         _escaped_arguments,
         lambda coding, plain: stuffing.stuff_escaped(plain, _codes(coding)),
     ),
@@ -96,6 +111,14 @@ WIRE: Mapping[type[Coding], WireCoding] = {
     Cobs: WireCoding("stuff_cobs", "unstuff_cobs", "open_cobs"),
     Inserted: WireCoding(
         "stuff_inserted", "unstuff_inserted", "open_inserted", _inserted_arguments, _inserted_arguments
+    ),
+    Blocks: WireCoding("add_codes", "strip_codes", "open_codes", _blocks_arguments, _read_blocks_arguments),
+    Short: WireCoding(
+        "shorten",
+        "fill_up",
+        "open_short",
+        lambda module, coding, size: f", {bytes_literal(_one(coding.fill))}, {coding.least}",
+        lambda module, coding, size: f", {bytes_literal(_one(coding.fill))}, {coding.least}, {size}",
     ),
 }
 """The codings there are."""

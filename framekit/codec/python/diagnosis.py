@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from framekit.codec.python import forms
 from framekit.codec.python.expressions import Scope, default_text, entries_read
 from framekit.codec.python.facts import names_asked_for
-from framekit.codec.python.function import FunctionWriter, on_the_wire, span_names
+from framekit.codec.python.function import FunctionWriter, covered_names, on_the_wire, standing_any_way
 from framekit.codec.python.module import Module
 from framekit.codec.python.registry import kind_of, write_docstring
 from framekit.codec.python.source import Source, bytes_literal, literal, quoted
 from framekit.definition.expression import BIT_OR, PRODUCT, Expression, names_in
-from framekit.definition.model.frames import Frame, everything, flat, leaves, without_when
+from framekit.definition.model.frames import Frame, everything, flat, without_when
 from framekit.definition.model.segments import (
     LAST,
     Check,
@@ -92,9 +92,7 @@ class DiagnosisWriter(FunctionWriter):
         found: set[str] = set()
         for segment in everything(self.segments):
             if isinstance(segment, Check):
-                found.update(span_names(segment, self.segments))
-                covered = (one for one in everything(self.segments) if one.name in (segment.over or ()))
-                found.update(leaf.name or "" for leaf in leaves(covered))
+                found.update(covered_names(segment, self.segments))
             elif isinstance(segment, Length):
                 found.update(segment.of, self.wire_names(segment.of))
         return found
@@ -315,7 +313,7 @@ class DiagnosisWriter(FunctionWriter):
 
     def absent(self, segment: Segment) -> str:
         """The call that says that nothing of a segment is there, as far as checks ask for it."""
-        names = [leaf.name or "" for leaf in leaves((segment,)) if leaf.name in self.asked_for]
+        names = [one.name or "" for one in standing_any_way((segment,)) if one.name in self.asked_for]
         return f"n.nothing({', '.join(quoted(name) for name in names)})" if names else ""
 
     # ---- segments with others inside ----------------------------------------------------------------------

@@ -120,10 +120,14 @@ class PackArgument:
 
 @dataclass(slots=True)
 class KeptBytes:
-    """Some bytes of a buffer: the names of the segments in them, and their text."""
+    """Some bytes of a buffer: the names of the segments in them, and their text.
+
+    `on_wire`: for checks that count wraps as they stand on the wire, or for the others; None: for both.
+    """
 
     names: tuple[str, ...]
     text: str
+    on_wire: bool | None = None
 
 
 def write_encoder(
@@ -768,8 +772,7 @@ class EncodeWriter(FunctionWriter):
             elif segment.name in self.late:
                 texts = [self.gather(texts, buffer)] if texts else []
                 texts.append(self._ended(segment, self._late(segment.name or "", [before, *texts])))
-                names = tuple(leaf.name or "" for leaf in leaves((segment,)))
-                self.parts.append(KeptBytes(names, self.plains.get(segment.name or "", texts[-1])))
+                self._keep((segment,), texts[-1])
             else:
                 end = next((one for one in apart if one > place), len(placed))
                 count = self.length_of_run(placed[place:end])
@@ -839,7 +842,7 @@ class EncodeWriter(FunctionWriter):
     def add_plain(self, plain: str | None, segments: tuple[Segment, ...]) -> None:
         """Where the segments are there: what checks see of them."""
         if plain is not None:
-            self.add(f"{plain} = {sum_of(self._parts_of([leaf.name or '' for leaf in leaves(segments)]))}")
+            self.add(f"{plain} = {sum_of(self._parts_of([leaf.name or '' for leaf in leaves(segments)], False))}")
 
     def gather(self, texts: list[str], buffer: str) -> str:
         """Puts everything so far into the buffer's local."""
@@ -881,19 +884,26 @@ class EncodeWriter(FunctionWriter):
 
     def _kept(self, placed: list[Placed], text: str) -> str:
         """The text of a run; in a local, if a check asks for these bytes."""
-        if placed[0][0].is_there_inside:
-            return text
-        names = tuple(leaf.name or "" for segment, _ in placed for leaf in leaves((segment,)))
-        if (plain := self.plains.get(placed[0][0].name or "")) is not None:
-            self.parts.append(KeptBytes(names, plain))
-            return text
+        segments = tuple(segment for segment, _ in placed)
+        names = tuple(one.name or "" for one in on_the_wire(segments))
         if self.coverage.of(names) and not text.isidentifier() and not _is_literal(text):
             named = [name for name in names if not name.startswith("_")]
             local = self.names.fresh(f"{named[0]}_bytes" if len(named) == 1 else "covered")
             self.add(f"{local} = {text}")
             text = local
-        self.parts.append(KeptBytes(names, text))
+        self._keep(segments, text)
         return text
+
+    def _keep(self, segments: tuple[Segment, ...], text: str) -> None:
+        """Notes that `text` is the bytes of these segments; what is in a wrap by itself is noted where it is built."""
+        plain = tuple(leaf.name or "" for leaf in leaves(segments))
+        on_wire = tuple(one.name or "" for one in on_the_wire(segments))
+        if plain == on_wire:
+            self.parts.append(KeptBytes(plain, text))
+            return
+        self.parts.append(KeptBytes(on_wire, text, True))
+        if not segments[0].is_there_inside:
+            self.parts.append(KeptBytes(plain, self.plains.get(segments[0].name or "", text), False))
 
     def _check(self, check: Check, scope: Scope, before: list[str]) -> str:
         covered = sum_of([text for text in before if text])
@@ -901,19 +911,26 @@ class EncodeWriter(FunctionWriter):
             names = self.coverage.names(check) or []
             if not self.postponed.isdisjoint(names):
                 raise _covered_itself(check)
-            covered = sum_of(self._parts_of(names))
+            texts: list[str] = []
+            for part in self.coverage.parts(check):
+                if isinstance(part, list):
+                    texts += self._parts_of(part, check.wire)
+                else:
+                    texts.append(forms.added_text(self.module, part, self.text(part.value, scope, PRODUCT)))
+            covered = sum_of(texts)
             for text, buffer in self.gathered.items():
                 if covered == text or covered.startswith(f"{text} + "):
                     covered = buffer + covered.removeprefix(text)
         return self.if_present(check, scope, code_bytes(self.module, replace(check, when=None), covered), 'b""')
 
-    def _parts_of(self, names: list[str]) -> list[str]:
+    def _parts_of(self, names: list[str], on_wire: bool) -> list[str]:
         texts: list[str] = []
         left = list(names)
+        known = [part for part in reversed(self.parts) if part.on_wire in (None, on_wire)]
         while left:
-            part = next((part for part in reversed(self.parts) if left[0] in part.names), None)
+            part = next((part for part in known if left[0] in part.names), None)
             texts.extend([] if part is None else [part.text])
-            left = left[max(1, 0 if part is None else sum(name in left for name in part.names)) :]
+            left = left[max(1, 0 if part is None else len({*part.names} & {*left})) :]
         return texts
 
     def _ended(self, segment: Segment, text: str) -> str:

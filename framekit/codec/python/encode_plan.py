@@ -12,11 +12,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from framekit.codec.python import forms
-from framekit.codec.python.function import on_the_wire, span_names
+from framekit.codec.python.function import covered_names, covered_parts, on_the_wire, standing
 from framekit.codec.python.module import Module
 from framekit.codec.python.registry import kind_of
 from framekit.codec.python.source import quoted
-from framekit.definition.model.frames import everything, flat, leaves
+from framekit.definition.kinds.check import Added
+from framekit.definition.model.frames import everything, flat
 from framekit.definition.model.segments import Check, Count, Length, Segment
 
 Lengths = Mapping[str, forms.Range]
@@ -74,27 +75,29 @@ class Coverage:
 
     def names(self, check: Check) -> list[str] | None:
         """The leaves a check covers, in the order it covers them; None: everything before it."""
-        if check.over is not None:
-            known = [self.by_name[name] for name in check.over if name in self.by_name]
-            return [leaf.name or "" for leaf in leaves(known)]
-        return None if check.span is None else span_names(check, self.segments)
+        return None if check.covers is None else covered_names(check, self.segments)
+
+    def parts(self, check: Check) -> list[list[str] | Added]:
+        """What its `over` says that a check covers: runs of segments, and what is not on the wire between them."""
+        return covered_parts(check, self.segments)
 
     def _add(self, check: Check, buffer: tuple[Segment, ...], begins: bool) -> None:
         names = self.names(check)
         before: list[Segment] = []
-        for segment in leaves(buffer):
+        for segment in standing(check, buffer):
             if segment is check:
                 break
             before.append(segment)
         here = [segment.name for segment in before]
-        mixed = any(segment.is_there_inside for segment in on_the_wire(buffer))
-        if names is None or (names == here and begins and not mixed):
+        mixed = not check.wire and any(segment.is_there_inside for segment in on_the_wire(buffer))
+        if names is None or (names == here and begins and not mixed and not check.added):
             self.whole.add(check.name or "")
             return
         in_order = names == [name for name in here if name in names]
-        for place, name in enumerate(names):
-            mark = f"{check.name}" if in_order else f"{check.name} {place}"
-            self._marks[name] = self._marks.get(name, frozenset()) | {mark}
+        for part, run in enumerate(one for one in self.parts(check) if isinstance(one, list)):
+            for place, name in enumerate(run):
+                mark = f"{check.name} {part}" if in_order else f"{check.name} {part} {place}"
+                self._marks[name] = self._marks.get(name, frozenset()) | {mark}
 
 
 def buffers(segments: tuple[Segment, ...], begins: bool = True) -> Iterator[tuple[tuple[Segment, ...], bool]]:

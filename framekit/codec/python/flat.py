@@ -106,7 +106,7 @@ class FusedFrames:
             raise NotPlain
         if names_read(inside) & ours or inner.when is not None:
             raise NotPlain
-        if any(isinstance(one, Check) and inner.name in (one.span or ()) for one in everything(around)):
+        if any(isinstance(one, Check) and inner.name in one.edges for one in everything(around)):
             raise NotPlain
         parts = tuple(one.name for one in inside if one.name and one.takes_bytes)
         if isinstance(inner.size, int) and self.static.all(inside).fixed != inner.size:

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 
 from framekit.codec.python.module import Module
 from framekit.codec.python.source import bytes_literal, literal, quoted
+from framekit.definition.kinds.check import Added
 from framekit.definition.model.segments import Check, Count, Data, Field, FieldType, Length
 
 INT_CODES = {1: "B", 2: "H", 4: "I", 8: "Q"}
@@ -379,6 +380,30 @@ def code_bytes(module: Module, check: Check, covered: str) -> str:
     if check.size == 2 and not little:
         return f"{bytes_literal(b'%02x' if check.form == 'hex' else b'%02X')} % {code}"
     return digits_text(module, 16, little, check.form == "hex", code, str(check.size))
+
+
+def code_number(module: Module, check: Check, raw: str) -> str:
+    """Text of the number behind a check code's bytes."""
+    little = check.order == "little"
+    if check.form == "raw":
+        return f"int.from_bytes({raw}, {quoted(check.order)})"
+    if check.form == "dec":
+        return digits_number(module, 10, little, raw)
+    if check.form == "nibbles" and little:
+        return f'int.from_bytes({module.function("join_nibbles")}({raw}), "little")'
+    if check.form == "nibbles":
+        return f"{module.function('parse_nibbles')}({raw})"
+    if check.size == 2:
+        module.imports.add("from binascii import unhexlify")
+        return f"unhexlify({raw})[0]"
+    return digits_number(module, 16, little, raw)
+
+
+def added_text(functions: Functions, added: Added, value: str) -> str:
+    """Text of bytes that count in a check code and are not on the wire; `value` is the text of their expression."""
+    if added.type is None:
+        return value
+    return build(functions, added.type, value, str(added.type.fixed_size))
 
 
 def is_call(text: str) -> bool:

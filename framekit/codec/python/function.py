@@ -25,6 +25,7 @@ from framekit.definition.expression import (
     children,
     walk,
 )
+from framekit.definition.kinds.check import Added, Edges
 from framekit.definition.model.frames import everything, expressions_of, flat, leaves
 from framekit.definition.model.segments import (
     Check,
@@ -35,6 +36,7 @@ from framekit.definition.model.segments import (
     Length,
     Repeat,
     Segment,
+    Segments,
     Value,
 )
 
@@ -161,11 +163,6 @@ class Function(FunctionWriter):
         self.presets: dict[str, tuple[str, str]] = {}
         self.late: list[Callable[[], None]] = []
         self.bounds: dict[str, Bounds] = {}
-        self.parts = {
-            segment.name: tuple(leaf.name for leaf in leaves((segment,)) if leaf.name)
-            for segment in everything(segments)
-            if (segment.blocks or segment.is_record) and segment.name
-        }
         self.wire_parts = {
             segment.name: tuple(part.name for part in on_the_wire((segment,)) if part.name)
             for segment in everything(segments)
@@ -278,7 +275,7 @@ class Function(FunctionWriter):
     def preset(self, segments: Iterable[Segment], place: str) -> None:
         """Segments that may not be there take no bytes at `place`, as long as nothing else is known of them."""
         segments = tuple(segments)
-        for leaf in (*leaves(segments), *(one for one in on_the_wire(segments) if one.is_there_inside)):
+        for leaf in standing_any_way(segments):
             if leaf.name in self.tracked and leaf.name not in self.presets:
                 shown = leaf.name.strip("_")
                 start, end = self.names.fresh(f"{shown}_start"), self.names.fresh(f"{shown}_end")
@@ -287,17 +284,16 @@ class Function(FunctionWriter):
 
     def pass_over(self, segments: Iterable[Segment], read: Iterable[Segment], place: str) -> None:
         """Segments of later cases take no bytes at `place`, behind those that were read: ranges may end with them."""
-        here = {leaf.name for leaf in leaves(tuple(read))}
-        for name in dict.fromkeys(leaf.name or "" for leaf in leaves(tuple(segments))):
+        here = {leaf.name for leaf in standing_any_way(tuple(read))}
+        for name in dict.fromkeys(leaf.name or "" for leaf in standing_any_way(tuple(segments))):
             if name in self.presets and name not in here:
                 self.add(f"{' = '.join(self.presets[name])} = {place}")
 
     def bytes_between(self, names: Iterable[str]) -> str:
-        """Text of the bytes of these segments in this order, each as it is inside its wrap."""
+        """Text of the bytes of these segments in this order."""
         pieces: list[Bounds] = []
         before = ""
-        leaf_names = [leaf for name in names for leaf in self.parts.get(name, (name,))]
-        for name in leaf_names:
+        for name in names:
             bounds = self.bounds.get(name)
             if bounds is None:
                 continue
@@ -308,7 +304,9 @@ class Function(FunctionWriter):
         return " + ".join(between(piece.buffer, piece.first, piece.last) for piece in pieces) or 'b""'
 
     def _follows(self, before: str, name: str) -> bool:
-        return before in self.trail and self.trail.index(before) + 1 == self.trail.index(name)
+        if before not in self.trail or name not in self.trail:
+            return False
+        return self.trail.index(before) + 1 == self.trail.index(name)
 
     def room(self, targets: Mapping[str, Target], *, plain: bool) -> str:
         """Text of the bytes these segments take, when everything is read; `plain`: as they are in memory."""
@@ -347,8 +345,7 @@ def tracked_names(segments: tuple[Segment, ...]) -> set[str]:
     found: set[str] = set()
     for segment in everything(segments):
         if isinstance(segment, Check):
-            found.update(leaf.name or "" for leaf in _named(segments, segment.over or ()))
-            found.update(span_names(segment, segments))
+            found.update(covered_names(segment, segments))
         if isinstance(segment, Length) and not is_followed(segment, segments):
             counted = (one for one in everything(segments) if one.name in segment.of)
             found.update(segment.of, (part.name or "" for part in on_the_wire(counted)))
@@ -371,39 +368,61 @@ def on_the_wire(segments: Iterable[Segment]) -> Iterator[Segment]:
             yield from on_the_wire(block)
 
 
-def _named(segments: tuple[Segment, ...], names: tuple[str, ...]) -> Iterator[Segment]:
-    """The leaves of the segments of these names."""
-    return leaves(segment for segment in everything(segments) if segment.name in names)
+def standing_any_way(segments: Segments) -> Iterator[Segment]:
+    """What takes bytes, in wraps and as a whole wrap."""
+    yield from leaves(segments)
+    yield from (one for one in on_the_wire(segments) if one.is_there_inside)
 
 
-def ends_of(segment: Segment) -> tuple[str | None, str | None]:
-    """The names of the first and the last leaf of a segment."""
-    found = [leaf.name for leaf in leaves((segment,))]
-    return (found[0], found[-1]) if found else (None, None)
+def standing(check: Check, segments: Iterable[Segment]) -> Iterator[Segment]:
+    """What takes bytes for a check: what is in wraps, or the wraps as a whole where it counts what is on the wire."""
+    return on_the_wire(segments) if check.wire else leaves(segments)
 
 
 def covers_later(check: Check, segments: tuple[Segment, ...]) -> bool:
     """Whether a check covers something that stands behind it."""
-    order = [leaf.name or "" for leaf in leaves(segments)]
+    order = [one.name or "" for one in standing(check, segments)]
     if check.name not in order:
         return False
-    behind = set(order[order.index(check.name) + 1 :])
-    covered = (leaf.name or "" for leaf in _named(segments, check.over or ()))
-    return bool(behind & {*covered, *span_names(check, segments)})
+    return not set(order[order.index(check.name) + 1 :]).isdisjoint(covered_names(check, segments))
 
 
-def span_names(check: Check, segments: tuple[Segment, ...]) -> list[str]:
-    """The segments from the first to the last name of a check's range, in the order they stand in."""
-    if check.span is None:
-        return []
-    order = [leaf.name or "" for leaf in leaves(segments)]
-    ends = {segment.name: ends_of(segment) for segment in flat(segments)}
-    first = ends.get(check.span[0], (check.span[0], None))[0]
-    last = check.name if check.span[1] == "here" else ends.get(check.span[1], (None, check.span[1]))[1]
+def covered_names(check: Check, segments: tuple[Segment, ...]) -> list[str]:
+    """The segments that the parts of a check's `over` are, in their order."""
+    return [name for part in covered_parts(check, segments) if isinstance(part, list) for name in part]
+
+
+def covered_parts(check: Check, segments: tuple[Segment, ...]) -> list[list[str] | Added]:
+    """What a check covers by its `over`: runs of segments, and what is not on the wire between them."""
+    found: list[list[str] | Added] = []
+    for part in check.covers or ():
+        if isinstance(part, Added):
+            found.append(part)
+            continue
+        names = names_in_part(part, check, segments)
+        if found and isinstance(found[-1], list):
+            found[-1] += names
+        else:
+            found.append(names)
+    return found
+
+
+def names_in_part(part: str | Edges, check: Check, segments: tuple[Segment, ...]) -> list[str]:
+    """The segments of one part: those that stand for a name, or from the first to the last name of a range.
+
+    A name that several cases have is there once.
+    """
+    if isinstance(part, str):
+        named = (one for one in everything(segments) if one.name == part)
+        return list(dict.fromkeys(one.name or "" for one in standing(check, named)))
+    order = list(dict.fromkeys(one.name or "" for one in standing(check, segments)))
+    ends = {segment.name: [one.name for one in standing(check, (segment,))] for segment in flat(segments)}
+    first = (ends.get(part[0]) or [part[0]])[0]
+    last = check.name if part[1] == "here" else (ends.get(part[1]) or [part[1]])[-1]
     if first not in order or last not in order:
         lists = (one.of for one in everything(segments) if isinstance(one, Repeat) and isinstance(one.of, tuple))
-        return next((span_names(check, of) for of in lists if check in tuple(leaves(of))), [])
-    return order[order.index(first) : order.index(last) + (check.span[1] != "here")]
+        return next((names_in_part(part, check, of) for of in lists if check in tuple(leaves(of))), [])
+    return order[order.index(first) : order.index(last) + (part[1] != "here")]
 
 
 @dataclass(frozen=True, slots=True)

@@ -103,7 +103,7 @@ def _pair(static: StaticSizes, frame: Frame, inner: Inner, name: str) -> Pair | 
         return None
     if names_read(around) & (names_of(inside) | {inner.name}) or names_read(inside) & (names_of(around) | {inner.name}):
         return None
-    if any(isinstance(segment, Check) and inner.name in (segment.span or ()) for segment in everything(around)):
+    if any(isinstance(segment, Check) and inner.name in segment.edges for segment in everything(around)):
         return None
     parts = tuple(segment.name for segment in inside if segment.name and segment.takes_bytes)
     lists = (
@@ -157,8 +157,8 @@ def counting(segment: Segment, inner: Inner, parts: tuple[str, ...]) -> Segment:
 
     if isinstance(segment, Length):
         return replace(segment, of=spread(segment.of))
-    if isinstance(segment, Check) and segment.over is not None:
-        return replace(segment, over=spread(segment.over))
+    if isinstance(segment, Check):
+        return segment.with_names(spread)
     return segment
 
 

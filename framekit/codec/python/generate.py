@@ -307,7 +307,7 @@ class ModuleWriter:
         own = {segment.name for segment in everything(segments)}
         own |= {name for segment in everything(segments) for name in segment.value_names}
         for segment in everything(segments):
-            if isinstance(segment, Check) and (set(segment.over or ()) | set(segment.span or ()) - {"here"}) - own:
+            if isinstance(segment, Check) and {*segment.names, *segment.edges} - own:
                 return False
             if isinstance(segment, Length) and set(segment.of) - own:
                 return False
@@ -434,7 +434,7 @@ def refuse_vague_checks(segments: tuple[Segment, ...]) -> None:
 
 def _refuse_vague(segments: tuple[Segment, ...], where: str) -> None:
     for check in everything(segments):
-        if isinstance(check, Check) and check.over is None and check.span is None:
+        if isinstance(check, Check) and check.covers is None:
             raise not_possible(check, f"a check in {where} has to say what it covers", "name it in over:")
 
 
@@ -442,7 +442,7 @@ _ALIASES = {
     "Ask": "Callable[[Any], Any]",
     "Context": "Mapping[str, Any]",
     "Reads": "Callable[..., dict[str, Any]]",
-    "Opened": "tuple[bytes, Sequence[int], str]",
+    "Opened": "tuple[bytes, Sequence[int], *tuple[str, ...]]",
     "Rules": "Mapping[str, Any]",
     "Span": "tuple[str, int, int, Any]",
 }

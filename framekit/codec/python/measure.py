@@ -18,7 +18,7 @@ from framekit.codec.python.expressions import (
     may_fail,
 )
 from framekit.codec.python.facts import leading
-from framekit.codec.python.function import FunctionWriter, Offset, between, index
+from framekit.codec.python.function import FunctionWriter, Offset, between, covered_names, index
 from framekit.codec.python.module import Module
 from framekit.codec.python.registry import kind_of, write_docstring
 from framekit.codec.python.source import Source, bytes_literal, literal, quoted
@@ -98,6 +98,8 @@ class MeasureWriter(FunctionWriter):
         self.in_digits = False
         self.looks_for_end = False
         self.item_ends = ""  # what says at the end of an item whether it is the last one
+        self.tracked = {name for check in ending_checks(segments) for name in covered_names(check, segments)}
+        self.passed: list[tuple[str | None, Offset, Offset]] = []
 
     def pairs(self, segments: tuple[Segment, ...], scope: Scope) -> Pairs:
         """The segments with those of records."""
@@ -426,6 +428,10 @@ class MeasureWriter(FunctionWriter):
             isinstance(segment, Inner) and self.begins_with_constants(segment) for segment in flat(self.segments)
         )
 
+    def _looks_inside(self) -> bool:
+        """Whether more than the size counts of a frame of fixed size."""
+        return self.inner_may_mismatch() or any(True for _ in ending_checks(self.segments))
+
     def begins_with_constants(self, inner: Inner) -> bool:
         frames = (self.static.frames[name] for name in inner.frames)
         return any(leading(self.static, self.static.segments(frame)) for frame in frames)
@@ -465,7 +471,7 @@ class MeasureWriter(FunctionWriter):
                 tail = self.pairs(frame.tail, scope)
                 self._to_tail(tail)
                 self.list(tail, ())
-            elif self.static.all(self.segments).fixed is not None and not self.inner_may_mismatch():
+            elif self.static.all(self.segments).fixed is not None and not self._looks_inside():
                 self.place = Offset("start", self.static.all(self.segments).least)
             else:
                 self.list(self.pairs(self.segments, scope), ())
@@ -522,10 +528,31 @@ class MeasureWriter(FunctionWriter):
         """The segments in order. Raises Finished when the rest of the function is written."""
         for place, (segment, scope) in enumerate(pairs):
             behind = (*pairs[place + 1 :], *after)
+            first = self._kept(segment, "start")
             if segment.when is not None:
                 self._conditional(segment, scope, behind)
             else:
                 kind_of(segment).measure(self, segment, scope, behind)
+            if self.tracked:
+                self.passed.append((segment.name, first, self._kept(segment, "end")))
+
+    def _kept(self, segment: Segment, what: str) -> Offset:
+        """The present place; in a local of its own, if a check code covers the segment that begins or ends there."""
+        if segment.name not in self.tracked or self.place.base == "start":
+            return self.place
+        local = self.names.fresh(f"{segment.name.strip('_')}_{what}")
+        self.add(f"{local} = {self.place.text('')}")
+        return Offset(local, 0)
+
+    def runs(self, names: Iterable[str]) -> Iterator[tuple[Offset, Offset]]:
+        """Where segments stand that have been passed, neighbours together."""
+        order = [name for name, _, _ in self.passed]
+        places = [order.index(name) for name in names if name in order]
+        for at, place in enumerate(places):
+            if at == 0 or place != places[at - 1] + 1:
+                first = self.passed[place][1]
+            if at + 1 == len(places) or places[at + 1] != place + 1:
+                yield first, self.passed[place][2]
 
     def branch(self, pairs: Pairs, after: Pairs) -> bool:
         """Segments of which it is not sure that they are there; whether nothing behind matters any more."""
@@ -610,11 +637,17 @@ def needed_names(segments: tuple[Segment, ...], before: tuple[Segment, ...] = ()
     return found
 
 
+def ending_checks(segments: tuple[Segment, ...]) -> Iterator[Check]:
+    """The check codes that end a frame at once."""
+    return (one for one in flat(segments) if isinstance(one, Check) and one.ends)
+
+
 def size_expressions(segment: Segment) -> list[Expression]:
-    """What decides about the size of a segment."""
+    """What decides about the size of a segment, or ends the frame."""
     times = segment.times if isinstance(segment, Repeat) else None
     until = segment.until if isinstance(segment, ItemEnd) else None
-    found = (segment.when, segment.chooses_by, segment.size_expression, times, until)
+    added = [one.value for one in segment.added] if isinstance(segment, Check) and segment.ends else []
+    found = (segment.when, segment.chooses_by, segment.size_expression, times, until, *added)
     return [expression for expression in found if isinstance(expression, Expression)]
 
 

@@ -16,11 +16,21 @@ from framekit.codec.python import forms
 from framekit.codec.python.expressions import NameEntry, Scope, constant_of, default_text
 from framekit.codec.python.facts import Target, comes_with, in_place_of_records, is_followed, is_plain_name, targets_of
 from framekit.codec.python.forms import code_text, is_call
-from framekit.codec.python.function import MISMATCH, Fields, Function, Offset, between, covers_later, index, span_names
+from framekit.codec.python.function import (
+    MISMATCH,
+    Fields,
+    Function,
+    Offset,
+    between,
+    covers_later,
+    index,
+    names_in_part,
+)
 from framekit.codec.python.module import Module
 from framekit.codec.python.registry import kind_of, struct_order, summary, write_docstring
 from framekit.codec.python.source import Source, bytes_literal, literal, quoted
-from framekit.definition.expression import AND, BIT_OR, SUM, Expression
+from framekit.definition.expression import AND, BIT_OR, PRODUCT, SUM, Expression
+from framekit.definition.kinds.check import Edges
 from framekit.definition.model.frames import Frame, bytes_of, everything, flat, without_when
 from framekit.definition.model.segments import (
     Bits,
@@ -337,7 +347,7 @@ class BufferReader:
 
     # ---- check codes --------------------------------------------------------------------------------------
 
-    def validate_check(self, check: Check, local: str, is_slice: bool) -> None:
+    def validate_check(self, check: Check, scope: Scope, local: str, is_slice: bool) -> None:
         """Compares a check code that was read into `local` with that of its range."""
         if covers_later(check, self.function.segments):
             if self.function.in_branch:
@@ -346,18 +356,18 @@ class BufferReader:
             if not local.isidentifier():  # the place it is read at is another one by then
                 code = self.function.names.fresh(check.name or "check")
                 self.function.add(f"{code} = {local}")
-            self.function.late.append(lambda: self._compare_check(check, code, is_slice))
+            self.function.late.append(lambda: self._compare_check(check, scope, code, is_slice))
         else:
-            self._compare_check(check, local, is_slice)
+            self._compare_check(check, scope, local, is_slice)
 
-    def _compare_check(self, check: Check, local: str, is_slice: bool) -> None:
-        code = code_text(self.module, check, self.range_text(check))
-        found = self._code_of(check, local) if is_slice else local
+    def _compare_check(self, check: Check, scope: Scope, local: str, is_slice: bool) -> None:
+        code = code_text(self.module, check, self.range_text(check, scope))
+        found = forms.code_number(self.module, check, local) if is_slice else local
         self.function.wrong_if(f"{found} != {code}")
 
     def residue(self, check: Check) -> int | None:
         """What the code over everything up to the check's own end must be; None where it has to be compared."""
-        if check.form != "raw" or check.over is not None or check.span is not None or check.verify != "error":
+        if check.form != "raw" or check.covers is not None or check.verify != "error":
             return None
         return residue_of(check.method, check.size, check.order)
 
@@ -368,37 +378,35 @@ class BufferReader:
         code = self.module.check(check.method, covered)
         self.function.wrong_if(f"({code}) != {residue:#x}" if not is_call(code) or residue else code)
 
-    def _code_of(self, check: Check, local: str) -> str:
-        """Text of the number behind a check code's bytes."""
-        little = check.order == "little"
-        if check.form == "raw":
-            return f"int.from_bytes({local}, {quoted(check.order)})"
-        if check.form == "dec":
-            return forms.digits_number(self.module, 10, little, local)
-        if check.form == "nibbles" and little:
-            return f'int.from_bytes({self.module.function("join_nibbles")}({local}), "little")'
-        if check.form == "nibbles":
-            return f"{self.module.function('parse_nibbles')}({local})"
-        if check.size == 2:
-            self.module.imports.add("from binascii import unhexlify")
-            return f"unhexlify({local})[0]"
-        return forms.digits_number(self.module, 16, little, local)
-
-    def range_text(self, check: Check) -> str:
+    def range_text(self, check: Check, scope: Scope) -> str:
         """Text of the bytes a check covers; the check itself begins at the present place."""
-        if check.over is not None:
-            return self.function.bytes_between(check.over)
-        if check.span is not None:
-            names = [name for name in span_names(check, self.function.segments) if name in self.function.bounds]
-            if not names:
-                return 'b""'
-            first = self.function.bounds[names[0]]
-            if {self.function.bounds[name].buffer for name in names} != {first.buffer}:
-                return self.function.bytes_between(names)
-            if first.buffer == self.buffer and check.span[1] == "here":
-                return between(self.buffer, first.first, self.place)
-            return between(first.buffer, first.first, self.function.bounds[names[-1]].last)
-        return between(self.buffer, START, self.place)
+        if check.covers is None:
+            return between(self.buffer, START, self.place)
+        texts: list[str] = []
+        run: list[str] = []
+        for part in (*check.covers, None):
+            if isinstance(part, str):
+                run += names_in_part(part, check, self.function.segments)
+                continue
+            texts.append(self.function.bytes_between(run))
+            run = []
+            if isinstance(part, tuple):
+                texts.append(self._range_text(part, names_in_part(part, check, self.function.segments)))
+            elif part is not None:
+                texts.append(forms.added_text(self.module, part, self.function.writer(scope).text(part.value, PRODUCT)))
+        return " + ".join(text for text in texts if text != 'b""') or 'b""'
+
+    def _range_text(self, edges: Edges, covered: list[str]) -> str:
+        """Text of the bytes of a range; in one buffer they are one piece of it."""
+        names = [name for name in covered if name in self.function.bounds]
+        if not names:
+            return 'b""'
+        first = self.function.bounds[names[0]]
+        if {self.function.bounds[name].buffer for name in names} != {first.buffer}:
+            return self.function.bytes_between(names)
+        if first.buffer == self.buffer and edges[1] == "here":
+            return between(self.buffer, first.first, self.place)
+        return between(first.buffer, first.first, self.function.bounds[names[-1]].last)
 
     # ---- what is compared when everything is read ---------------------------------------------------------
 

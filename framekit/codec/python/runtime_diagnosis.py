@@ -14,9 +14,9 @@ from framekit.codec.errors import FrameError
 Ask = Callable[[Any], Any]
 """A function of the diagnosis that works something out from what was read."""
 Span = tuple[str, int, int, Any]
-Opened = tuple[bytes, Sequence[int], str]
+Opened = tuple[bytes, Sequence[int], *tuple[str, ...]]
 """What is inside a wrap: the content, the place of each byte and of the end in the region, '' or the cause of a fault
-(then the last place is where it is)."""
+(then the last place is where it is); behind the cause, where it has them, what was expected and found."""
 EVALUATION_ERRORS = (ValueError, LookupError, TypeError, ArithmeticError, AttributeError)
 """What working out an expression on damaged values can raise."""
 
@@ -345,10 +345,14 @@ class Diagnosis:
         """The content of a wrap; `size` on the wire, None: up to the last `behind` bytes."""
         start = self.begin(name)
         raw = self.take(name, self.rest(behind, name) if size is None else self.ask(size, "short", name))
-        plain, places, cause = open_up(raw)
+        plain, places, *told = open_up(raw)
+        cause = told[0]
         if cause:
             bad = start + places[-1]
-            self.note(cause, name, bad, "wrapped content", hex_text(raw[places[-1] :][:2]))
+            if cause == "check":
+                self.wrong_check(name, bad, told[1], told[2])
+            else:
+                self.note(cause, name, bad, "wrapped content", hex_text(raw[places[-1] :][:2]))
         whole = self.data, self.at, self.end, self.places
         self.places = [self.wire(start + place) for place in places]
         self.data, self.at, self.end = plain, 0, len(plain)
@@ -594,11 +598,17 @@ class Diagnosis:
         try:
             wanted = code(self)
         except EVALUATION_ERRORS:
-            self.notes.unchecked = self.notes.unchecked or verify
+            if verify:
+                self.note("value", name, start, "values it can be worked out from", "none")
+                self.notes.unchecked = True
             return
         if found == wanted or (digits and found.upper() == wanted.upper()):
             return
-        fault = FrameError("check", self.path + shown(name), self.wire(start), hex_text(wanted), hex_text(found))
+        self.wrong_check(name, start, hex_text(wanted), hex_text(found), verify)
+
+    def wrong_check(self, name: str, place: int, expected: str, found: str, verify: bool = True) -> None:
+        """A check code is not right; unless that is verified, it is only told."""
+        fault = FrameError("check", self.path + shown(name), self.wire(place), expected, found)
         if not verify:
             self.notes.warnings.append(str(fault))
         elif self.notes.check is None:

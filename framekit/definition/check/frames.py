@@ -56,6 +56,7 @@ def check_frame(protocol: Protocol, frame: Frame) -> list[Problem]:
     ends = _Ends(protocol)
     found += ends.check(frame)
     found += _spans(frame)
+    found += _early_ends(frame, ends)
     if frame.delimited:
         found += _delimited(protocol, frame)
     found += _whole_size(frame, ends)
@@ -156,44 +157,97 @@ def _spans(frame: Frame) -> Iterator[Problem]:
 def _spans_in(segments: Segments) -> Iterator[Problem]:
     order = [segment.name for segment in flat(segments)]
     for check in (one for one in flat(segments) if isinstance(one, Check)):
-        if check.span is None or not set(check.span) <= {*order, "here"}:
+        if check.wire:
+            yield from _in_wraps(segments, check)
+        for first, last in (part for part in check.covers or () if isinstance(part, tuple)):
+            if not {first, last} <= {*order, "here"}:
+                continue
+            end = check.name if last == "here" else last
+            if end in order and order.index(first) > order.index(end):
+                yield Problem(check.at, f"'{first}' stands behind '{last}'", f"write over: {last}..{first}")
+            elif last != "here" and check.name in order[order.index(first) : order.index(last) + 1]:
+                todo = "let its range end before it, or begin behind it"
+                yield Problem(check.at, "a check code cannot cover itself", todo)
+
+
+def _in_wraps(segments: Segments, check: Check) -> Iterator[Problem]:
+    """What a check with `wire` names stands in the same region: what is inside a wrap is not on the wire by itself."""
+    named = {*check.names, *check.edges}
+    for wrap in (one for one in flat(segments) if one.is_there_inside):
+        inside = [one for block in wrap.blocks for one in flat(block)]
+        apart = sorted(named & {one.name for one in inside if one.name}) if check not in inside else []
+        if apart:
+            what = f"'{apart[0]}' stands in a wrap, so it is not on the wire as it is"
+            yield Problem(check.at, what, "name the wrap, or leave wire out")
+        elif check in inside and not named <= {one.name for one in inside}:
+            what = "a check in a wrap covers what stands outside of it, and with wire its own code would be coded anew"
+            yield Problem(check.at, what, "leave wire out, or put the check behind the wrap")
+
+
+def _early_ends(frame: Frame, ends: _Ends) -> Iterator[Problem]:
+    """A check that ends a frame stands in it itself, where its place is known, and covers what stands before it."""
+    todo = "leave ends out"
+    for check in (one for one in parts_of(frame.segments, Check) if one.ends):
+        inside = list(_in_place_of_records(frame.segments))
+        place = next((place for place, one in enumerate(inside) if one is check), None)
+        if place is None or check.when is not None:
+            what = "a check code ends a frame only if it always stands in it, and in no wrap, list or case"
+            yield Problem(check.at, what, f"put it there, or {todo}")
             continue
-        first, last = check.span
-        end = check.name if last == "here" else last
-        if end in order and order.index(first) > order.index(end):
-            yield Problem(check.at, f"'{first}' stands behind '{last}'", f"write over: {last}..{first}")
-        elif last != "here" and check.name in order[order.index(first) : order.index(last) + 1]:
-            todo = "let its range end before it, or begin behind it"
-            yield Problem(check.at, "a check code cannot cover itself", todo)
+        if not any(one.takes_bytes for one in inside[place + 1 :]) and frame.size is None:
+            yield Problem(check.at, "nothing stands behind this check code that it could spare", todo)
+        head = sum(1 for _ in _in_place_of_records(frame.head))
+        open_part = next((one for one in inside[:place] if ends.reaches_on(one)), None)
+        if open_part is not None or (frame.delimited and place >= head):
+            shown = "the body" if open_part is None else open_part.title
+            what = f"only what follows shows where {shown} ends, and so where this check code stands"
+            yield Problem(check.at, what, f"give {shown} a size, or {todo}" if open_part is not None else todo)
+        covered = _covered_leaves(frame, check)
+        before = {id(leaf) for leaf in leaves(inside[:place])}
+        held = (one for one in inside[:place] if one.blocks and not (check.wire and one.is_there_inside))
+        apart = {id(leaf) for one in held for leaf in leaves((one,))}
+        if covered - before or covered & apart:
+            what = "a check code that ends a frame covers what stands before it, and nothing in wraps or cases"
+            yield Problem(check.at, what, f"name other segments in over, or {todo}")
+
+
+def _in_place_of_records(segments: Segments) -> Iterator[Segment]:
+    """The segments with those of records that are always there in place of these."""
+    for segment in segments:
+        if segment.is_record and segment.when is None:
+            yield from _in_place_of_records(segment.members)
+        else:
+            yield segment
 
 
 def _covered_in_part(frame: Frame, check: Check) -> Iterator[Problem]:
     """A check outside a case, or a part that may be absent, covers the whole of it."""
-    covered = set(check.span or check.over or ())
+    named, edges = set(check.names), {*check.edges}
     whole = _covered_leaves(frame, check)
     for holder in parts_of(frame.segments, Segment):
-        part = all(id(leaf) in whole for leaf in leaves(holder.usual_block)) and check.span is not None
+        part = all(id(leaf) in whole for leaf in leaves(holder.usual_block)) and bool(edges)
         in_part = holder.when is not None and not part
         parts = holder.blocks if holder.has_cases or in_part else ()
         blocks = [{one.name for one in flat(block) if one.name} for block in parts]
         here = next((names for names in blocks if check.name in names), set())
-        names = {name for block in blocks for name in block & covered} - here
+        names = {name for block in blocks for name in block & (named | edges)} - here
         if names:
-            what = "the range of a check ends in" if check.span else "a check covers what stands in"
+            what = "the range of a check ends in" if names & edges else "a check covers what stands in"
             called = {"choose": "a case", "optional": "an optional part"}.get(holder.KEY, "a part under a condition")
             todo = f"name the {holder.KEY} part, or what stands beside it"
             yield Problem(check.at, f"{what} {called}: '{', '.join(sorted(names))}'", todo)
 
 
 def _covered_leaves(frame: Frame, check: Check) -> set[int]:
-    """By identity: what takes bytes in the range of a check."""
-    if check.span is None:
-        return {id(leaf) for leaf in leaves(one for one in flat(frame.segments) if one.name in (check.over or ()))}
+    """By identity: what takes bytes in what a check covers by name, and in its ranges."""
     inside = list(flat(frame.segments))
+    found = {id(leaf) for leaf in leaves(one for one in inside if one.name in check.names)}
     places = {one.name: place for place, one in enumerate(inside)}
-    first, last = (places.get(check.name if name == "here" else name, -1) for name in check.span)
-    between = (one for one in inside[first:last] if not one.blocks)
-    return {id(leaf) for leaf in leaves((*between, *inside[last : last + 1]))}
+    for part in (part for part in check.covers or () if isinstance(part, tuple)):
+        first, last = (places.get(check.name if name == "here" else name, -1) for name in part)
+        between = (one for one in inside[first:last] if not one.blocks)
+        found |= {id(leaf) for leaf in leaves((*between, *inside[last : last + 1]))}
+    return found
 
 
 def _level(protocol: Protocol, segments: Segments) -> Iterator[Problem]:
@@ -393,7 +447,7 @@ class _Ends:
         for segment in _in_records(segments):
             if open_part is not None and isinstance(segment, Const) and _is_end_of(segment, open_part):
                 open_part = None
-            elif self._reaches_on(segment):
+            elif self.reaches_on(segment):
                 if open_part is not None:
                     yield Problem(
                         segment.at,
@@ -412,7 +466,7 @@ class _Ends:
             return self.sizes.present(segment).fixed is not None
         return not segment.takes_bytes or _fixed(segment)
 
-    def _reaches_on(self, segment: Segment, known: frozenset[str] = frozenset()) -> bool:
+    def reaches_on(self, segment: Segment, known: frozenset[str] = frozenset()) -> bool:
         """Whether only what follows a segment, or silence, shows where it ends; `known` are the frames around it."""
         match segment:
             case Wrap(coding=Hex(), size=None, of=of):
@@ -431,7 +485,7 @@ class _Ends:
         """Whether only what follows them, or silence, shows where segments end."""
         segments = tuple(_in_records(segments))
         for place, segment in enumerate(segments):
-            if self._reaches_on(segment, known):
+            if self.reaches_on(segment, known):
                 behind = segments[place + 1 :]
                 ends = any(isinstance(one, Const) and one.when is None and _is_end_of(one, segment) for one in behind)
                 return not ends or any(self.sizes.present(one).fixed is None for one in behind)
@@ -440,7 +494,7 @@ class _Ends:
     def is_surely_open(self, segments: Segments) -> bool:
         """Whether they are open whatever conditions and choices say."""
         return self.is_open(segments) and any(
-            segment.when is None and (not segment.blocks or segment.is_there_inside) and self._reaches_on(segment)
+            segment.when is None and (not segment.blocks or segment.is_there_inside) and self.reaches_on(segment)
             for segment in _in_records(segments)
         )
 

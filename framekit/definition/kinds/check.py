@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, Self
 
-from framekit.definition.keys import NUMBER, Form, KeyReading, here, key, keys, ref, words
-from framekit.definition.kinds.base import Contents, References, Segment
+from framekit.definition.expression import Expression
+from framekit.definition.keys import FLAG, NUMBER, Form, KeyReading, here, key, keys, ref, words
+from framekit.definition.kinds.base import Contents, Given, References, Segment
 from framekit.definition.model.checks import CheckMethod
-from framekit.definition.problems import Problem, plural
-from framekit.definition.tree import Node, Sequence
-from framekit.definition.wire_types import DIGITS, EVERY_BYTE, Sizes, exactly
+from framekit.definition.problems import Position, Problem, plural
+from framekit.definition.tree import Mapping, Node
+from framekit.definition.wire_types import DIGITS, EVERY_BYTE, FieldType, Sizes, exactly, load_type
 
 CodeForm = Literal["raw", "hex", "HEX", "dec", "nibbles"]
 Verify = Literal["error", "warn", "off"]
@@ -27,20 +28,42 @@ def _form(reading: KeyReading) -> CodeForm:
     return "hex" if form == "HEX" and reader.maybe(reader.text, given.get("case")) == "lower" else form
 
 
-def _over(reading: KeyReading) -> tuple[str, ...] | None:
-    node = reading.keys.get("over")
-    if node is None or isinstance(node, Sequence):
-        return None if node is None else reading.reader.texts(node)
-    text = reading.reader.text(node)
-    return None if ".." in text else (text,)
+@dataclass(frozen=True, slots=True)
+class Added:
+    """Bytes that count in a check code and are not on the wire: of an expression, or its number as a type says."""
+
+    at: Position
+    value: Expression
+    type: FieldType | None = None
 
 
-def _span(reading: KeyReading) -> tuple[str, str] | None:
+Edges = tuple[str, str]
+"""From one segment to another; the last name may be `here`."""
+Covered = str | Edges | Added
+"""A part of what a check code covers: a named segment, several from one to another, bytes that are not on the wire."""
+
+
+def _covers(reading: KeyReading) -> tuple[Covered, ...] | None:
     node = reading.keys.get("over")
-    if node is None or isinstance(node, Sequence) or ".." not in reading.reader.text(node):
-        return None
-    first, _, last = reading.reader.text(node).partition("..")
-    return first.strip(), last.strip()
+    return None if node is None else tuple(_covered(reading, item) for item in reading.reader.items(node))
+
+
+def _covered(reading: KeyReading, node: Node) -> Covered:
+    reader = reading.reader
+    if not isinstance(node, Mapping):
+        first, dots, last = (part.strip() for part in reader.text(node).partition(".."))
+        return (first, last) if dots else first
+    value, type_node = reader.expression(node.get("bytes")), node.get("type")
+    if type_node is None:
+        for key_ in ("size", "order", "case"):
+            if (given := node.get(key_)) is not None:
+                raise reader.broken(given.at, f"{key_} says how a number stands there, and these are bytes", "add type")
+        return Added(node.at, value)
+    type_ = load_type(reading.space, node, type_node)
+    if not type_.is_whole_number or type_.fixed_size is None:
+        what = f"'{reader.text(type_node)}' is no type of whole numbers of fixed size"
+        raise reader.broken(type_node.at, what, "take u8, u16 and the like; leave type out for bytes")
+    return Added(node.at, value, type_)
 
 
 def _size(reading: KeyReading) -> int:
@@ -62,14 +85,17 @@ def _verify(reading: KeyReading, node: Node) -> Verify:
 
 
 METHOD = Form(ref("label"), lambda r, node: r.space.check(node))
-_COVERED = "What it covers: [names], or first..last (here = up to the check); default: everything before it."
+_COVERED = (
+    "What it covers: names, ranges first..last (here = up to the check), {bytes: EXPR} for bytes that are not on the "
+    "wire; default: everything before it."
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Check(Segment):
-    """A check code over everything before it, over named segments (`over`), or from one to another (`span`).
+    """A check code over everything before it, or over parts one after the other (`covers`).
 
-    Each counts as it is inside its wrap: undoubled and in binary. In `span` the last name may be `here`.
+    Each part counts as it is inside its wrap: undoubled and in binary; as it stands on the wire, if `wire` says so.
     """
 
     KEY: ClassVar[str] = "check"
@@ -85,8 +111,12 @@ class Check(Segment):
         _form,
         default="raw",
     )
-    over: tuple[str, ...] | None = keys({"over": {**here("span"), "description": _COVERED}}, _over, default=None)
-    span: tuple[str, str] | None = keys({}, _span, default=None)
+    covers: tuple[Covered, ...] | None = keys(
+        {"over": {**here("span"), "description": _COVERED}}, _covers, default=None
+    )
+    wire: bool = key(
+        "wire", FLAG, "yes: what it covers counts as it stands on the wire, wraps too; default: plain.", default=False
+    )
     order: Literal["big", "little"] = key(
         "order", Form(ref("byte_order"), _order), "Byte order of the code.", default="big"
     )
@@ -100,20 +130,66 @@ class Check(Segment):
         default="error",
     )
 
+    ends: bool = key(
+        "ends", FLAG, "yes: a wrong code ends the frame at once, whatever its length says; default: no.", default=False
+    )
+
     def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
         return exactly(self.size)
 
     def contents(self, of_frame: Contents) -> frozenset[int]:
         return DIGITS if self.form in ("hex", "HEX", "dec") else EVERY_BYTE
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The segments that it names one by one."""
+        return tuple(one for one in self.covers or () if isinstance(one, str))
+
+    @property
+    def edges(self) -> tuple[str, ...]:
+        """The segments at the ends of its ranges."""
+        return tuple(name for one in self.covers or () if isinstance(one, tuple) for name in one if name != "here")
+
+    @property
+    def span(self) -> Edges | None:
+        """The range that is all it covers, if it is one."""
+        only = self.covers[0] if self.covers is not None and len(self.covers) == 1 else None
+        return only if isinstance(only, tuple) else None
+
+    @property
+    def added(self) -> tuple[Added, ...]:
+        """What it covers beside segments."""
+        return tuple(one for one in self.covers or () if isinstance(one, Added))
+
+    def with_names(self, change: Callable[[tuple[str, ...]], tuple[str, ...]]) -> Self:
+        """The same check, where other segments stand for those that it names."""
+        covers = self.covers
+        if covers is not None:
+            parts = ((change((one,)) if isinstance(one, str) else (one,)) for one in covers)
+            covers = tuple(one for part in parts for one in part)
+        return replace(self, covers=covers)
+
+    def given(self) -> Iterator[Given]:
+        yield from Segment.given(self)
+        for one in self.added:
+            yield one.value, "bytes" if one.type is None else "number", None
+
+    def needed(self) -> Iterator[tuple[str, Expression]]:
+        yield from Segment.needed(self)
+        for one in self.added:
+            yield "check code", one.value
+
     def resolved(self, references: References) -> Segment:
-        if self.over is not None:
-            return replace(self, over=references.written_out(self.over, self.at))
-        if self.span is None:
-            return self
-        first, last = self.span
-        end = "here" if last == "here" else self._edge(references, last, -1)
-        return replace(self, span=(self._edge(references, first, 0), end))
+        found = self.with_names(lambda names: references.written_out(names, self.at))
+        if found.covers is None:
+            return found
+        return replace(found, covers=tuple(self._range(references, one) for one in found.covers))
+
+    def _range(self, references: References, part: Covered) -> Covered:
+        if not isinstance(part, tuple):
+            return part
+        first, last = part
+        return self._edge(references, first, 0), "here" if last == "here" else self._edge(references, last, -1)
 
     def _edge(self, references: References, name: str, which: int) -> str:
         """The segment at one end of a range: by name, or by its offset in bytes from the start."""
@@ -132,5 +208,11 @@ class Check(Segment):
         if self.form == "dec" and 10**self.size <= (1 << self.method.width) - 1:
             what = f"a code of {self.method.width} bits does not fit into {self.size} decimal digits"
             yield Problem(self.at, what, "leave size out")
-        if self.over is not None and self.name in self.over:
+        if self.name in self.names:
             yield Problem(self.at, "a check code cannot cover itself", "leave its name out of over")
+        if self.ends and self.verify != "error":
+            what = f"a wrong code is no fault here (verify: {self.verify}), so it cannot end the frame"
+            yield Problem(self.at, what, "leave ends or verify out")
+        if self.wire and self.covers is None:
+            what = "without over: a check code counts what stands on the wire already"
+            yield Problem(self.at, what, "leave wire out, or say in over: what it covers")

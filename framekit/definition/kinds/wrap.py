@@ -7,9 +7,17 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 from framekit.definition.codings import CODING, Coding, Doubled, Hex, Plain
-from framekit.definition.expression import Expression
-from framekit.definition.keys import EXPRESSION, NUMBER, Form, KeyReading, key, ref
-from framekit.definition.kinds.base import Contents, Given, Segment, Segments, least_size, sizes_of
+from framekit.definition.expression import Expression, Number
+from framekit.definition.keys import EXPRESSION, NUMBER, Form, KeyReading, key, keys, ref
+from framekit.definition.kinds.base import (
+    Contents,
+    Given,
+    Segment,
+    Segments,
+    all_fixed,
+    least_size,
+    sizes_of,
+)
 from framekit.definition.kinds.choose import SEGMENTS
 from framekit.definition.problems import Problem
 from framekit.definition.tree import Node
@@ -26,11 +34,25 @@ def _most(reading: KeyReading, node: Node) -> Size | None:
     return None if size == "rest" else size
 
 
-def _size(reading: KeyReading, node: Node) -> int | Expression:
-    size = _most(reading, node)
+def _size(reading: KeyReading) -> int | Expression | None:
+    """The bytes on the wire, as `size` says or as follows from what `plain` says."""
+    reader, node, plain = reading.reader, reading.keys.get("size"), reading.keys.get("plain")
+    told = node if plain is None else plain
+    if told is None:
+        return None
+    size = _most(reading, told)
     if size is None or size == "rest":
-        raise reading.reader.broken(node.at, "the rest is what a wrap takes without a size", "leave size out")
-    return size
+        raise reader.broken(told.at, "the rest is what a wrap takes without a size", "leave size out")
+    if plain is None:
+        return size
+    if node is not None:
+        raise reader.broken(plain.at, "size says how many bytes there are, and plain says it too", "leave one out")
+    coding: Coding = reading.found["coding"]
+    on_wire = coding.size_of(Number(plain.at, size) if isinstance(size, int) else size.root)
+    if on_wire is None:
+        what = "how many bytes the content takes on the wire depends on the content"
+        raise reader.broken(plain.at, what, "take size, or let the constant behind the wrap end it")
+    return coding.sizes(exactly(size)).fixed if isinstance(size, int) else Expression(f"plain: {size}", on_wire)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,8 +68,16 @@ class Wrap(Segment):
 
     coding: Coding = key("wrap", CODING)
     of: Segments = key("of", SEGMENTS, "The content.")
-    size: int | Expression | None = key(
-        "size", SIZE._replace(read=_size), "Number of bytes that the content takes on the wire.", default=None
+    size: int | Expression | None = keys(
+        {
+            "size": {**SIZE.schema, "description": "Number of bytes that the content takes on the wire."},
+            "plain": {
+                **SIZE.schema,
+                "description": "Number of bytes of the content, of which those on the wire follow.",
+            },
+        },
+        _size,
+        default=None,
     )
     inside: tuple[str, ...] = key(
         "inside",
@@ -105,6 +135,7 @@ class Wrap(Segment):
 
     def check(self) -> Iterator[Problem]:
         yield from self.coding.check()
+        yield from self.coding.check_content(all_fixed(self.of))
         if self.size is not None and self.escape is not None:
             what = "the escape byte that is not doubled ends the content, and size says where it ends too"
             yield Problem(self.at, what, "leave size out")
