@@ -389,6 +389,8 @@ def data(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: in
         segment["min"] = drawn.some(1, 2)
     if drawn.chance(0.05):
         segment["memory"] = "D2"
+    if drawn.apart.random() < 0.15:
+        segment["never"] = drawn.apart.choice([["7E"], ["03", "10"], "7E 10 03"])
     scope.sized.append(name)
     scope.places.append(name)
     return [segment]

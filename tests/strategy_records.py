@@ -294,6 +294,9 @@ class _Record:
     def _content(self, data: model.Data, size: int) -> bytes:
         if data.convert == "ascii_to_hex":
             return bytes(self.draw(st.text("0123456789ABCDEF", min_size=size, max_size=size)).encode())
+        if data.never:
+            allowed = [byte for byte in range(256) if byte not in data.never]
+            return bytes(self.draw(st.lists(st.sampled_from(allowed), min_size=size, max_size=size)))
         return self.maker.bytes(size)
 
     def _suiting(self, data: model.Data, found: bytes) -> Any:

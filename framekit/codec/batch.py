@@ -110,7 +110,7 @@ class BatchPlanner:
                 plan.columns.append(_number(segment, offset, path))
             case Bits():
                 plan.columns += _bits(segment, offset, path)
-            case Data(convert=None, swap=0, pad=None, least=0):
+            case Data(convert=None, swap=0, pad=None, least=0, never=b""):
                 _known_size(segment, segments)
                 plan.columns.append(Column((*path, segment.name), offset, size))
             case Inner(size=None) if not path:

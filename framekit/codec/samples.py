@@ -516,7 +516,8 @@ class _Record:
         size = self._free_size(data.name, data.least) if data.size == "rest" else self._size(data.size, data.name)
         if data.convert == "ascii_to_hex":
             return "".join(self.random.choice("0123456789ABCDEF") for _ in range(size // 2 * 2)).encode()
-        return self.random.randbytes(size)
+        free = bytes(byte for byte in range(256) if byte not in data.never)
+        return bytes(self.random.choices(free, k=size)) if data.never else self.random.randbytes(size)
 
     def _repeat(self, repeat: model.Repeat) -> list[Any]:
         times = self._times(repeat)

@@ -189,8 +189,6 @@ class Blocks(Coding):
         return Binary(at, "+", plain, Binary(at, "*", blocks, Number(at, self.check_code.size)))
 
     def check(self) -> Iterator[Problem]:
-        if self.size < 1:
-            yield Problem(self.at, "a block of no bytes has no check code", "give the number of bytes of a block")
         yield from self.check_code.check()
 
     @property
@@ -280,8 +278,10 @@ def _read(reading: KeyReading, node: YamlNode) -> Coding:
         return {"hex": Hex, "none": Plain}.get(reader.text(node), Cobs)(node.at)
     given = frozenset(str(entry.key.text) for entry in node.read_all())
     if {"block", "check"} <= given <= {"block", *_OF_BLOCKS}:
-        check = Check(at=node.at, **Check.attributes(reading.loader, node))
-        return Blocks(node.at, reader.bytes_at_most(node.get("block")), check)
+        size = reader.bytes_at_most(node.get("block"))
+        if size < 1:
+            raise reader.broken(node.at, "a block of no bytes has no check code", "give the number of bytes of a block")
+        return Blocks(node.at, size, Check(at=node.at, **Check.attributes(reading.loader, node)))
     way = _WAYS.get(given)
     if way is None:
         raise reader.broken(node.at, "these keys together are no wrap", f"write {_EXPECTED}")

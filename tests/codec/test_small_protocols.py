@@ -14,8 +14,9 @@ from construct_oracle import compile_construct
 from link.link_world import cut_at, feed, receiver_of
 
 from framekit.codec.codec import compile_protocol
-from framekit.codec.errors import FrameError
+from framekit.codec.errors import EncodeError, FrameError
 from framekit.definition.load import load_protocol_text
+from framekit.definition.problems import DefinitionError
 
 DNP3 = """
 protocol: dnp3-link
@@ -240,3 +241,49 @@ def test_a_text_protocol_is_found_by_its_end() -> None:
     whole = feed(receiver_of(TEXT), [stream], ("line",))
     assert [one[2] for one in whole] == frames
     assert feed(receiver_of(TEXT), [stream[at : at + 1] for at in range(len(stream))], ("line",)) == whole
+
+
+DELIMITED = """
+protocol: delimited
+groups:
+  line: {delimited: yes, head: [{const: 7E}], tail: [{const: 7E}], max: 60}
+frames:
+  f: {group: line, body: [{field: a, type: hex, size: 2}, {data: d, size: rest, never: [7E]}]}
+receiver: {gap: 50 ms}
+"""
+
+
+def test_bytes_that_never_stand_in_data_make_delimited_frames_possible() -> None:
+    codec, oracle = both(DELIMITED)
+    for one in (codec, oracle):
+        assert one.encode("f", {"a": 0x1F, "d": b"\x41\x42"}) == b"~1FAB~"
+        assert one.decode("f", b"~1FAB~") == {"a": 0x1F, "d": b"AB"}
+        with pytest.raises(EncodeError, match="never stands in it"):
+            one.encode("f", {"a": 0x1F, "d": b"A~B"})
+    frames = [codec.encode("f", {"a": place, "d": bytes(place)}) for place in range(20)]
+    stream = b"~" + b"".join(frames)
+    whole = feed(receiver_of(DELIMITED), [stream], ("f",))
+    assert [one[2] for one in whole if one[0] == "frame"] == frames
+    assert feed(receiver_of(DELIMITED), [stream[at : at + 1] for at in range(len(stream))], ("f",)) == whole
+
+
+@pytest.mark.parametrize(
+    "data, wrong",
+    [
+        ("{data: d, size: rest, never: [7E], convert: hex_to_ascii}", "is converted"),
+        ("{data: d, size: 4, never: [00], pad: 00}", "which never stands in it"),
+        ("{data: d, size: rest, never: []}", "never"),
+        ("{wrap: {short: 00}, of: [{data: d, size: rest}]}", "content of any size"),
+        ("{wrap: {short: 00, min: 3}, of: [{data: d, size: 2}]}", "3 are never left out"),
+        ("{wrap: {block: 0, check: sum8}, of: [{data: d, size: 2}]}", "a block of no bytes"),
+        ("{wrap: {block: 2}, of: [{data: d, size: 2}]}", "these keys together are no wrap"),
+        ("{wrap: {block: 2, check: crc32, size: 1}, of: [{data: d, size: 2}]}", "does not fit"),
+        ("{wrap: cobs, plain: 4, of: [{data: d, size: 4}]}", "depends on the content"),
+        ("{wrap: hex, plain: 4, size: 8, of: [{data: d, size: 4}]}", "leave one out"),
+        ("{wrap: hex, plain: 3, of: [{data: d, size: 4}]}", "correct size"),
+    ],
+)
+def test_keys_that_do_not_fit_together_are_refused(data: str, wrong: str) -> None:
+    with pytest.raises(DefinitionError) as told:
+        load_protocol_text(f"protocol: p\nframes: {{f: {{body: [{data}]}}}}\n", "small")
+    assert wrong in str(told.value), str(told.value)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from io import BytesIO
 from typing import Any
 
@@ -74,6 +75,10 @@ class DataConstruct(ValueSegment):
         reading.leaf(wire, len(memory))
         if len(memory) < data.least:
             reading.note(place, "short", f"{data.least} bytes", len(memory))
+        for offset, byte in enumerate(wire):
+            if byte in data.never:
+                reading.note(replace(place, offset=place.offset + offset), "value", "another byte", byte)
+                break
         reading.store(context, self.name, memory, place)
 
     def _wire_size(self, stream: BytesIO, reading: Reading, context: Container, place: Place) -> int:
@@ -141,6 +146,8 @@ class DataConstruct(ValueSegment):
             wire = self.to_wire(data)
         except ValueError:
             raise filling.error(name, f"'{name}' is not made of pairs of hex digits") from None
+        if set(wire) & set(self.segment.never):
+            raise filling.error(name, f"'{name}' holds a byte that never stands in it")
         stream.write(wire)
         context._state.leaf(wire, len(data))
 

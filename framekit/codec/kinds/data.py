@@ -33,6 +33,8 @@ class DataKind(SegmentKind[Data]):
         r.declare(slot.item, segment.name, local)
         if isinstance(segment.size, int) and segment.least > segment.size:
             r.function.mismatch_if(f"len({local}) < {segment.least}")
+        if segment.never:
+            r.function.mismatch_if(forms.holds_never(segment, local))
 
     def read(self, r: BufferReader, item: Item, segment: Data, after: tuple[Item, ...]) -> None:
         if segment.size == "rest":
@@ -52,6 +54,8 @@ class DataKind(SegmentKind[Data]):
             r.function.mismatch_if(f"len({local}) != {r.size_text(segment.size, item.scope)}")
         if segment.least:
             r.function.mismatch_if(f"len({local}) < {segment.least}")
+        if segment.never:
+            r.function.mismatch_if(forms.holds_never(segment, local))
 
     def tasks(self, w: EncodeWriter, segment: Data, scope: Scope, given: Given) -> list[Task]:
         filled = segment.size if w.fills_up(segment) and isinstance(segment.size, Expression) else None
@@ -83,6 +87,8 @@ class DataKind(SegmentKind[Data]):
             options += f", behind={bytes_behind}"
         if segment.least:
             options += f", least={segment.least}"
+        if segment.never:
+            options += f", never={bytes_literal(segment.never)}"
         parse = f"lambda raw: {forms.memory_text(d.module, segment, 'raw')}"
         d.out.add(f"n.data_field({quoted(segment.name)}, {d.ask(segment.size, scope, factor)}, {parse}{options})")
 
@@ -130,7 +136,7 @@ def _put(w: EncodeWriter, data: Data, scope: Scope, given: Given) -> None:
         w.bind(local, key)
     else:
         w.add(f'{local} = {key} if {w.text(data.when, scope, OR)} else b""')
-    if isinstance(data.size, (int, Expression)) or data.least or w.is_measured(data.name):
+    if isinstance(data.size, (int, Expression)) or data.least or data.never or w.is_measured(data.name):
         w.no_bytes(local)
     if w.fills_up(data):
         _fill_up(w, data, local, scope)
@@ -138,6 +144,9 @@ def _put(w: EncodeWriter, data: Data, scope: Scope, given: Given) -> None:
         w.refuse(data, scope, f"len({local}) != {data.size}")
     elif data.least:
         w.refuse(data, scope, f"len({local}) < {data.least}")
+    if data.never:
+        what = f"'{data.name}' holds a byte that never stands in it: {' or '.join(f'{one:02X}' for one in data.never)}"
+        w.complain(forms.holds_never(data, local), quoted(data.name), quoted(what))
     scope.entries[data.name] = NameEntry(w.or_nothing(data.name, local, data.when, scope))
 
 

@@ -335,6 +335,12 @@ def wire_text(functions: Functions, data: Data, memory: str) -> str:
     return _converted(functions, data.convert, memory)
 
 
+def holds_never(data: Data, local: str) -> str:
+    """Text that tells whether bytes hold one that never stands in them."""
+    never = bytes_literal(data.never)
+    return f"{never} in {local}" if len(data.never) == 1 else f"{local}.translate(None, {never}) != {local}"
+
+
 def _converted(functions: Functions, convert: str, text: str) -> str:
     """Text of a conversion as the functions of that name do it, without the call."""
     if convert == "hex_to_ascii":

@@ -496,11 +496,16 @@ class Diagnosis:
         refuse: int | None = None,
         behind: int | Ask = 0,
         least: int = 0,
+        never: bytes = b"",
     ) -> None:
-        """Bytes; `size` on the wire, None: up to the last `behind` bytes."""
+        """Bytes; `size` on the wire, None: up to the last `behind` bytes; `never`: what may not stand in them."""
         start = self.begin(name)
         room = self.rest(behind, name) if size is None else self.ask(size, "length", name, refuse)
-        self.store(name, start, self.take(name, room, refuse), parse, refuse)
+        raw = self.take(name, room, refuse)
+        self.store(name, start, raw, parse, refuse)
+        bad = next((place for place, byte in enumerate(raw) if byte in never), -1) if never else -1
+        if bad >= 0:
+            self.note("value", name, start + bad, f"no {hex_text(never)}", hex_text(raw[bad : bad + 1]), refuse)
         value = self.scopes[-1].get(name)
         if value is not None and len(value) < least:
             self.note("short", name, start, f"at least {least} bytes", str(len(value)), refuse)

@@ -41,6 +41,20 @@ def _swap(reading: KeyReading, node: Node) -> int:
     return swap
 
 
+def _bytes(reading: KeyReading, node: Node) -> bytes:
+    found = b"".join(reading.reader.bytes(item) for item in reading.reader.items(node))
+    return bytes(sorted({*found}))
+
+
+NEVER = Form(
+    {
+        "type": ["array", "string", "integer", "number"],
+        "items": BYTE.schema,
+        "minItems": 1,
+        "x-expected": "bytes ([7E, 7D])",
+    },
+    _bytes,
+)
 CONVERSION = Form(words("a conversion", "hex_to_ascii", "ascii_to_hex"), _conversion)
 SWAP = Form(words("a swap", "2", "4", "8", 2, 4, 8), _swap)
 
@@ -64,6 +78,7 @@ class Data(Segment):
     )
     pad: int | None = key("pad", BYTE, "Byte that fills shorter data.", default=None)
     least: int = key("min", NUMBER, "Least number of bytes.", default=0)
+    never: bytes = key("never", NEVER, "Bytes that never stand in it: a constant of them may end it.", default=b"")
     memory: str | None = key(
         "memory", ADDRESS, "Where SEND and RECEIVE blocks take or put the bytes, if they do not say.", default=None
     )
@@ -82,7 +97,7 @@ class Data(Segment):
         return Sizes(self.on_wire(self.least), None)
 
     def contents(self, of_frame: Contents) -> frozenset[int]:
-        return DIGITS if self.convert == "hex_to_ascii" else EVERY_BYTE
+        return DIGITS if self.convert == "hex_to_ascii" else EVERY_BYTE - {*self.never}
 
     @property
     def takes_rest(self) -> bool:
@@ -104,6 +119,13 @@ class Data(Segment):
         return self.size if isinstance(self.size, Expression) else None
 
     def check(self) -> Iterator[Problem]:
+        if self.never and self.convert is not None:
+            what = f"never says what stands on the wire, and '{self.name}' is converted"
+            yield Problem(self.at, what, "leave never or convert out")
+        if self.pad is not None and self.pad in self.never:
+            yield Problem(
+                self.at, f"'{self.name}' is filled up with {self.pad:02X}, which never stands in it", "correct pad"
+            )
         number = constant_number(self.size) if isinstance(self.size, Expression) else None
         if number is not None and number < 0:
             yield Problem(self.at, f"a size of {number} bytes cannot be", "give 0 or more, rest, or an expression")
