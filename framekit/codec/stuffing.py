@@ -185,19 +185,23 @@ def strip_codes(
 
 
 def open_codes(raw: bytes, size: int, code: Callable[[bytes], bytes], width: int, digits: bool = False) -> Opened:
-    """The same with care."""
+    """The same with care; content with a wrong code is content all the same."""
     content: list[bytes] = []
     places: list[int] = []
+    expected = found = ""
+    bad = -1
     for place in range(0, len(raw), size + width):
         part = raw[place : place + size + width]
         block, there = part[:-width], part[-width:]
         if not block:
             return b"", [*places, place], "short"
         wanted = code(block)
-        if there != wanted and not (digits and there.upper() == wanted.upper()):
-            return b"", [*places, place + len(block)], "check", wanted.hex(" ").upper(), there.hex(" ").upper()
+        if bad < 0 and there != wanted and not (digits and there.upper() == wanted.upper()):
+            expected, found, bad = wanted.hex(" ").upper(), there.hex(" ").upper(), place + len(block)
         content.append(block)
         places += range(place, place + len(block))
+    if bad >= 0:
+        return b"".join(content), [*places, len(raw), bad], "check", expected, found
     return b"".join(content), [*places, len(raw)], ""
 
 

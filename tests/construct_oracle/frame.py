@@ -109,7 +109,8 @@ class FrameConstruct(Construct):
         if fault is None:
             return Outcome(context._values, stream.tell(), None, None)
         orders = context._orders
-        values = Container((name, value) for name, value in context._values.items() if orders[name] < fault.place.order)
+        last = reading.order + 1 if fault.cause == "check" else fault.place.order  # what a wrong code covers is told
+        values = Container((name, value) for name, value in context._values.items() if orders[name] < last)
         return Outcome(values, stream.tell(), fault, reading.faults.refusal(fault))
 
     def _read_sections(self, stream: BytesIO, reading: Reading, context: Container, path: str) -> None:

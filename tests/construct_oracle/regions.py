@@ -225,11 +225,12 @@ class CodedConstruct(WrapConstruct):
             block, found = block[: -coding.check_code.size], block[-coding.check_code.size :]
             wanted = writer.written(code_of(coding.check_code.method, block, reading.names))
             digits = coding.check_code.form in ("hex", "HEX")
-            if not block or (found.upper() if digits else found) != (wanted.upper() if digits else wanted):
+            if not block:
                 reading.leaf(wire)
-                cause = "check" if block else "short"
-                reading.note(replace(place, offset=place.offset + at + len(block)), cause, wanted, found)
+                reading.note(replace(place, offset=place.offset + at), "short", wanted, found)
                 return
+            if (found.upper() if digits else found) != (wanted.upper() if digits else wanted):
+                reading.note(replace(place, offset=place.offset + at + len(block)), "check", wanted, found)
             plain += block
             offsets += range(place.offset + at, place.offset + at + len(block))
             at += len(block) + len(found)

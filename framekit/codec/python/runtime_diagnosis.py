@@ -356,7 +356,7 @@ class Diagnosis:
         whole = self.data, self.at, self.end, self.places
         self.places = [self.wire(start + place) for place in places]
         self.data, self.at, self.end = plain, 0, len(plain)
-        quiet, self.is_quiet = self.is_quiet, self.is_quiet or bool(cause)
+        quiet, self.is_quiet = self.is_quiet, self.is_quiet or cause not in ("", "check")
         try:
             with self.part(checks=checks):
                 yield
