@@ -363,7 +363,7 @@ def what_was_seen(seen: Seen) -> str:
     if seen.kind == "bad":
         segment = f", {seen.segment}" if seen.segment else ""
         return f"bad {seen.frame}".rstrip() + f" ({seen.reason} at byte {seen.place}{segment})"
-    if seen.kind in ("open", "closed", "trouble", "not_taken"):
+    if seen.kind in ("line", "open", "closed", "trouble", "not_taken"):
         return f"{seen.kind.replace('_', ' ')} {seen.reason}".rstrip()
     return seen.frame or seen.kind
 

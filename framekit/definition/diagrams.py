@@ -101,6 +101,9 @@ def _does(step: Step) -> str:
     words += step.more
     if step.send is not None:
         words.append(f"send {_named(step.send)}")
+    if step.line is not None:
+        parts = [str(one) for one in (step.line.speed, step.line.format) if one is not None]
+        words.append(" ".join(["line", *(parts or ["own"])]))
     if step.receive is not None:
         words.append("receive" + (f" within {step.within.text}" if step.within is not None else ""))
     return " · ".join(words)

@@ -44,13 +44,17 @@ class LineFormat:
         return f"{self.speed} {self.data_bits}{self.parity}{self.stop_bits:g}"
 
 
+MOST_SPEED = 1_000_000_000
+"""The highest speed of a line (bits a second): a bit takes a nanosecond then, the unit of all times."""
+
+
 def parse_format(text: str, speed: int) -> LineFormat:
     """`8E1`, `7O2`, `8N1.5` at `speed` bits a second. Raises ValueError with a sentence for anything else."""
     match = re.fullmatch(r"([5678])([NEOMSneoms])(1|1\.5|2)", text.strip())
     if match is None:
         raise ValueError(f"'{text}' is not a line format – write data bits, parity and stop bits, such as 8N1 or 7E1")
-    if speed <= 0:
-        raise ValueError(f"{speed} is not a line speed")
+    if not 1 <= speed <= MOST_SPEED:
+        raise ValueError(f"{speed} is not a line speed – write 1 to {MOST_SPEED} bits a second")
     return LineFormat(speed, int(match[1]), match[2].upper(), float(match[3]))
 
 

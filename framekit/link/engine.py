@@ -92,6 +92,8 @@ class Engine:
         model = None if role is None else protocol.roles[role]
         machine.late.expected = program.replies_of(role)
         machine.session = SessionState(protocol.sessions.get(model.session or "") if model else None, self.scope)
+        machine.session.on_end = self.output.own_line
+        self.output.on_change = machine.line_changed
         self.lanes = Lanes(model.lanes if model else (), machine)
         self.shutdown = Shutdown(machine, self.lanes, self.output)
         self.dispatcher = Dispatcher(machine, self.lanes)
@@ -104,8 +106,10 @@ class Engine:
     # ---- events -------------------------------------------------------------------------------------------
 
     def opened(self, now: int) -> list[Command]:
-        """The port, or the connection, is there."""
+        """The port, or the connection, is there, with the line's own speed and format."""
         self.scope.now = now
+        if self.scope.line.line != self.scope.line.own:
+            self.scope.change_line(self.scope.line.own)
         self.receiver.reset()
         self.machine.late.forget()
         self.machine.is_open = self.output.is_open = True

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from framekit.definition.times import LineFormat
 from framekit.link.values import plain
 
 
@@ -55,6 +56,18 @@ class Break:
     run: Any = field(default=None, repr=False, compare=False)
 
 
+@dataclass(slots=True)
+class ChangeLine:
+    """The line has this speed and format from now on; all that was sent before has left, so no `sent` follows.
+
+    For the engine: the `run` that waits for it (None: none), and the number of that wait.
+    """
+
+    line: LineFormat
+    run: Any = field(default=None, repr=False, compare=False)
+    number: int = field(default=0, repr=False, compare=False)
+
+
 @dataclass(frozen=True, slots=True)
 class SetRts:
     """Switch the request-to-send line."""
@@ -69,21 +82,21 @@ class Reopen:
     reason: str
 
 
-Command = Send | Break | SetRts | Reopen
+Command = Send | Break | ChangeLine | SetRts | Reopen
 
 
 Direction = Literal["in", "out", ""]
-Kind = Literal["frame", "bad", "noise", "break", "open", "closed", "trouble", "not_taken"]
+Kind = Literal["frame", "bad", "noise", "break", "line", "open", "closed", "trouble", "not_taken"]
 
 
 class Seen:
     """Something that happened. `at` is when its last byte came or it was handed over for sending (ns).
 
-    `kind`: a frame; a bad one; noise; a line break; the connection; `trouble` (a step that could not be worked out, a
-    circle of steps); `not_taken` follows a frame that no step waited for. `reason`: the cause of a bad frame, or words.
-    `place` is the byte of a bad frame where the fault is. `repeated`: the same bytes were sent before. `fields` are
-    made when they are asked for; `computed` reads them from the bytes of a frame that was sent. `client`: the other
-    side, HOST:PORT, where several can be on one port.
+    `kind`: a frame; a bad one; noise; a line break; `line`, other settings of the line (`reason`); the connection;
+    `trouble` (a step that could not be worked out, a circle of steps); `not_taken` follows a frame that no step waited
+    for. `reason`: the cause of a bad frame, or words. `place` is the byte of a bad frame where the fault is.
+    `repeated`: the same bytes were sent before. `fields` are made when they are asked for; `computed` reads them from
+    the bytes of a frame that was sent. `client`: the other side, HOST:PORT, where several can be on one port.
     """
 
     __slots__ = (

@@ -6,10 +6,12 @@ It gives the next command when the last one has left. It knows no sequences; who
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 
 from framekit.definition.model.sections import Line
+from framekit.definition.times import LineFormat
 from framekit.link.evaluate import compile_optional
-from framekit.link.events import Break, Command, Send, SetRts
+from framekit.link.events import Break, ChangeLine, Command, Send, SetRts
 from framekit.link.scope import Scope
 
 
@@ -18,15 +20,17 @@ class Output:
 
     `is_immediate`: what is sent goes out without a pause or RTS before it. `is_stream`: the port
     has no times of its own, so frames that are due at once go out in one piece: `joined` leaves with `outgoing`.
+    `on_change` is told of a change of the line that is done, and whether the line was another one before.
     """
 
     def __init__(self, line: Line, scope: Scope, commands: list[Command], is_stream: bool = False) -> None:
         self.scope = scope
         self.commands = commands
-        self.pending: deque[Send | Break] = deque()
+        self.pending: deque[Send | Break | ChangeLine] = deque()
         self.outgoing: Send | Break | None = None
         self.joined: list[Send] = []
         self.is_stream = is_stream
+        self.on_change: Callable[[ChangeLine, bool], None] = lambda change, is_other: None
         self.last_sent = self.last_received = scope.now - (1 << 62)
         self.clear_to_send = True
         self.is_open = False
@@ -72,11 +76,45 @@ class Output:
         item.inside = bool(around.insert(self.scope))
         return item.inside
 
+    def change_line(self, line: LineFormat) -> ChangeLine | None:
+        """Other speed and format, when all that is to be sent has left. None: that is done; else what is to come."""
+        change = ChangeLine(line)
+        self.pending.append(change)
+        self.poll()
+        return change if self.pending else None
+
+    def own_line(self) -> None:
+        """Back to the line's own speed and format, when all that is to be sent has left."""
+        times = self.scope.line
+        if self.is_open and times.own is not None and (self.pending or times.line != times.own):
+            self.change_line(times.own)
+
+    def _change(self, change: ChangeLine) -> None:
+        is_other = change.line != self.scope.line.line
+        if is_other:
+            self.scope.change_line(change.line)
+            self.commands.append(change)
+        self.on_change(change, is_other)
+
     def poll(self) -> None:
         """Gives the next command, if the line is free."""
-        if self.outgoing is not None or not self.pending or not self.is_open or not self.clear_to_send:
+        if self.outgoing is not None or not self.is_open:
             return
-        self.outgoing = item = self.pending.popleft()
+        pending = self.pending
+        while pending:
+            item = pending[0]
+            if isinstance(item, ChangeLine):
+                pending.popleft()
+                self._change(item)
+            elif self.clear_to_send:
+                pending.popleft()
+                self._give(item)
+                return
+            else:
+                return
+
+    def _give(self, item: Send | Break) -> None:
+        self.outgoing = item
         if not self.is_immediate:
             item.not_before = self._not_before()
         self.commands.append(item)

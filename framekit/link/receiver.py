@@ -111,7 +111,7 @@ class Receiver:
         stream = self.stream
         last = stream.last
         goes_on = stream.add(data, now, faults)
-        if now - last > self.pauses.character * len(data) and (goes_on or self._noise.data or self._skipping):
+        if now - last > self.pauses.line.character * len(data) and (goes_on or self._noise.data or self._skipping):
             self.pauses.note(last, len(data))
 
     def tick(self, now: int) -> None:

@@ -34,11 +34,20 @@ from framekit.link.variables import (
 
 
 class LineTimes:
-    """`line` of the language: its speed, and how long characters and bits take. On a stream they take no time."""
+    """`line` of the language: its speed, and how long characters and bits take. On a stream they take no time.
 
-    __slots__ = ("_bit", "character", "speed")
+    `line`: as it is now; `own`: as it is by itself. Both None on a stream.
+    """
+
+    __slots__ = ("_bit", "character", "line", "own", "speed")
 
     def __init__(self, line: LineFormat | None) -> None:
+        self.own = line
+        self.change(line)
+
+    def change(self, line: LineFormat | None) -> None:
+        """The line has this speed and format from now on."""
+        self.line = line
         self.speed = 0 if line is None else line.speed
         self._bit = 0.0 if line is None else 1_000_000_000 / line.speed
         self.character = 0.0 if line is None else self._bit * line.character_bits
@@ -334,6 +343,12 @@ class Scope(Names):
         """Whether what one of these values comes to may change while the parameters stay as they are."""
         values = [given_value(self._parameter(name), value) for name, value in given.items()]
         return any(isinstance(value, Expression) and self.changes(value) for value in values)
+
+    def change_line(self, line: LineFormat | None) -> None:
+        """The line has another speed and format: all that was worked out from these is worked out anew."""
+        self.line.change(line)
+        self.writes += 1
+        self.settings += 1
 
     def set_entry(self, name: str, key: Any, value: Any) -> None:
         """Sets an entry of a table, an item of a list or a field of a record variable."""

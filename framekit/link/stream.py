@@ -192,13 +192,12 @@ class Pauses:
     Times (ns) are worked out anew when a variable or parameter has changed.
 
     `own_gap` false: the waiting step allows any pause, or limits it itself. `is_idle`: no
-    waiting step limits the time of a frame, so where the definition has no `gap` either, the usual one holds.
-    `character`: what one takes on the line.
+    waiting step limits the time of a frame, so where the definition has no `gap` either, the usual one holds. `line`:
+    what bytes take on it.
     """
 
     __slots__ = (
-        "_gap_of", "_line", "_names", "_quiet_of", "_scope", "_stream", "_worked_out", "character", "is_idle",
-        "own_gap",
+        "_gap_of", "_names", "_quiet_of", "_scope", "_stream", "_worked_out", "is_idle", "line", "own_gap",
     )  # fmt: skip
 
     def __init__(self, rules: Rules, names: Names, stream: Stream) -> None:
@@ -208,8 +207,7 @@ class Pauses:
         self._quiet_of = _maybe(rules.quiet)
         self._gap_of = _maybe(rules.gap)
         line = names.get("line")
-        self._line = line if isinstance(line, LineTimes) else LineTimes(None)
-        self.character = self._line.character
+        self.line = line if isinstance(line, LineTimes) else LineTimes(None)
         self._worked_out: tuple[int, int, int | None] | None = None
         self.own_gap = True
         self.is_idle = False
@@ -221,7 +219,7 @@ class Pauses:
         if found is None or found[0] != version:
             quiet = self._time(self._quiet_of)
             if quiet is None:
-                quiet = self._line.chars(QUIET_CHARACTERS)
+                quiet = self.line.chars(QUIET_CHARACTERS)
             found = self._worked_out = (version, quiet, self._time(self._gap_of))
         if not self.own_gap:
             return found[1], None
@@ -229,7 +227,7 @@ class Pauses:
 
     def _usual_gap(self) -> int:
         """The longest pause in a frame that begins while nothing is waited for."""
-        return self._line.chars(GAP_CHARACTERS) + GAP_TIME if self.character else GAP_ON_STREAM
+        return self.line.chars(GAP_CHARACTERS) + GAP_TIME if self.line.character else GAP_ON_STREAM
 
     @property
     def defines_gap(self) -> bool:
@@ -245,7 +243,7 @@ class Pauses:
     def note(self, last: int, count: int) -> None:
         """Marks a pause before the `count` bytes that came last; those before them came at `last`."""
         stream = self._stream
-        pause = stream.last - last - self._line.chars(count)
+        pause = stream.last - last - self.line.chars(count)
         if pause <= 0:
             return
         quiet, gap = self.limits()

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Protocol
 
 from framekit.definition.times import NEVER, LineFormat
-from framekit.link.events import Break, CharacterFault, Command, Send, SetRts
+from framekit.link.events import Break, ChangeLine, CharacterFault, Command, Send, SetRts
 from framekit.transport.clock import Clock, Handle
 from framekit.transport.port import Port, PortEvents
 
@@ -21,13 +21,23 @@ log = logging.getLogger(__name__)
 class LineLoad:
     """Counts the bytes of one line. `line` None: there is no speed, and no load can be told."""
 
-    __slots__ = ("_sampled_at", "_sampled_bytes", "began", "bytes_in", "bytes_out", "character_time")
+    __slots__ = ("_before", "_counted", "_sampled", "_sampled_at", "began", "bytes_in", "bytes_out", "character_time")
 
     def __init__(self, line: LineFormat | None, began: int) -> None:
         self.character_time = 0 if line is None else line.character_time
         self.began = self._sampled_at = began
         self.bytes_in = self.bytes_out = 0
-        self._sampled_bytes = 0
+        self._sampled = self._before = self._counted = 0
+
+    def change(self, line: LineFormat) -> None:
+        """The line has another speed or format from now on."""
+        self._before, self._counted = self._busy, self.bytes
+        self.character_time = line.character_time
+
+    @property
+    def _busy(self) -> int:
+        """How long the line was busy (ns)."""
+        return self._before + (self.bytes - self._counted) * self.character_time
 
     def begin(self, now: int) -> None:
         """Time counts from now on, if nothing has been on the line before."""
@@ -41,18 +51,19 @@ class LineLoad:
 
     def share(self, now: int) -> float | None:
         """The part of the time since the beginning that the line was busy (0 to 1); None without a speed."""
-        return self._share(self.bytes, now - self.began)
+        return self._share(self._busy, now - self.began)
 
     def since_last(self, now: int) -> float | None:
         """The same for the time since this was asked the last time."""
-        found = self._share(self.bytes - self._sampled_bytes, now - self._sampled_at)
-        self._sampled_at, self._sampled_bytes = now, self.bytes
+        busy = self._busy
+        found = self._share(busy - self._sampled, now - self._sampled_at)
+        self._sampled_at, self._sampled = now, busy
         return found
 
-    def _share(self, count: int, elapsed: int) -> float | None:
+    def _share(self, busy: int, elapsed: int) -> float | None:
         if not self.character_time:
             return None
-        return count * self.character_time / elapsed if elapsed > 0 else 0.0
+        return busy / elapsed if elapsed > 0 else 0.0
 
 
 FIRST_RETRY, LONGEST_RETRY = 500_000_000, 30_000_000_000
@@ -175,6 +186,9 @@ class Driver(PortEvents):
         self.is_open = True
         self._retry = min(FIRST_RETRY, self.longest_retry)
         self.on_state("open")
+        own = self.port.settings
+        if own is not None and own.character_time != self.load.character_time:
+            self.load.change(own)
         self.carry_out(self.engine.opened(now))
 
     def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...] = ()) -> None:
@@ -253,6 +267,10 @@ class Driver(PortEvents):
                     pending.extend(self.engine.sent(self.clock.now()))
             elif isinstance(command, Break):
                 self.port.send_break(command.duration)
+            elif isinstance(command, ChangeLine):
+                self.port.change_line(command.line)
+                if self.port.settings is not None:
+                    self.load.change(command.line)
             elif isinstance(command, SetRts):
                 self.port.set_rts(command.on)
             else:

@@ -47,7 +47,8 @@ class PortEvents:
 class Port(ABC):
     """A place to send bytes to and receive them from.
 
-    `settings` is None where there is no baud rate. While a port is not open, all methods but `open` do nothing.
+    `settings`, speed and format when it opens, is None where there is no baud rate. While a port is not open, all
+    methods but `open` do nothing.
     """
 
     name: str
@@ -84,6 +85,9 @@ class Port(ABC):
 
         Where there is no break state nothing is sent meanwhile; a network connection does not even wait.
         """
+
+    def change_line(self, line: LineFormat) -> None:  # noqa: B027 - a port without a baud rate has nothing to do
+        """Other speed and format at once, where there are such, until it is opened anew; all it sent has left."""
 
     def set_rts(self, on: bool) -> None:  # noqa: B027 - a port without the line has nothing to do
         """Switches request-to-send at once, where there is one."""
@@ -162,6 +166,9 @@ class PassingPort(Port, PortEvents):
 
     def send_break(self, duration: int) -> None:
         self.inner.send_break(duration)
+
+    def change_line(self, line: LineFormat) -> None:
+        self.inner.change_line(line)
 
     def set_rts(self, on: bool) -> None:
         self.inner.set_rts(on)
@@ -312,6 +319,9 @@ class UserPort(Port):
         if self in self.shared.users:
             self.shared.sending.add(self)
             self.shared.port.send_break(duration)
+
+    def change_line(self, line: LineFormat) -> None:
+        self.shared.port.change_line(line)
 
     def set_rts(self, on: bool) -> None:
         self.shared.port.set_rts(on)

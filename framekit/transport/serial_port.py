@@ -47,6 +47,14 @@ SERIAL_ERRORS: tuple[type[Exception], ...] = (OSError, ValueError, TypeError, At
 SWITCH_ERRORS: tuple[type[Exception], ...] = (*SERIAL_ERRORS, NotImplementedError)
 """What pyserial raises where a driver cannot switch the direction."""
 
+CHANGE_ERRORS: tuple[type[Exception], ...] = (
+    *SWITCH_ERRORS,
+    OverflowError,
+    struct.error,
+    *(() if sys.platform == "win32" else (termios.error,)),
+)
+"""What pyserial raises when a device cannot have a speed or format."""
+
 _REASONS = {
     errno.ENOENT: "there is no such device",
     errno.EACCES: "no permission to open it – its group, often dialout, has to be one of yours",
@@ -82,6 +90,10 @@ class SerialConnection(ABC):
     @abstractmethod
     def set_line(self, name: str, on: bool) -> None:
         """Sets a pyserial attribute (`rts`, `break_condition`), where the device has it."""
+
+    @abstractmethod
+    def change_line(self, line: LineFormat) -> None:
+        """Gives the device another speed and format; where it cannot have them it is lost."""
 
     @abstractmethod
     def drop_output(self) -> None:
@@ -133,6 +145,15 @@ def _let_driver_switch(device: Any, direction: Direction) -> None:
     except SWITCH_ERRORS as error:
         device.close()
         raise OSError("its driver cannot switch the direction – use direction: rts") from error
+
+
+def change_device(device: Any, line: LineFormat) -> None:
+    """Gives an open device another speed and format. Raises OSError where it cannot have them."""
+    try:
+        device.baudrate, device.bytesize = line.speed, line.data_bits
+        device.parity, device.stopbits = line.parity, line.stop_bits
+    except CHANGE_ERRORS as error:
+        raise OSError(f"the device cannot be set to {line}: {error}") from error
 
 
 def is_device(url: str) -> bool:
@@ -270,6 +291,9 @@ class ThreadConnection(SerialConnection):
     def set_line(self, name: str, on: bool) -> None:
         self._orders.put(lambda device: set_attribute(device, name, on))
 
+    def change_line(self, line: LineFormat) -> None:
+        self._orders.put(lambda device: change_device(device, line))
+
     def drop_output(self) -> None:
         """Nothing: a thread of its own closes the device, which is not waited for."""
 
@@ -328,6 +352,10 @@ class SerialPort(Port):
     def send_break(self, duration: int) -> None:
         if self._use is not None:
             self._use.put(duration)
+
+    def change_line(self, line: LineFormat) -> None:
+        if self._use is not None:
+            self._use.change_line(line)
 
     def set_rts(self, on: bool) -> None:
         if self._use is not None:
@@ -404,6 +432,11 @@ class _SerialUse:
     def set_line(self, name: str, on: bool) -> None:
         if self.is_open and self.connection is not None:
             self.connection.set_line(name, on)
+
+    def change_line(self, line: LineFormat) -> None:
+        if self.is_open and self.connection is not None:
+            self._character_time = line.character_time
+            self.connection.change_line(line)
 
     def _go_on(self) -> None:
         """Hands over what may go out now; a break waits until everything before it has left."""
@@ -554,9 +587,8 @@ class DescriptorConnection(SerialConnection):
         self._device = device = _open(name, settings, wiring)
         self._descriptor: int = device.fileno()
         self.has_bit_times = not is_pseudo(self._descriptor)
-        self._fault = LineFault.FRAMING if settings is None or settings.parity == "N" else LineFault.PARITY
-        read_at_least_one(self._descriptor)
-        self._marks = Marks() if self.has_bit_times and mark_damage(self._descriptor) else None
+        self._marks: Marks | None = None
+        self._line_is_set(settings)
         self._counts = damage_counts(self._descriptor)
         self._unsent = bytearray()
         self._stopped = False
@@ -564,6 +596,25 @@ class DescriptorConnection(SerialConnection):
         os.set_blocking(self._descriptor, False)
         clock.loop.add_reader(self._descriptor, self._readable)
         clock.call_soon(events.opened)
+
+    def _line_is_set(self, line: LineFormat | None) -> None:
+        """Speed and format have been set, and with them all else: what is not pyserial's is set again."""
+        self._fault = LineFault.FRAMING if line is None or line.parity == "N" else LineFault.PARITY
+        read_at_least_one(self._descriptor)
+        if not self.has_bit_times or not mark_damage(self._descriptor):
+            self._marks = None
+        elif self._marks is None:
+            self._marks = Marks()
+
+    def change_line(self, line: LineFormat) -> None:
+        try:
+            change_device(self._device, line)
+        except OSError as error:
+            if self.has_bit_times:  # a pseudo-terminal need not know the format of a real line
+                reason = reason_of(error)
+                self.clock.call_soon(lambda: None if self._stopped else self._lost(reason))
+                return
+        self._line_is_set(line)
 
     def stop(self) -> None:
         if self._stopped:

@@ -1,6 +1,8 @@
 """A simulated line: any number of ports on one pair of wires, exact to the bit time, on any clock.
 
-Each character takes its bit times behind the one before it. On a stream (`settings` None) bytes only take `latency`,
+Each character takes its bit times behind the one before it, at the speed and in the format of the port that sends it.
+A port with others hears it as its own bits fall on that character (`misheard`). On a stream (`settings` None) bytes
+only take `latency`,
 and ports are connected as by TCP.
 
 Bytes are not told one by one. What is complete of a transmission is told, at the time of its last character, before
@@ -15,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from functools import partial
+from functools import lru_cache, partial
 from random import Random
 
 from framekit.definition.times import LineFormat
@@ -112,6 +114,22 @@ class Transmission:
         next_one = self.complete_by(start)
         return next_one < len(self.data) and self.begins_at(next_one) < end
 
+    def heard_as(self, first: int, count: int, line: LineFormat | None) -> tuple[bytes, tuple[CharacterFault, ...]]:
+        """Characters from `first` on, `count` of the whole, as a port with these settings hears them.
+
+        A port of another speed or format gets one character for each: it looks at the middle of each of its own bits,
+        and behind the stop bit the line rests. No two speeds that far apart ever agree: there is no good stop bit then.
+        """
+        data = bytes(self.data[first:count])
+        flagged = self.faults and {index - first: self.faults[index] for index in self.faults if first <= index < count}
+        sent = self.settings
+        if line is not sent and line is not None and sent is not None and line != sent:
+            heard = [misheard(value, sent, line) for value in data]
+            data = bytes(value for value, _ in heard)
+            found = {index: fault for index, (_, fault) in enumerate(heard) if fault is not None}
+            flagged = {**found, **flagged}
+        return data, tuple(CharacterFault(index, flagged[index]) for index in sorted(flagged))
+
     # ---- what is done to it -------------------------------------------------------------------------------
 
     @property
@@ -162,6 +180,38 @@ class Transmission:
             self._pauses[index] = self._pauses.get(index, 0) + duration
 
 
+TOLERANCE = 20
+"""Speeds that differ by more than one part of so many never agree: half a bit is lost within a character."""
+
+
+@lru_cache(4096)
+def misheard(value: int, sent: LineFormat, line: LineFormat) -> tuple[int, LineFault | None]:
+    """A character as a receiver of another speed or format reads it, and what it finds wrong with it."""
+    bits = [0, *(value >> place & 1 for place in range(sent.data_bits))]
+    if sent.parity != "N":
+        bits.append(_parity_of(value, sent.parity))
+
+    def at(place: int) -> int:
+        """The bit of this place, looked at in its middle; behind the last one the line rests."""
+        index = (2 * place + 1) * sent.speed // (2 * line.speed)
+        return bits[index] if index < len(bits) else 1
+
+    found = sum(at(place + 1) << place for place in range(line.data_bits))
+    behind = 1 + line.data_bits
+    has_parity = line.parity != "N"
+    if abs(sent.speed - line.speed) * TOLERANCE > sent.speed or not at(behind + has_parity):
+        return found, LineFault.FRAMING
+    if has_parity and at(behind) != _parity_of(found, line.parity):
+        return found, LineFault.PARITY
+    return found, None
+
+
+def _parity_of(value: int, parity: str) -> int:
+    """The parity bit of a character."""
+    odd = value.bit_count() & 1
+    return {"E": odd, "O": 1 - odd, "M": 1, "S": 0}[parity]
+
+
 Fault = Callable[[Transmission], None]
 """Changes a transmission when it goes on the line, before any port has heard of it."""
 
@@ -195,6 +245,7 @@ FAR_END_CLOSED = "the other side has closed the connection"
 class SimulatedPort(Port):
     """A port made by `SimulatedLine.port`.
 
+    `format`: its speed and format now.
     While not `present` (an adapter that is unplugged) it cannot be opened. `rts` is how its owner has set the line.
     `wanted`: it is open or waits for a connection, `joined`: it takes part in `connection`. `fault` is done to what
     this port sends, before that of the line.
@@ -203,7 +254,7 @@ class SimulatedPort(Port):
     def __init__(self, line: SimulatedLine, name: str, in_time: bool) -> None:
         self.line = line
         self.name = name
-        self.settings = line.settings
+        self.settings = self.format = line.settings
         self.present = True
         self.rts = False
         self.fault: Fault | None = None
@@ -238,6 +289,7 @@ class SimulatedPort(Port):
 
     def open(self, events: PortEvents) -> None:
         self.close()
+        self.format = self.settings
         self._events = events
         if self.present:
             self.line.join(self)
@@ -312,17 +364,23 @@ class SimulatedPort(Port):
         elif self._events is not None:
             self._events.sent(self._free)
 
+    def change_line(self, line: LineFormat) -> None:
+        if self.is_open and self.settings is not None:
+            self.format = line
+
     def set_rts(self, on: bool) -> None:
         self.rts = on
 
     # ---- in -----------------------------------------------------------------------------------------------
 
-    def hear(self, data: bytes, now: int, faults: tuple[CharacterFault, ...], begin: int) -> None:
-        """Characters without a pause between them, the first of which begins at `begin`."""
+    def hear(self, transmission: Transmission, first: int, count: int) -> None:
+        """Characters without a pause between them: those from `first` on of the first `count`."""
         if self._events is None or not self.is_open:
             return
+        data, faults = transmission.heard_as(first, count, self.format)
+        now, begin = transmission.complete_at(count), transmission.begins_at(first)
         if begin < self._deaf_until:
-            step = self.line.character_time
+            step = transmission.step
             missed = -((begin - self._deaf_until) // step) if step else len(data)
             data = data[missed:]
             faults = tuple(CharacterFault(at.index - missed, at.fault) for at in faults if at.index >= missed)
@@ -338,6 +396,10 @@ class SimulatedPort(Port):
         """What is connected to the port switches control lines (cts, dsr, dcd, ri)."""
         if self._events is not None and self.is_open:
             self._events.control(lines, self._clock.now())
+
+
+_LACKING = {bits: bytes(range(256))[: 1 << bits] * (256 >> bits) for bits in (5, 6, 7)}
+"""What becomes of bytes where a character has fewer bits."""
 
 
 class SimulatedLine:
@@ -374,8 +436,6 @@ class SimulatedLine:
         self._under_way: list[tuple[SimulatedPort, Transmission]] = []
         self._break: tuple[SimulatedPort | None, int, int] = (None, 0, 0)
         self._random = Random(seed)
-        bits = 8 if settings is None else settings.data_bits
-        self._lacking = bytes(range(256))[: 1 << bits] * (256 >> bits) if bits < 8 else None
 
     def port(self, name: str, *, in_time: bool = False) -> SimulatedPort:
         """A new port on this line; `in_time` for a simulated device, see `Port`."""
@@ -387,12 +447,12 @@ class SimulatedLine:
 
     def transmit(self, sender: SimulatedPort, data: bytes, start: int) -> int:
         """Puts characters on the line from `start` on; when the last of them will have left the sender (ns)."""
-        if self._lacking is not None:
-            data = data.translate(self._lacking)
+        line = sender.format
+        step = self.character_time if line is self.settings or line is None else line.character_time
+        if line is not None and line.data_bits < 8:
+            data = data.translate(_LACKING[line.data_bits])
         heard_from = max(start + self.latency, sender.heard_until)
-        transmission = Transmission(
-            sender.name, self.transmissions, data, heard_from, self.settings, self.character_time
-        )
+        transmission = Transmission(sender.name, self.transmissions, data, heard_from, line, step)
         transmission.echo = self.echo
         transmission.connection = sender.connection
         self.transmissions += 1
@@ -405,7 +465,7 @@ class SimulatedLine:
             if not self.full_duplex:
                 self._collide(sender, transmission)
             self._put(sender, transmission)
-        return start + len(data) * self.character_time
+        return start + len(data) * step
 
     def _put(self, sender: SimulatedPort, transmission: Transmission) -> None:
         if not self._under_way:
@@ -469,15 +529,9 @@ class SimulatedLine:
         if count <= first:
             return
         transmission.told = count
-        data = bytes(transmission.data[first:count])
-        faults: tuple[CharacterFault, ...] = ()
-        if transmission.faults:
-            flagged = sorted(index for index in transmission.faults if first <= index < count)
-            faults = tuple(CharacterFault(index - first, transmission.faults[index]) for index in flagged)
-        now, begin = transmission.complete_at(count), transmission.begins_at(first)
         for port in self.ports:
             if (port is not sender or transmission.echo) and port.connection == transmission.connection:
-                port.hear(data, now, faults, begin)
+                port.hear(transmission, first, count)
 
     # ---- breaks, connections ------------------------------------------------------------------------------
 
@@ -491,14 +545,16 @@ class SimulatedLine:
                 if other_sender is not sender:
                     self._garble(other, other.within(begin, begin + duration))
             self._break = sender, begin, begin + duration
-        if duration > self.character_time:
-            noticed = begin + self.character_time
-            self.clock.call_at(noticed, lambda: self._tell_break(sender, noticed))
+        times = {port.format.character_time for port in self.ports if port.format is not None}
+        for noticed in sorted(time for time in times if time < duration):
+            self.clock.call_at(begin + noticed, partial(self._tell_break, sender, begin, noticed))
 
-    def _tell_break(self, sender: SimulatedPort, now: int) -> None:
+    def _tell_break(self, sender: SimulatedPort, begin: int, character: int) -> None:
+        """Ports whose characters take so long notice it now."""
         for port in self.ports:
-            if port is not sender or self.echo:
-                port.hear_break(now)
+            is_theirs = port.format is not None and port.format.character_time == character
+            if is_theirs and (port is not sender or self.echo):
+                port.hear_break(begin + character)
 
     def cut_off(self, sender: SimulatedPort) -> None:
         """A port stops sending in the middle: of what is under way, only complete characters are heard.

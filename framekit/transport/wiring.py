@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Mapping
 from functools import partial
 
-from framekit.definition.times import Direction, LineSettings, Modem
+from framekit.definition.times import Direction, LineFormat, LineSettings, Modem
 from framekit.link.events import CharacterFault
 from framekit.transport.clock import Clock
 from framekit.transport.port import PassingPort, Port, PortEvents
@@ -277,3 +277,6 @@ class ModemPort(PassingPort):
     def send_break(self, duration: int) -> None:
         if self.connected:
             super().send_break(duration)
+
+    def change_line(self, line: LineFormat) -> None:
+        """The modem is spoken to as before; what the modems do between them is theirs."""

@@ -6,7 +6,7 @@ from typing import Any, cast
 
 import pytest
 
-from framekit.definition.times import PLAIN, LineSettings, Modem
+from framekit.definition.times import PLAIN, LineFormat, LineSettings, Modem
 from framekit.transport.clock import VirtualClock
 from framekit.transport.serial_port import SerialConnection, SerialPort
 
@@ -31,6 +31,8 @@ class Wire(SerialConnection):
         return 0
 
     def set_line(self, name: str, on: bool) -> None: ...
+
+    def change_line(self, line: LineFormat) -> None: ...
 
     def drop_output(self) -> None: ...
 

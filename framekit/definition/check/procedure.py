@@ -6,12 +6,14 @@ from collections.abc import Collection, Iterator, Mapping
 from itertools import chain
 
 from framekit.definition.check.services import OFFERED, parts_in
-from framekit.definition.expression import Expression, Number, Unary
+from framekit.definition.expression import Expression, Number, Text, Unary
+from framekit.definition.kinds.base import constant_number
 from framekit.definition.model.frames import parts_of
-from framekit.definition.model.procedure import Action, CallOf, Lane, Role, Row, Sequence, Session, Step
+from framekit.definition.model.procedure import Action, CallOf, Lane, LineChange, Role, Row, Sequence, Session, Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.values import FrameOf, Value
-from framekit.definition.problems import Position, Problem, did_you_mean
+from framekit.definition.problems import Position, Problem, did_you_mean, parted
+from framekit.definition.times import MOST_SPEED, parse_format
 
 WAITING = ("again", "restart", "resend")
 ARRIVALS = ("on_bad", "on_other", "on_noise", "on_timeout")
@@ -60,11 +62,26 @@ class _ActionChecker:
                 self._note(
                     step.places[key], f"step '{step.name}' waits for nothing: {key} has no meaning", "add receive:"
                 )
+        if step.line is not None:
+            self._line(step, step.line)
         again = any(action.then == "resend" for action in actions_of(step))
         if step.retries is not None and step.receive is not None and not again:
             what = f"nothing in step '{step.name}' sends again: retries has no meaning"
             at = step.places["retries"]
             self.found.append(Problem(at, what, "add then: resend, for instance to on_timeout:", warning=True))
+
+    def _line(self, step: Step, line: LineChange) -> None:
+        if self.protocol.line.kind == "stream":
+            what = f"step '{step.name}' changes a line that is a stream: it has no speed and no format"
+            self._note(line.at, what, "leave line: out")
+        speed = None if line.speed is None else constant_number(line.speed)
+        if line.speed is not None and speed is not None and not 1 <= speed <= MOST_SPEED:
+            self._note(line.speed.at, f"{speed} is not a line speed", f"write 1 to {MOST_SPEED} bits a second")
+        if line.format is not None and isinstance(line.format.root, Text):
+            try:
+                parse_format(line.format.root.value, 1)
+            except ValueError as error:
+                self._note(line.format.at, *parted(error))
 
     def _handlers(self, step: Step) -> None:
         for event in step.handlers:
@@ -124,6 +141,9 @@ class _ActionChecker:
             self._note(at, what, "name the step to go to, or next or end")
         elif action.then == "resend" and step.send is None:
             self._note(at, f"step '{step.name}' sends nothing that could be sent again", "use restart, or name a step")
+        elif action.then == "resend" and step.line is not None:
+            what = f"what step '{step.name}' sends again would go out with the line changed"
+            self._note(at, what, "put line: and receive: into a step of their own, and name the step that sends")
 
     def _sent(self, value: Value | None, at: Position) -> None:
         frame = self.protocol.frames.get(value.frame) if isinstance(value, FrameOf) else None

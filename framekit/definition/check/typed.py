@@ -575,7 +575,7 @@ class _Kinds:
         self.local = {}
 
     def _step(self, checker: KindChecker, step: Step, local: Mapping[str, Kind]) -> None:
-        for part in (step, step.parts, step.serve):
+        for part in (step, step.parts, step.serve, step.line):
             self._keys(checker, part)
         self._settings(checker, step)
         self._made(checker, [step.send, step.deliver, step.put, step.call, [] if step.ask is None else step.ask.fields])

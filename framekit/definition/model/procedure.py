@@ -31,8 +31,9 @@ from framekit.definition.keys import (
 )
 from framekit.definition.model.values import FrameOf, Value
 from framekit.definition.problems import Position, did_you_mean
+from framekit.definition.times import parse_format
 from framekit.definition.tree import Mapping as Keys
-from framekit.definition.tree import Node
+from framekit.definition.tree import Node, Scalar
 
 HANDLERS = {
     "on_timeout": "When a time limit has run out; default: fail.",
@@ -140,6 +141,36 @@ class Serve:
     check_only: bool = key("check", FLAG, "yes: the request is only validated.", default=False)
 
 
+def _format(reading: KeyReading, node: Node) -> Expression:
+    """A format as it is (`7E1`), or an expression that comes to such a text."""
+    scalar = reading.reader.scalar(node)
+    try:
+        parse_format(scalar.text, 1)
+    except ValueError:
+        return reading.reader.expression(node)
+    return reading.reader.expression_text(f"'{scalar.text.strip()}'", scalar.at)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LineChange:
+    """`line: {speed, format}`: what the line has from now on; None stays as it is. Neither: `own`, the line's own."""
+
+    at: Position
+    speed: Expression | None = key("speed", COUNT, "Bits a second; without it the speed stays as it is.", default=None)
+    format: Expression | None = key(
+        "format",
+        Form(EXPRESSION.schema, _format, "text"),
+        "Data bits, parity and stop bits, such as 7E1; without it the format stays as it is.",
+        default=None,
+    )
+
+
+def _line_change(reading: KeyReading, node: Node) -> LineChange:
+    if isinstance(node, Scalar):
+        return LineChange(at=node.at)
+    return read_part(LineChange, reading.loader, node)
+
+
 @dataclass(frozen=True, slots=True)
 class CallOf:
     """`call: SEQUENCE, with: {…}, into: {variable: result}`."""
@@ -180,6 +211,18 @@ PARTS = mapping_of(
     Parts,
     mapping_schema(Parts, "the parts", description="Does the rest of the step once for each piece of some bytes."),
 )
+LINE = Form(
+    mapping_schema(
+        LineChange,
+        "the line step",
+        type=["string", "object"],
+        minProperties=1,
+        pattern="^\\s*own\\s*$",
+        **{"x-expected": "own, or {speed: 9600, format: 8N1}"},
+        description="Changes speed and format when all that was sent has left; own: back to those of the line.",
+    ),
+    _line_change,
+)
 SERVE = mapping_of(
     Serve,
     mapping_schema(Serve, "the serve section", description="Lets the server do what a request asks for."),
@@ -219,6 +262,7 @@ class Step:
     put: tuple[tuple[str, Mapping[str, Value]], ...] = key("put", PUTS, default=())
     deliver: Value | None = key("deliver", SENT, DELIVERED, default=None)
     send: Value | None = key("send", SENT, SENDS, default=None)
+    line: LineChange | None = key("line", LINE, default=None)
     receive: tuple[Row, ...] | None = key("receive", ROWS, "Waits; the first row that fits is taken.", default=None)
     branch: tuple[Action, ...] | None = key(
         "branch", ACTIONS, "The first action whose when holds is taken.", default=None

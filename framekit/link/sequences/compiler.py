@@ -16,7 +16,7 @@ from framekit.codec import support
 from framekit.codec.python.source import literal, quoted
 from framekit.definition.expression import Expression
 from framekit.definition.model.frames import parts_of
-from framekit.definition.model.procedure import HANDLERS, Action, Row, Sequence, Target
+from framekit.definition.model.procedure import HANDLERS, Action, LineChange, Row, Sequence, Target
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.sources import current_cache
 from framekit.link.construct_values import EACH, read_as
@@ -97,7 +97,9 @@ def sequence_source(protocol: Protocol, table: FrameTable) -> str:
 def _shown_later(protocol: Protocol, frames: Frames, own: set[str]) -> dict[str, tuple[str, ...]]:
     """The frames that can be read back on a few names kept when they are sent, with these: parameters and constants."""
     fixed = {*protocol.params, *protocol.tables, "own", "role", "line"}
-    changing = OF_EXCHANGE | own | {*protocol.state, "now", "clock", "functions"}
+    changing = {*OF_EXCHANGE, *own, *protocol.state, "now", "clock", "functions"}
+    if next(parts_of(tuple(protocol.sequences.values()), LineChange), None) is not None:
+        changing.add("line")
     read = {name: frames.reads(name) for name in protocol.frames}
     return {name: tuple(sorted(found & fixed)) for name, found in read.items() if not found & changing}
 
@@ -376,9 +378,9 @@ def number_of(numbers: Mapping[str, int], value: Any) -> Any:
 
 
 _USED = (
-    "abandon_above", "ask", "begin_part", "call", "count", "cut_parts", "end", "exhausted", "fail", "has_more",
-    "hold_break", "is_held", "missed", "pause", "put", "replied", "resend", "send_made", "send_value", "serve",
-    "set_field", "still_due", "unclear", "wait",
+    "abandon_above", "ask", "begin_part", "call", "change_line", "count", "cut_parts", "end", "exhausted", "fail",
+    "has_more", "hold_break", "is_held", "missed", "own_line", "pause", "put", "replied", "resend",
+    "send_made", "send_value", "serve", "set_field", "still_due", "unclear", "wait",
 )  # fmt: skip
 _GLOBALS: dict[str, Any] = {
     **{name: getattr(runtime, name) for name in _USED},

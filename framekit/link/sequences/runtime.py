@@ -14,9 +14,9 @@ from typing import Any
 
 from framekit.codec.shown import code_text, explain
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.times import NEVER
+from framekit.definition.times import NEVER, parse_format
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
-from framekit.link.events import Break, Monitor, Seen, Send
+from framekit.link.events import Break, ChangeLine, Monitor, Seen, Send
 from framekit.link.exchange import Ask, Exchange, MemoryAccess, Outcome, RequestHandler
 from framekit.link.frame_table import FrameTable
 from framekit.link.late import LateReplies
@@ -236,6 +236,14 @@ class Machine:
         run.within = now + run.longest if run.longest < NEVER else NEVER
         if run.candidate is None:
             run.deadline = run.within
+
+    def line_changed(self, change: ChangeLine, is_other: bool) -> None:
+        """All that was sent before has left, and the line has these settings: a run that waits for that goes on."""
+        if is_other and self.monitor is not None:
+            self.show("line", "out", reason=str(change.line))
+        run = change.run
+        if run is not None and run.state is State.CHANGING and run.wait_number == change.number:
+            self.callbacks.append(partial(self.go_on, run))
 
     # ---- queues, memory -----------------------------------------------------------------------------------
 
@@ -734,6 +742,36 @@ def hold_break(a: CallFrame, duration: int) -> None:
         run.unsent += 1
         if machine.monitor is not None:
             machine.show("break", "out")
+
+
+def change_line(a: CallFrame, speed: Any, format: Any, go_on: Any) -> Next:
+    """Other speed and format when all that was sent has left; the run goes on then. None stays as it is."""
+    run, machine = a.run, a.m
+    line = machine.scope.line.line
+    if run.state is DONE:
+        return None
+    if line is None:  # there is nothing to change on a stream
+        return go_on
+    shape = str(line).partition(" ")[2] if format is None else format
+    change = machine.output.change_line(parse_format(shape, line.speed if speed is None else speed))
+    if change is None:
+        return go_on
+    return _until_changed(run, change, go_on)
+
+
+def own_line(a: CallFrame, go_on: Any) -> Next:
+    """As `change_line`, to the line's own settings."""
+    own = a.m.scope.line.own
+    return go_on if own is None else change_line(a, own.speed, str(own).partition(" ")[2], go_on)
+
+
+def _until_changed(run: Run, change: ChangeLine, go_on: Any) -> Next:
+    run.state, run.deadline = State.CHANGING, NEVER
+    run.go_on = go_on
+    run.wait_number += 1
+    run.machine.changed = True
+    change.run, change.number = run, run.wait_number
+    return None
 
 
 def serve(a: CallFrame, request: Any, buffer: bytes, station: Any, check_only: bool) -> None:

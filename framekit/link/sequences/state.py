@@ -37,11 +37,13 @@ class CircleError(Exception):
 class State(enum.Enum):
     """What a run is doing: nothing that takes time, waiting for rows, for a time, for a service, or it is over.
 
-    HELD: it waits to send, because replies to earlier requests are due.
+    HELD: it waits to send, because replies to earlier requests are due. CHANGING: it waits until the line has other
+    speed and format, behind what was sent.
     """
 
     GOING = "going"
     HELD = "held"
+    CHANGING = "changing"
     RECEIVING = "receiving"
     PAUSING = "pausing"
     ASKING = "asking"
@@ -309,7 +311,7 @@ def frame_gone(run: Run, now: int) -> None:
 class SessionState:
     """`is_open` between its opening and its end; `busy` while sequences open or close it.
 
-    `keep_alive`: after how long a silence it has to be kept alive; None where it need not be.
+    `keep_alive`: after how long a silence it has to be kept alive; None where it need not be. `on_end` is told its end.
     """
 
     def __init__(self, session: Session | None, scope: Scope) -> None:
@@ -318,6 +320,7 @@ class SessionState:
         self.is_open = False
         self.busy = False
         self.station: Any = None
+        self.on_end: Callable[[], None] = lambda: None
         self._one_station = compile_optional(session.one_station if session else None)
         self.keep_alive = compile_optional(session.keep_alive_after if session else None)
 
@@ -351,6 +354,7 @@ class SessionState:
         """The session is over, however that came."""
         self.is_open = False
         self.scope.reset_session()
+        self.on_end()
 
     def failed(self, outcome: str) -> bool:
         """A failure of the procedure ends an open session if the definition says so. Tells whether it did."""

@@ -30,7 +30,18 @@ from framekit.definition.expression import (
 )
 from framekit.definition.keys import Form, key_of
 from framekit.definition.model.frames import expressions_of, parts_of
-from framekit.definition.model.procedure import ADDED_KEYS, Action, CallOf, Parts, Row, Sequence, Serve, Step, Target
+from framekit.definition.model.procedure import (
+    ADDED_KEYS,
+    Action,
+    CallOf,
+    LineChange,
+    Parts,
+    Row,
+    Sequence,
+    Serve,
+    Step,
+    Target,
+)
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Bits, Data, Field, Inner, Repeat, Segment
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
@@ -701,6 +712,15 @@ def _send(step: StepWriter, value: Value) -> None:
     step.send(value, repeats=True)
 
 
+def _line(step: StepWriter, change: LineChange) -> None:
+    if change.speed is None and change.format is None:
+        step.add(f"return own_line(a, {step.called('lined')})")
+    else:
+        speed, format_ = ("None" if one is None else step.expression(one) for one in (change.speed, change.format))
+        step.add(f"return change_line(a, {speed}, {format_}, {step.called('lined')})")
+    step.split("lined")
+
+
 def _receive(step: StepWriter, _: Any) -> bool:
     step.add(f"return wait(a, {step.called('step')})")
     return True
@@ -730,6 +750,7 @@ STEP_KEYS = [
     StepKey("put", _put),
     StepKey("deliver", _deliver),
     StepKey("send", _send),
+    StepKey("line", _line),
     StepKey("receive", _receive),
     StepKey("branch", _branch),
 ]
