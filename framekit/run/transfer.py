@@ -108,8 +108,7 @@ class BlockTransfers:
             station = block.station if block.station_from is None else self.station_of(block)
             if block.instruction == "command":
                 return self.commands.start(block, station, now, ended, partial(self._params, block, repeats))
-            plain = repeats and not self._stations
-            params = block.params if plain else self._params(block, repeats, station)
+            params = self._params(block, repeats, station)
             return self._transfer(block, station, params, now, partial(self._done, block, ended)).commands
         except (DeviceMemoryError, *EVALUATION_ERRORS) as error:
             ended(Failure(outcome="cannot_send", cause=explain(error)))
