@@ -170,7 +170,7 @@ def test_a_read_leaves_nothing_to_the_collector() -> None:
 
 @pytest.mark.parametrize(
     ("of_channel", "of_block", "more"),
-    [("", "", 0), (", stations: {1: {timeout: 2 s}}", "", 12), ("", ", timeout: 2 s", 10)],
+    [("", "", 0), (", stations: {1: {timeout: 2 s}}", "", 10), ("", ", timeout: 2 s", 10)],
     ids=["plain", "own parameters of the station", "own parameters of the block"],
 )
 def test_an_exchange_of_a_read_block_that_is_shown_to_a_monitor(
