@@ -230,25 +230,20 @@ class Engine:
         now: int,
         fields: Mapping[str, Any] | None = None,
         on_sent: Callable[[], None] | None = None,
-        params: Mapping[str, Any] | None = None,
     ) -> list[Command]:
-        """Sends a frame by itself; `params` are parameters for it alone.
-
-        Raises ValueError for values that it cannot carry, KeyError for an unknown frame.
-        """
+        """Sends a frame by itself. Raises ValueError for values that it cannot carry, KeyError for an unknown frame."""
         scope, machine = self.scope, self.machine
-        names = scope.names_for(params) if params else scope
         scope.now = max(scope.now, now)
         table = machine.table
         value = None if isinstance(frame, str) else frame
         info = table.infos[frame if isinstance(frame, str) else frame.frame]
-        given = table.completed(info, dict(fields or {}), names) if value is None else value.fields
-        data = info.encode(given if info.flat else plain(given), names)
+        given = table.completed(info, dict(fields or {}), scope) if value is None else value.fields
+        data = info.encode(given if info.flat else plain(given), scope)
 
         def put_out() -> None:
             if info.announces or machine.monitor is not None:
                 shown = value or FrameValue(info.name, given)
-                table.mark_sent(shown, data, names)
+                table.mark_sent(shown, data, scope)
                 machine.announce(shown)
                 machine.show_sent(shown, data)
             self.counters.sent += 1

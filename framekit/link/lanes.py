@@ -92,8 +92,7 @@ class Lanes:
             machine.start(run, machine.sequences[name], exchange)
             return
         for kind, sequence in before:
-            own = exchange.params if kind in ("begin", "open") else {}  # what is closed is another's
-            run.agenda.append((kind, sequence, Exchange(station=station, params=own).begin(machine.scope)))
+            run.agenda.append((kind, sequence, Exchange(station=station).begin(machine.scope)))
         run.agenda.append(("exchange", name, exchange))
         session.busy = True
         self._next_of_agenda(run)
@@ -137,7 +136,7 @@ class Lanes:
             kind, name, context = run.agenda.pop(0)
             run.doing = kind
             if kind == "begin":
-                session.begin(context.station, context.names)
+                session.begin(context.station)
             elif kind == "opened":
                 session.opened()
             elif kind == "ended":

@@ -14,7 +14,7 @@ from weakref import ref
 
 from framekit.definition.expression import ENGINE_FUNCTIONS, Call, Expression, is_constant, names_in, walk
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.sections import Parameter, StateVariable
+from framekit.definition.model.sections import StateVariable
 from framekit.definition.times import LineFormat
 from framekit.link.evaluate import Formula, Names, compile_expression, compile_optional
 from framekit.link.values import attribute
@@ -146,10 +146,12 @@ class Scope(Names):
     __slots__ = (
         "__weakref__",
         "_anew",
+        "_beneath",
         "_cache",
         "_expressions",
         "_fits",
         "_lasting",
+        "_overrides",
         "_remembered",
         "clock",
         "device",
@@ -182,6 +184,8 @@ class Scope(Names):
         self.settings = 0
         self.followers: list[ref[Scope]] = []
         """Names that belong to this line beside its protocol's own: their sessions end with its."""
+        self._overrides: list[dict[str, Any]] = []
+        self._beneath: dict[str, Any] = {}
         if self.device.clock is None:
             self.device.clock = DeviceClock(now, clock_start)
         self.clock = self.device.clock
@@ -234,7 +238,8 @@ class Scope(Names):
     def _add_parameters(self, formulas: dict[str, Formula], given: Mapping[str, Any]) -> None:
         parameters = self.protocol.params
         for name in given:
-            self._parameter(name)
+            if name not in parameters:
+                raise ParameterError(name, f"'{self.protocol.name}' has no such parameter")
         for name, parameter in parameters.items():
             value = given_value(parameter, given[name]) if name in given else parameter.is_ or parameter.default
             if isinstance(value, Expression) and is_constant(value):
@@ -276,16 +281,14 @@ class Scope(Names):
 
     # ---- state --------------------------------------------------------------------------------------------
 
-    def _start_value(self, variable: StateVariable, names: Names | None = None) -> Any:
-        """What a variable begins with; `names`: those of the exchange for which it begins."""
-        names = names or self
+    def _start_value(self, variable: StateVariable) -> Any:
         initial = compile_optional(variable.initial)
         fit = self._fits[variable.name]
         if variable.keys is not None:
-            fill = None if initial is None else _filler(initial, fit, names)
+            fill = None if initial is None else _filler(initial, fit, self)
             return StateTable(variable.keys, fit_of(variable.type, size=variable.size), fill)
         if initial is not None:
-            return fit(initial(names))
+            return fit(initial(self))
         if variable.announced:
             return None
         layout = self.protocol.layouts.get(variable.layout or "")
@@ -323,26 +326,44 @@ class Scope(Names):
             self._put(name, fit_of(parameter.type)(value))
 
     def worked_out(self, given: Mapping[str, Any]) -> dict[str, Any]:
-        """Values for parameters, checked and ready to use. Raises ParameterError."""
-        found = {}
-        for name, value in given.items():
-            taken = given_value(self._parameter(name), value)
+        """Values for parameters, checked and ready to use; other names as they are. Raises ParameterError."""
+        found = dict(given)
+        for name in given.keys() & self.protocol.params.keys():
+            taken = given_value(self.protocol.params[name], given[name])
             found[name] = compile_expression(taken)(self) if isinstance(taken, Expression) else taken
         return found
 
-    def _parameter(self, name: str) -> Parameter:
-        if name not in self.protocol.params:
-            raise ParameterError(name, f"'{self.protocol.name}' has no such parameter")
-        return self.protocol.params[name]
+    def override(self, given: Mapping[str, Any]) -> Callable[[], None]:
+        """Gives parameters other values for a while; what it returns gives them back, in whatever order others do.
 
-    def names_for(self, given: Mapping[str, Any]) -> Names:
-        """The names of one exchange that gives parameters other values. Raises ParameterError."""
-        return Names(self.worked_out(given), self, self.formulas_for(given))
+        Raises ParameterError, KeyError for what is no parameter; then nothing has changed.
+        """
+        for name in given.keys() - self.protocol.params.keys():
+            raise KeyError(name)
+        layer = self.worked_out(given)
+        for name in layer:
+            if not any(name in other for other in self._overrides):
+                self._beneath[name] = dict.get(self, name, _NOT_THERE)
+        self._overrides.append(layer)
+        self._overridden(layer)
 
-    def may_change(self, given: Mapping[str, Any]) -> bool:
-        """Whether what one of these values comes to may change while the parameters stay as they are."""
-        values = [given_value(self._parameter(name), value) for name, value in given.items()]
-        return any(isinstance(value, Expression) and self.changes(value) for value in values)
+        def back() -> None:
+            self._overrides[:] = [other for other in self._overrides if other is not layer]
+            self._overridden(layer)
+
+        return back
+
+    def _overridden(self, names: Iterable[str]) -> None:
+        """Each of these parameters has the value that was given last, or its own again."""
+        for name in names:
+            given = [layer[name] for layer in self._overrides if name in layer]
+            value = given[-1] if given else self._beneath.pop(name)
+            if value is _NOT_THERE:
+                self.pop(name, None)
+            else:
+                self[name] = value
+        self.writes += 1
+        self.settings += 1
 
     def change_line(self, line: LineFormat | None) -> None:
         """The line has another speed and format: all that was worked out from these is worked out anew."""
@@ -367,14 +388,11 @@ class Scope(Names):
         del holder[key]
         self._put(name, holder)
 
-    def reset_session(self, but: Collection[str] = (), names: Names | None = None) -> None:
-        """Session variables return to their start values, `but` these; those of followers too.
-
-        `names`: those of the exchange for which a session begins.
-        """
+    def reset_session(self, but: Collection[str] = ()) -> None:
+        """Session variables return to their start values, `but` these; those of followers too."""
         for variable in self.protocol.state.values():
             if variable.scope == "session" and variable.name not in but:
-                self[variable.name] = self._start_value(variable, names)
+                self[variable.name] = self._start_value(variable)
         self.writes += 1
         self.followers = [follower for follower in self.followers if follower() is not None]
         for follower in self.followers:
@@ -392,10 +410,11 @@ def _own_station(protocol: Protocol, own: Any) -> Any:
     return compile_expression(protocol.station.default)(Names())
 
 
-def _filler(initial: Callable[[Names], Any], fit: Fit, names: Names) -> Callable[[], Any]:
-    return lambda: fit(initial(names))
+def _filler(initial: Callable[[Names], Any], fit: Fit, scope: Scope) -> Callable[[], Any]:
+    return lambda: fit(initial(scope))
 
 
+_NOT_THERE = object()
 _OF_EXCHANGES = frozenset({"request", "reply", "buffer"})
 
 
@@ -418,7 +437,7 @@ class CommandScope(Scope):
         self.formulas = formulas
         channel.followers.append(ref(self))
 
-    def reset_session(self, but: Collection[str] = (), names: Names | None = None) -> None:
+    def reset_session(self, but: Collection[str] = ()) -> None:
         """The application's own session variables return to their start values; the channel's are the channel's."""
         super().reset_session(self.shared)
 

@@ -247,7 +247,7 @@ class Operation:
         self._station: Any = None
         self._calls = list(block.calls)
         self._own: Span | None = None
-        self._params: dict[str, Any] = {}
+        self._back: Callable[[], None] | None = None
 
     def begin(self, station: Any, now: int) -> list[LinkCommand]:
         """Starts it; `station` is the other side where the block names none."""
@@ -257,8 +257,8 @@ class Operation:
             self._station = station if given is None else given
             session = None if block.session is None else block.session(self.names)
             known = {} if self._params_of is None else self._params_of(self._station)
-            self._params = {**known, **{name: compute(self.names) for name, compute in block.params.items()}}
-            self.engine.scope.worked_out(self._params)
+            params = {**known, **{name: compute(self.names) for name, compute in block.params.items()}}
+            self._back = self.engine.scope.override(params) if params else None
         except (ParameterError, *EVALUATION_ERRORS) as error:
             return self._failed("cannot_send", explain(error))
         if not session:
@@ -293,9 +293,7 @@ class Operation:
         service, arguments = self._calls.pop(0)
         known = Names(self.end.names(), self.names)
         given = {name: compute(known) for name, compute in arguments.items()}
-        return self.client.call(
-            service, given, station=self._station, params=self._params, now=now, on_done=self._called
-        ).commands
+        return self.client.call(service, given, station=self._station, now=now, on_done=self._called).commands
 
     def _called(self, result: TransferResult) -> None:
         self._note(result)
@@ -325,9 +323,7 @@ class Operation:
         if own and "count" not in own:
             own["count"] = -(-count * address.unit_bits // unit_bits(self.around.own_span(own).unit))
         self._own = self._checked(own) if own else None
-        return self.client.read(
-            address, station=self._station, count=count, params=self._params, now=now, on_done=self._was_read
-        ).commands
+        return self.client.read(address, station=self._station, count=count, now=now, on_done=self._was_read).commands
 
     def _own_place(self, given: dict[str, Any]) -> dict[str, Any]:
         try:
@@ -363,9 +359,7 @@ class Operation:
         else:
             data, count = self._source(self.block.source.on(self.names), address, given)
         values = values_of(fitted(data, count * address.unit_bits), address.unit, count)
-        return self.client.write(
-            address, values, station=self._station, params=self._params, now=now, on_done=self._was_written
-        ).commands
+        return self.client.write(address, values, station=self._station, now=now, on_done=self._was_written).commands
 
     def _source(self, given_own: dict[str, Any], address: Address, given: Mapping[str, Any]) -> tuple[bytes, int]:
         """What the own place gives, and how many elements of the other side that is."""
@@ -394,6 +388,8 @@ class Operation:
         return []
 
     def _ended(self) -> None:
+        if self._back is not None:
+            self._back()
         if self.end.ok:
             self.around.afterwards(self.block.then, self.end, self.names)
         self.on_end(self.end)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -30,7 +30,7 @@ from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits
 from framekit.memory.views import as_signed, float_view
 from framekit.run.block_state import Failure, failure_of
 from framekit.run.commands import CommandBlocks, CommandEnd, ParamsOf
-from framekit.run.model import ArgumentPlace, Block, Merge, ResultPlace, StationRules
+from framekit.run.model import ArgumentPlace, Block, Merge, ResultPlace
 from framekit.run.own_memory import (
     FrameFields,
     FramePart,
@@ -41,11 +41,6 @@ from framekit.run.own_memory import (
     store_pieces,
     to_memory,
 )
-
-REPEATS = "retries"
-"""The parameter that says how often an exchange is repeated, where a protocol has it."""
-
-NO_PARAMS: Mapping[str, Any] = {}
 
 Ended = Callable[[Failure | None], None]
 """Told once how a block's exchange ended; None when all is well."""
@@ -63,15 +58,14 @@ class BlockTransfers:
         station: StationType,
         mapping: Mapping[str, tuple[str, int]] | None = None,
         later: Later | None = None,
-        stations: Mapping[Any, StationRules] | None = None,
+        params_of: ParamsOf | None = None,
     ) -> None:
         self.engine = engine
         self.client = client
         self.memory = memory
         self.frames = frames
         self.station = station
-        self.commands = CommandTransfers(engine, client, memory, mapping or {}, later)
-        self._stations = stations or {}
+        self.commands = CommandTransfers(engine, client, memory, mapping or {}, later, params_of)
         self._parts: dict[str, dict[str, FramePart]] = {}
         self._fields: dict[tuple[int, int], FrameFields] = {}
         self._writers: dict[tuple[int, int], tuple[Block, Callable[[bytes], None]]] = {}
@@ -94,76 +88,43 @@ class BlockTransfers:
             with suppress(DeviceMemoryError, ValueError):
                 self.fields_of(block)
 
-    def start(self, block: Block, now: int, ended: Ended, *, repeats: bool = True) -> list[Command]:
-        """Begins the exchange of a block; `ended` is called exactly once, perhaps before this returns.
-
-        Without `repeats` it is tried once.
-        """
+    def start(self, block: Block, now: int, ended: Ended) -> list[Command]:
+        """Begins the exchange of a block; `ended` is called exactly once, perhaps before this returns."""
         try:
             if block.frame is not None and block.instruction == "send":
                 fields, told = self.fields_of(block).read(), partial(self._has_sent, ended)
-                commands = self.engine.send_frame(block.frame, now, fields, told, self._sizes_of(block))
+                commands = self.engine.send_frame(block.frame, now, fields, told)
                 self._sending.append(ended)
                 return commands
             station = block.station if block.station_from is None else self.station_of(block)
             if block.instruction == "command":
-                return self.commands.start(block, station, now, ended, partial(self._params, block, repeats))
-            params = self._params(block, repeats, station)
-            return self._transfer(block, station, params, now, partial(self._done, block, ended)).commands
+                return self.commands.start(block, station, now, ended)
+            return self._transfer(block, station, now, partial(self._done, block, ended)).commands
         except (DeviceMemoryError, *EVALUATION_ERRORS) as error:
             ended(Failure(outcome="cannot_send", cause=explain(error)))
             return []
 
-    def _sizes_of(self, block: Block) -> Mapping[str, Any]:
-        """The parameters of a frame that is sent, with those that are sizes of its fields."""
-        if not block.sized_by:
-            return block.params
-        return {**block.params, **{name: block.sizes[field] for field, name in block.sized_by.items()}}
-
-    def params_of(self, station: Any) -> Mapping[str, Any]:
-        """The parameters that the channel has for a station."""
-        rules = self._stations.get(station) if self._stations and isinstance(station, Hashable) else None
-        return NO_PARAMS if rules is None else rules.params
-
-    def _params(self, block: Block, repeats: bool, station: Any) -> Mapping[str, Any]:
-        """The parameters for one exchange alone: those of its station, then those of the block."""
-        of_station = self.params_of(station) if self._stations else NO_PARAMS
-        found = {**of_station, **block.params} if of_station and block.params else block.params or of_station
-        if repeats:
-            return found
-        repeated = self.engine.scope.protocol.params.get(REPEATS)
-        if repeated is None or repeated.is_ is not None or repeated.type != "number":
-            return found
-        return {**found, REPEATS: 0 if repeated.limits is None else max(0, repeated.limits[0])}
-
-    def _transfer(self, block: Block, station: Any, params: Mapping[str, Any], now: int, done: Done) -> Transfer:
+    def _transfer(self, block: Block, station: Any, now: int, done: Done) -> Transfer:
         client, targets, unit = self.client, block.targets, block.unit
         assert client is not None
         if block.instruction == "read":
             if len(targets) > 1:
-                return client.read_variables(targets, station=station, unit=unit, params=params, now=now, on_done=done)
-            return client.read(
-                targets[0], station=station, unit=unit, count=block.count, params=params, now=now, on_done=done
-            )
+                return client.read_variables(targets, station=station, unit=unit, now=now, on_done=done)
+            return client.read(targets[0], station=station, unit=unit, count=block.count, now=now, on_done=done)
         if block.instruction == "write":
             values = self.values_of(block)
             if len(targets) > 1:
-                return client.write_variables(
-                    targets, values, station=station, unit=unit, params=params, now=now, on_done=done
-                )
-            return client.write(targets[0], values, station=station, unit=unit, params=params, now=now, on_done=done)
+                return client.write_variables(targets, values, station=station, unit=unit, now=now, on_done=done)
+            return client.write(targets[0], values, station=station, unit=unit, now=now, on_done=done)
         assert block.service is not None
         given = arguments_of_call(block, self.memory)
         return client.call(
             block.service, given, station=station, addresses=block.addresses, unit=unit, count=block.count,
-            params=params, now=now, on_done=done,
+            now=now, on_done=done,
         )  # fmt: skip
 
     def start_joined(self, reads: Sequence[Read[tuple[Block, Ended]]], now: int) -> list[Command]:
-        """One read for several blocks of one station, without parameters of their own.
-
-        Each gets its own part, and its own end.
-        """
+        """One read for several blocks of one station; each gets its own part, and its own end."""
         assert self.client is not None
         address, count = joined(reads)
 
@@ -179,10 +140,7 @@ class BlockTransfers:
 
         try:
             station = self.station_of(reads[0].key[0])
-            params = self.params_of(station)
-            return self.client.read(
-                address, station=station, count=count, params=params, now=now, on_done=done
-            ).commands
+            return self.client.read(address, station=station, count=count, now=now, on_done=done).commands
         except (DeviceMemoryError, *EVALUATION_ERRORS) as error:
             for read in reads:
                 read.key[1](Failure(outcome="cannot_send", cause=explain(error)))
@@ -344,20 +302,18 @@ class CommandTransfers:
 
     def __init__(
         self, engine: Engine, client: Client | None, memory: DeviceMemory, mapping: Mapping[str, tuple[str, int]],
-        later: Later | None,
+        later: Later | None, params_of: ParamsOf | None,
     ) -> None:  # fmt: skip
         self._engine = engine
         self._client = client
         self._memory = memory
         self._mapping = mapping
         self._later = later
+        self._params_of = params_of
         self._commands: dict[str, CommandBlocks] = {}
 
-    def start(self, block: Block, station: Any, now: int, ended: Ended, params_of: ParamsOf) -> list[Command]:
-        """The words of a command block are copied now; what happens to them later changes nothing.
-
-        `params_of`: parameters for the station that it turns out to be for.
-        """
+    def start(self, block: Block, station: Any, now: int, ended: Ended) -> list[Command]:
+        """The words of a command block are copied now; what happens to them later changes nothing."""
         assert block.commands is not None
         commands, place = self.commands_of(block.commands), block.places[0]
         area = self._memory.area(place.address.area)
@@ -384,7 +340,12 @@ class CommandTransfers:
             late()
         elif waits < NEVER and self._later is not None:
             self._later(waits, late)
-        return commands.start(data, station, now, done, params_of)
+        return commands.start(data, station, now, done, lambda station: self._params(block, station))
+
+    def _params(self, block: Block, station: Any) -> dict[str, Any]:
+        """What the channel says for a station, and the block does not."""
+        given = {} if self._params_of is None else self._params_of(station)
+        return {name: value for name, value in given.items() if name not in block.params}
 
     def commands_of(self, application: Protocol) -> CommandBlocks:
         """The command blocks of an application on this channel."""

@@ -33,6 +33,9 @@ from framekit.transport.port import Port
 
 log = logging.getLogger(__name__)
 
+REPEATS = "retries"
+"""The parameter that says how often an exchange is repeated, where a protocol has it."""
+
 
 @dataclass(slots=True)
 class ChannelCounters:
@@ -137,7 +140,7 @@ class ChannelService:
             protocol.station,
             channel.mapping,
             self._later,
-            channel.stations,
+            self.params_of,
         )
         self._clock = clock
         self.state = "closed"
@@ -195,11 +198,58 @@ class ChannelService:
 
     def start_block(self, block: Block, ended: Ended, *, repeats: bool = True) -> None:
         """Begins the exchange of a block; `ended` is called exactly once. Without `repeats` it is tried once."""
-        self.driver.carry_out(self.transfers.start(block, self._clock.now(), ended, repeats=repeats))
+        if not repeats or block.params or self.channel.stations:
+            params = self._params_for(block, repeats)
+            ended = self._overriding(params, ended) if params else ended
+        self.driver.carry_out(self.transfers.start(block, self._clock.now(), ended))
+
+    def _overriding(self, params: Mapping[str, Any], ended: Ended) -> Ended:
+        """Gives parameters other values until the exchange has ended."""
+        back = self.engine.scope.override(params)
+
+        def done(failure: Failure | None) -> None:
+            back()
+            ended(failure)
+
+        return done
 
     def start_joined(self, reads: Sequence[Read[tuple[Block, Ended]]]) -> None:
-        """Begins one read for several blocks; each is told its own end."""
-        self.driver.do(lambda now: self.transfers.start_joined(reads, now))
+        """Begins one read for several blocks without parameters of their own; each is told its own end."""
+        params = self._params_for(reads[0].key[0], True)
+        back = self.engine.scope.override(params) if params else None
+        left = len(reads)
+
+        def last() -> None:
+            nonlocal left
+            left -= 1
+            if left == 0 and back is not None:
+                back()
+
+        def telling(ended: Ended) -> Ended:
+            def done(failure: Failure | None) -> None:
+                last()
+                ended(failure)
+
+            return done
+
+        told = [Read((read.key[0], telling(read.key[1])), read.address, read.count) for read in reads]
+        self.driver.do(lambda now: self.transfers.start_joined(told, now))
+
+    def _params_for(self, block: Block, repeats: bool) -> dict[str, Any]:
+        """What the protocol's parameters are for this exchange alone: those of its station, then its own."""
+        if repeats and not block.params and not self.channel.stations:
+            return {}
+        found = {**self.params_of(self.station_of(block)), **block.params}
+        found |= {name: block.sizes[field] for field, name in block.sized_by.items()}
+        repeated = self.channel.protocol.params.get(REPEATS)
+        if not repeats and repeated is not None and repeated.is_ is None and repeated.type == "number":
+            found[REPEATS] = 0 if repeated.limits is None else max(0, repeated.limits[0])
+        return found
+
+    def params_of(self, station: Any) -> Mapping[str, Any]:
+        """The parameters that the channel has for a station."""
+        rules = self.channel.stations.get(station) if self.channel.stations and isinstance(station, Hashable) else None
+        return {} if rules is None else rules.params
 
     def station_of(self, block: Block) -> Any:
         """The station a block talks to; None for none, and where its own memory names none."""

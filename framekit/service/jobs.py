@@ -412,7 +412,7 @@ class JobService:
         client = channel.client
         assert client is not None
         station = channel.channel.station if order.station is None else order.station
-        params = {**channel.transfers.params_of(station), **order.params}
+        params = {**channel.params_of(station), **order.params}
         if order.kind == "read":
             return client.read(
                 order.remote,

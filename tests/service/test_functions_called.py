@@ -168,15 +168,9 @@ def test_a_read_leaves_nothing_to_the_collector() -> None:
     in_a_loop(scenario)
 
 
-@pytest.mark.parametrize(
-    ("of_channel", "of_block", "more"),
-    [("", "", 0), (", stations: {1: {timeout: 2 s}}", "", 10), ("", ", timeout: 2 s", 10)],
-    ids=["plain", "own parameters of the station", "own parameters of the block"],
-)
 def test_an_exchange_of_a_read_block_that_is_shown_to_a_monitor(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, of_channel: str, of_block: str, more: int
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """`more`: functions that parameters of its own come to."""
     ports: list[HandPort] = []
 
     def made(url: str, settings: Any, clock: AsyncioClock, wiring: Any) -> HandPort:
@@ -186,8 +180,8 @@ def test_an_exchange_of_a_read_block_that_is_shown_to_a_monitor(
     monkeypatch.setitem(SCHEMES, "hand", Scheme(form="hand:", open=made))
     file = tmp_path / "r.run.yaml"
     file.write_text(
-        "run: reads\nmemory: masterlogic\nchannels:\n  1: {port: 'hand:', protocol: modbus-tcp, station: 1"
-        f"{of_channel}}}\nblocks:\n  1: {{read: '40001', count: 10, channel: 1, into: D00100, every: 1 h{of_block}}}\n",
+        "run: reads\nmemory: masterlogic\nchannels:\n  1: {port: 'hand:', protocol: modbus-tcp, station: 1}\n"
+        "blocks:\n  1: {read: '40001', count: 10, channel: 1, into: D00100, every: 1 h}\n",
         encoding="utf-8",
     )
 
@@ -209,7 +203,7 @@ def test_an_exchange_of_a_read_block_that_is_shown_to_a_monitor(
         counts = [calls_of(read) for _ in range(10)]
         assert service.states[1].done >= 10
         assert shown[-2:] == ["frame", "frame"]
-        assert min(counts) <= MOST_FOR_A_BLOCK + more
+        assert min(counts) <= MOST_FOR_A_BLOCK
         service.stop()
 
     in_a_loop(scenario)

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from framekit.link.events import Command, Seen
+from framekit.link.events import Seen
 from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock
 
-SECOND, MS = 1_000_000_000, 1_000_000
+SECOND = 1_000_000_000
 DEVICE = (
     "device: d\nprotocol: modbus-rtu\nstation: 1\nmemory: {set: {40001: [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12]}}\n"
 )
@@ -108,47 +108,6 @@ blocks:
     assert [station for station, _ in asked] == [7, 7, 8, 9, 9, 9, 9, 7, 7]
     pauses = [(asked[place + 1][1] - asked[place][1]) // 1_000_000 for place in (0, 3, 7)]
     assert [200 <= pauses[0] < 215, 50 <= pauses[1] < 65, 200 <= pauses[2] < 215] == [True] * 3
-
-
-@pytest.mark.parametrize(
-    "block", ["read: 40001, into: M0", "write: 40001, from: M0", "call: exception_status, into: {status: M10}"]
-)
-def test_what_a_block_says_of_its_time_holds_for_no_other_request(tmp_path: Path, block: str) -> None:
-    (tmp_path / "t.device.yaml").write_text(DEVICE.replace("rtu", "tcp"), encoding="utf-8")
-    bench = Bench(
-        tmp_path,
-        f"""\
-dead: no
-channels:
-  1:
-    port: "sim:t.device.yaml"
-    protocol: modbus-tcp
-    params: {{outstanding: 4}}
-    stations: {{2: {{timeout: 70 ms}}}}
-    faults: {{rules: [{{fault: no_reply}}]}}
-blocks:
-  0: {{{block}, station: 1, once: yes, timeout: 50 ms}}
-  1: {{read: 40002, station: 2, into: M0, once: yes}}
-""",
-    )
-    channel, ended = bench.service.channels[1], []
-    assert channel.client is not None
-
-    def read(now: int) -> list[Command]:
-        assert channel.client is not None
-        done = lambda result: ended.append(bench.clock.now())  # noqa: E731
-        return channel.client.read("40001", station=1, now=now, on_done=done).commands
-
-    bench.clock.run_for(10 * MS)
-    channel.driver.do(read)
-    bench.clock.run_for(10 * MS)
-    assert (len([seen for seen in bench.seen if seen.direction == "out"]), ended) == (2, [])
-    bench.clock.run_for(35 * MS)
-    assert [state.failed for state in bench.service.states.values()] == [1, 0]
-    bench.clock.run_for(70 * MS)
-    assert [state.failed for state in bench.service.states.values()] == [1, 1]
-    bench.clock.run_for(2 * SECOND)
-    assert ended == [10 * MS + SECOND]
 
 
 def test_a_channel_switched_off_and_on(tmp_path: Path) -> None:

@@ -519,9 +519,10 @@ def test_parameters_may_change_meanwhile(at_once: bool) -> None:
     assert told.failures == []
     world.clock.run_for(1)
     assert told.outcomes == ["no_reply"]
-    scope.set("reply_timeout", 10 * MS)
+    back = scope.override({"reply_timeout": 10 * MS})
     world.clock.run_for(LEAST_PAUSE + 10 * MS)
     assert told.outcomes == ["no_reply"] * 2
+    back()
 
 
 @WAYS

@@ -325,10 +325,7 @@ class SessionState:
         self.keep_alive = compile_optional(session.keep_alive_after if session else None)
 
     def plan(self, exchange: Exchange) -> list[tuple[str, str]]:
-        """What has to run before an exchange: pairs of `close` or `open` and a sequence.
-
-        `begin`, `opened` and `ended` say where a session begins, is open and ends; with them there is no sequence.
-        """
+        """What has to run before an exchange: pairs of `close` or `open` and a sequence; `mark` has no sequence."""
         session = self.session
         if session is None:
             return []
@@ -339,13 +336,18 @@ class SessionState:
             return closing
         return [*closing, ("begin", ""), *(("open", name) for name in session.open), ("opened", "")]
 
+    def is_ready(self, station: Any, outside: bool) -> bool:
+        """Whether an exchange can begin at once: nothing has to be opened or closed for it."""
+        if self.session is None:
+            return True
+        return self.is_open and not self.busy and not outside and not self._another(station)
+
     def _another(self, station: Any) -> bool:
         return self._one_station is not None and station != self.station and bool(self._one_station(self.scope))
 
-    def begin(self, station: Any, names: Names) -> None:
-        """A session with this station is about to be opened; `names` are those of the exchange that needs it."""
+    def begin(self, station: Any) -> None:
         self.station = station
-        self.scope.reset_session(names=names)
+        self.scope.reset_session()
 
     def opened(self) -> None:
         self.is_open = True

@@ -45,8 +45,6 @@ from framekit.memory.memory import unit_bits
 
 Found = list[tuple[Any, bool]]
 """Data found in a reply, each with whether padding may follow them."""
-_PLAIN = (str, int, bytes)
-"""Values of parameters that a key can hold as they are."""
 Find = Callable[[FrameValue | None, bytes, Names], Found]
 """Finds them in a reply and the bytes beside it. Raises UnfitReplyError and EVALUATION_ERRORS."""
 
@@ -486,9 +484,9 @@ class ReadyReads:
             self._kept.clear()
         return self._kept.get(key)
 
-    def keep(self, key: Hashable, read: TransferPlan, params: Mapping[str, Any] | None) -> None:
-        """Keeps a read for the next time, if the same exchanges will do then. `params`: those it alone has."""
-        if self._scope is None or (params and self._scope.may_change(params)):
+    def keep(self, key: Hashable, read: TransferPlan) -> None:
+        """Keeps a read for the next who asks, if the same exchanges will do then."""
+        if self._scope is None:
             return
         facts = read.exchanges[0].row.facts
         rows = facts.shared.rows[facts.row.service]
@@ -629,16 +627,15 @@ class Client:
         params: Mapping[str, Any] | None = None, now: int, on_done: Done,
     ) -> Transfer:  # fmt: skip
         """Reads `count` elements of `unit` (default: the address's own)."""
-        key: Hashable = (address, unit, count, station)
-        if params:
-            key = (key, *[(name, one if type(one) in _PLAIN else repr(one)) for name, one in params.items()])
-        ready = self._ready.find(key)
+        key = None if params else (address, unit, count, station)
+        ready = None if key is None else self._ready.find(key)
         if ready is None:
             names = self._names(station, params)
             place, elements = self._place(address, unit, count)
             plan = self.planner.plan("read", Piece(place, elements), names)
             ready = self._planned([plan], [(unit or place.unit, count)], names)
-            self._ready.keep(key, ready, params)
+            if key is not None:
+                self._ready.keep(key, ready)
         return Transfer(ready, self.engine, now, on_done)
 
     def write(
@@ -681,7 +678,7 @@ class Client:
     def _names(self, station: Any, params: Mapping[str, Any] | None) -> Names:
         """What a request is made of. Raises ParameterError for a parameter that does not fit."""
         scope = self.engine.scope
-        names = scope.names_for(params) if params else Names(None, scope)
+        names = Names(scope.worked_out(params), scope, scope.formulas_for(params)) if params else Names(None, scope)
         names["station"] = self._default_station if station is None else station
         return names
 
