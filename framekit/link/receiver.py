@@ -78,6 +78,8 @@ class Receiver:
         self.broken = False
         self.waiting: tuple[str, ...] = ()
         self._rules = protocol.receiver
+        self._delimiter = protocol.receiver.delimiter
+        self._is_open = False
         self._names = names
         self._scope = scope_of(names)
         self._version = 0
@@ -110,6 +112,11 @@ class Receiver:
         self._now = now
         stream = self.stream
         last = stream.last
+        if self._is_open:
+            self._is_open = False
+            before = stream.give_back()
+            data = before + data
+            faults = [CharacterFault(len(before) + one.index, one.fault) for one in faults]
         goes_on = stream.add(data, now, faults)
         if now - last > self.pauses.line.character * len(data) and (goes_on or self._noise.data or self._skipping):
             self.pauses.note(last, len(data))
@@ -142,7 +149,7 @@ class Receiver:
             self._collect(len(stream.buffer) - stream.position, False)
             found.append(self._noise.take())
         stream.clear()
-        self._skipping = False
+        self._skipping = self._is_open = False
         self.waiting = ()
         return found
 
@@ -249,8 +256,14 @@ class Receiver:
         if candidates.said and self._scope is not None and self._scope.version != self._version:
             candidates.forget()
         while stream.position < len(stream.buffer) or self._noise.data or self._skipping:
-            is_plain = self._now == stream.last and not self._skipping and (not stream.is_marked or self._is_plain())
-            if not is_plain:
+            is_plain = self._delimiter is None and self._now == stream.last and not self._skipping
+            is_plain = is_plain and (not stream.is_marked or self._is_plain())
+            if self._delimiter is not None:
+                if self._pass_fill(found):
+                    if found and not is_all:
+                        break
+                    continue
+            elif not is_plain:
                 self._pass_over(frames, found)
             elif self._read_row(frames, found, is_all):
                 break
@@ -620,6 +633,24 @@ class Receiver:
                 found.append(self._noise.take())
             self._collect(place - first, is_skipped)
 
+    def _pass_fill(self, found: list[Arrival]) -> bool:
+        """Passes over delimiters that begin no frame: others follow them, or nothing does yet. Whether there are any.
+
+        The last one begins a frame when something follows (`append`). Noise that ends here comes to `found`.
+        """
+        stream, delimiter = self.stream, self._delimiter
+        buffer, place = stream.buffer, stream.position
+        end = len(buffer)
+        while place < end and buffer[place] == delimiter and (place + 1 == end or buffer[place + 1] == delimiter):
+            place += 1
+        if place == stream.position or self._skipping:
+            return False
+        if self._noise.data:
+            found.append(self._noise.take())
+        self._move(place - stream.position)
+        self._is_open = place == end
+        return True
+
     def _look(self, frames: ExpectedFrames) -> Arrival | Again | None:
         """What is at the present place, all candidates compared, and whatever may be strange about it."""
         stream = self.stream
@@ -680,7 +711,7 @@ class Receiver:
 
     def _arrived(self, good: Good) -> FrameArrived:
         info = good.info
-        self._given = len(good.raw)
+        self._given = self._without_shared(len(good.raw))
         self._good_since = True
         self._declined.append(info.name)
         arrived = self._arrival(info, good.fields, good.raw, self.stream.position)
@@ -709,6 +740,11 @@ class Receiver:
         self._candidates.forget()
         return arrived
 
+    def _without_shared(self, size: int) -> int:
+        """How many bytes a frame of `size` bytes here takes: the delimiter at its end may begin the next one."""
+        stream = self.stream
+        return size - 1 if size > 1 and stream.buffer[stream.position + size - 1] == self._delimiter else size
+
     def _use(self) -> None:
         """Goes on behind what was handed over last."""
         self.stream.position += self._given
@@ -731,11 +767,11 @@ class Receiver:
         start = stream.base + stream.position
         if start < self._bad_until:
             is_whole = self._rules.resync == "after_frame" and worst.known_end and start >= self._bad_end
-            return self._unusable(worst.size if is_whole else 0)
+            return self._unusable(self._without_shared(worst.size) if is_whole else 0)
         before = self._noise_before()
         if before is not None:
             return before
-        bad, size, mode = worst.bad, worst.size, self._rules.resync
+        bad, size, mode = worst.bad, self._without_shared(worst.size), self._rules.resync
         self._begin_bad(bad, size)
         if mode == "never":
             self._break_off()
@@ -765,6 +801,7 @@ class Receiver:
 
     def _break_off(self) -> None:
         self.broken = True
+        self._is_open = False
         self.stream.clear()
         self._moved()
 

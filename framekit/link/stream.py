@@ -113,6 +113,18 @@ class Stream:
         self.last = now
         return bool(rest)
 
+    def give_back(self) -> bytes:
+        """The last byte of the buffer, if no more than that is left; no bytes otherwise.
+
+        It comes again, at the same place, with what follows it, and counts as come then.
+        """
+        if len(self.buffer) - self.position > 1:
+            return b""
+        last = bytes(self.buffer[-1:])
+        self.position = len(self.buffer)
+        self.base -= 1
+        return last
+
     def mark(self, places: list[int], place: int) -> None:
         """Notes something at a place, behind all that is noted in `places`."""
         places.append(place)

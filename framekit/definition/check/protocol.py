@@ -13,11 +13,11 @@ from framekit.definition.check.services import check_forms, check_services
 from framekit.definition.check.typed import check_kinds
 from framekit.definition.expression import Bytes, Expression, List, Name, Number, Text
 from framekit.definition.kinds.base import constant_number
-from framekit.definition.model.frames import Frame, parts_of
+from framekit.definition.model.frames import Frame, bytes_of, parts_of
 from framekit.definition.model.procedure import Sequence
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import Parameter, Queue, StateVariable
-from framekit.definition.model.segments import Check, Const, Data, Field, Segment
+from framekit.definition.model.segments import Check, Const, Data, Field, Inner, Segment
 from framekit.definition.model.services import BlockWork, CommandRules, PlaceOf
 from framekit.definition.problems import NOWHERE, Position, Problem, did_you_mean, plural
 from framekit.definition.times import format_time
@@ -138,6 +138,7 @@ def check_sections(protocol: Protocol) -> Iterator[Problem]:
         yield from _locals(protocol, sequence)
     yield from _station(protocol)
     yield from _line(protocol)
+    yield from _delimiter(protocol)
 
 
 def _names(protocol: Protocol) -> Iterator[Problem]:
@@ -251,6 +252,30 @@ def _station(protocol: Protocol) -> Iterator[Problem]:
         yield Problem(default.at, f"the default station {number} is not in {low}..{high}", "correct one of them")
     if station.type == "none":
         yield Problem(default.at, "there are no stations here", "leave default out")
+
+
+def _delimiter(protocol: Protocol) -> Iterator[Problem]:
+    """A byte that ends a frame and begins the next one stands nowhere else in frames that begin with it."""
+    byte, is_used = protocol.receiver.delimiter, False
+    if byte is None:
+        return
+    inner = {
+        name for frame in protocol.frames.values() for one in parts_of(frame.segments, Inner) for name in one.frames
+    }
+    for frame in protocol.frames.values():
+        first, last = (frame.segments[0], frame.segments[-1]) if frame.segments else (None, None)
+        if frame.inner or frame.name in inner or not (isinstance(first, Const) and first.data[:1] == bytes((byte,))):
+            continue
+        is_used = is_used or first.when is None
+        if first is last or first.when or not isinstance(last, Const) or last.when or last.data != bytes((byte,)):
+            what = f"'{frame.name}' begins with the delimiter {byte:02X}, and does not always end with it"
+            yield Problem(frame.at, what, f"end it with {{const: {byte:02X}}}, or leave delimiter out of receiver")
+        elif byte in first.data[1:] or byte in bytes_of(frame.segments[1:-1], protocol.frames):
+            what = f"the delimiter {byte:02X} may stand inside '{frame.name}' too"
+            yield Problem(frame.at, what, "put what stands between into a wrap that escapes it")
+    if not is_used:
+        what = f"no frame begins with the delimiter {byte:02X}"
+        yield Problem(protocol.receiver.delimiter_at, what, f"begin them with {{const: {byte:02X}}}, or leave it out")
 
 
 def _line(protocol: Protocol) -> Iterator[Problem]:

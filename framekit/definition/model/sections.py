@@ -140,16 +140,25 @@ class Line:
         return f"{url.rstrip('/')}:{self.tcp}"
 
 
+def _place(node: Node | None) -> Position:
+    return NOWHERE if node is None else node.at
+
+
 _WAYS_ON = ("next_start", "after_frame", "after_quiet", "never")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Receiver:
-    """How frames are found. `symbols`: an escape byte and its follower are skipped together."""
+    """How frames are found. `symbols`: an escape byte and its follower are skipped together.
+
+    `delimiter`: the byte that frames begin and end with; one that ends a frame may begin the next one too.
+    """
 
     gap: Expression | None = key("gap", TIME, default=None)
     quiet: Expression | None = key("quiet", TIME, default=None)
     symbols: int | None = key("symbols", BYTE, default=None)
+    delimiter: int | None = key("delimiter", BYTE, default=None)
+    delimiter_at: Position = keys({}, lambda r: _place(r.keys.get("delimiter")), default=NOWHERE)
     resync: Literal["next_start", "after_frame", "after_quiet", "never"] = key(
         "resync", TEXT._replace(schema=words("a way to go on", *_WAYS_ON)), default="next_start"
     )
