@@ -124,6 +124,8 @@ def open_cobs(raw: bytes) -> Opened:
             places.append(place)
     if not raw:
         return b"", [0], "constant"
+    if content:
+        places[0] = 0  # the length of the first group belongs to what stands first
     return bytes(content), [*places, len(raw)], ""
 
 

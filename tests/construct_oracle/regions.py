@@ -297,7 +297,8 @@ def uncoded(coding: Coding, wire: bytes, size: int | None = None) -> tuple[bytes
     if isinstance(coding, Plain):
         return wire, list(range(len(wire)))
     if isinstance(coding, Cobs):
-        return _uncobs(wire)
+        content, found = _uncobs(wire)
+        return content, [0, *found[1:]] if content else found
     if isinstance(coding, Short):
         size = size or 0
         return wire + bytes((coding.fill,)) * (size - len(wire)), [*range(len(wire)), *(size - len(wire)) * [len(wire)]]
