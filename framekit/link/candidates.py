@@ -8,7 +8,7 @@ one. What it said is remembered, so that it is measured again only when the byte
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from functools import partial
 from typing import Any
 
@@ -18,8 +18,8 @@ from framekit.definition.model.segments import Const
 from framekit.link.arrivals import BadFrame, EitherBad, Fault
 from framekit.link.evaluate import CODEC_ERRORS, Names
 from framekit.link.events import LineFault
-from framekit.link.frame_table import NO_SIZES, NOT_QUICK, UNKNOWN, Ends, FrameInfo, FrameTable, function_does
-from framekit.link.inside import InsideFinder
+from framekit.link.frame_table import NO_SIZES, NOT_QUICK, Ends, FrameInfo, FrameTable, function_does
+from framekit.link.inside import InsideFinder, rules_and_marks
 from framekit.link.stream import Stream
 
 Trouble = Callable[[str, Exception], None]
@@ -341,6 +341,14 @@ def _by_size(item: tuple[int, int, FrameInfo, Complete]) -> tuple[int, int]:
 Level = tuple[FrameInfo, ...]
 
 
+FrameRow = tuple[
+    int, int, Callable[..., dict[str, Any]], FrameInfo, Callable[[bytes, dict[str, Any]], bool] | None, int
+]
+"""How the only frame that begins somewhere is read: its size (0: it is to be measured), the place of a byte that is
+added to it (0: none), what reads it, the frame, what says of its bytes and fields that more has to be looked at, and up
+to which size these bytes surely tell it."""
+
+
 class Left:
     """The expected candidates that two bytes leave.
 
@@ -363,27 +371,75 @@ class Left:
         self.ends: Ends | None = None
         self.alike: bool | None = None
 
+    def size_at(self, buffer: bytes | bytearray, place: int, end: int) -> int | None:
+        """How long a good frame at `place` is, if bytes before `end` surely tell it."""
+        row = self.rows[buffer[place + self.at]] if self.is_told and place + self.enough <= end else None
+        if row is None:
+            return None
+        size, counted, _ = row
+        size += buffer[place + counted] if counted else 0
+        return size if size <= self.most else None
+
+    def row(self, place: int, byte: int, holders: Collection[str], marks: re.Pattern[bytes] | None) -> FrameRow | None:
+        """How the only frame is read where `byte` stands at `place`; None if none begins, or more has to be compared.
+
+        `holders` are frames that others may stand in, and `marks` what these begin with, if that is known.
+        """
+        info = self.alone
+        if info is None or (holders and not self.sure) or (info.name in holders and marks is None):
+            return None
+        quick = self.rows[byte] if info.flat or self.at == place else None
+        size, counted, read = quick or (0, 0, None)
+        if quick is not None and not size:
+            return None
+        inner = info.inner if info.guesses and read is None else None
+        doubt = _doubt(inner, marks if info.name in holders else None)
+        return size, counted, read or info.decode, info, doubt, self.most if self.is_told else 0
+
     def compare(self) -> bool:
         """Whether all are measured alike, so that they have the same end."""
         self.alike = len({function_does(info.measure) for info in self.infos}) == 1
         return self.alike
 
 
+def _doubt(inner: str | None, marks: re.Pattern[bytes] | None) -> Callable[[bytes, dict[str, Any]], bool] | None:
+    """What says that the frame `inner` is none that is known, or that `marks` stand in the bytes."""
+    if inner is None and marks is None:
+        return None
+
+    def is_doubtful(raw: bytes, fields: dict[str, Any]) -> bool:
+        is_unknown = inner is not None and "unknown" in fields[inner]
+        return is_unknown or (marks is not None and marks.search(raw) is not None)
+
+    return is_doubtful
+
+
 class Start:
     """What may begin with one byte: `at` is the place of the byte that tells the candidates apart (0: none does).
 
     `left`: what is left by each of its values. `wanted`: all that are expected. `is_noise`: nothing begins with it.
-    `enough`: so many bytes reach over all places that tell something.
+    `rows`: how a frame is read by the byte at `told_by`, None where none begins or more has to be looked at; `enough`:
+    so many bytes have to be there.
     """
 
-    __slots__ = ("at", "enough", "is_noise", "left", "wanted")
+    __slots__ = ("at", "enough", "is_noise", "left", "rows", "told_by", "wanted")
 
-    def __init__(self, at: int, left: Mapping[int, Left], others: Left, wanted: Left) -> None:
+    def __init__(
+        self,
+        at: int,
+        left: Mapping[int, Left],
+        others: Left,
+        wanted: Left,
+        holders: Collection[str],
+        marks: re.Pattern[bytes] | None,
+    ) -> None:
         self.at = at
         self.is_noise = wanted.sure and not wanted.infos
         self.wanted = wanted
         self.left = [left.get(byte, others) for byte in range(256)]
-        self.enough = max((at + 1, *(one.enough for one in self.left if one.enough < UNKNOWN)))
+        self.told_by = at or others.at
+        self.rows = [one.row(self.told_by, byte, holders, marks) for byte, one in enumerate(self.left)]
+        self.enough = max(self.told_by, at, *(row[1] for row in self.rows if row is not None), 0) + 1
 
 
 class ExpectedFrames:
@@ -450,7 +506,8 @@ class ExpectedFrames:
     def _told_apart(self, infos: Level, rest: Level) -> Start:
         """By the place with the fewest candidates left, whatever byte stands there."""
         wanted = Left(infos, not rest)
-        best = Start(0, {}, wanted, wanted)
+        rules, marks = self._table.once(rules_and_marks, self._table)
+        best = Start(0, {}, wanted, wanted, rules, marks)
         most = len(infos)
         allowed = [dict(fixed_bytes(info.frame.segments)) for info in infos]
         for place in sorted({place for one in allowed for place in one if place}):
@@ -464,7 +521,8 @@ class ExpectedFrames:
                 by_value = {
                     value: Left(group, _sure(every, group, place, {value}, False)) for value, group in left.items()
                 }
-                best = Start(place, by_value, Left(others, _sure(every, others, place, values, True)), wanted)
+                rest_left = Left(others, _sure(every, others, place, values, True))
+                best = Start(place, by_value, rest_left, wanted, rules, marks)
         return best
 
     def _start_pattern(self, *more: int) -> re.Pattern[bytes] | None:

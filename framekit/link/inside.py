@@ -90,6 +90,10 @@ class InsideFinder:
         """Whether from `start` on there is surely no frame that may stand inside another."""
         return self._marks is not None and self._marks.search(buffer, start) is None
 
+    def is_none_in(self, outer: str, raw: bytes) -> bool:
+        """Whether no frame may stand inside `outer`, or surely none does in its bytes `raw`."""
+        return outer not in self.holders or self.nothing_in(raw)
+
     def first_mark(self, buffer: bytes | bytearray, start: int, end: int) -> int:
         """Up to where there is surely no frame inside another, of the next bytes from `start` on, up to `end`."""
         if self._marks is None or self.places:

@@ -41,6 +41,9 @@ Of those that come faster, one is told for so many bytes; what is between is wha
 GOES_ON = ("next_start", "after_frame")
 """Where reading goes on at once after a bad frame: there are crowds of them."""
 
+MEASURED_AGAIN = 256
+"""What measuring a beginning has found is remembered if it has more bytes: fewer are measured again sooner."""
+
 MADE_GOOD = 4
 """For so many bad frames a good one makes up."""
 
@@ -221,7 +224,7 @@ class Receiver:
                     if type(result) is Complete:
                         result = candidates.read(info, result)
                     if type(result) is Good:
-                        return self._arrived(result)
+                        return self._arrived(result.info, result.fields, result.raw, result.refusal)
         return None
 
     def is_followed_by(self, frames: Iterable[str]) -> bool:
@@ -300,107 +303,87 @@ class Receiver:
         It stops where `_look` has to compare candidates, and finds nothing that `_look` would not find. Tells whether
         a frame has begun and wants more bytes.
         """
-        stream, names, said, inside = self.stream, self._names, self._candidates.said, self._inside
-        holders = () if inside is None else inside.holders
-        buffer, starting, noise, symbol = stream.buffer, frames.starting, self._noise.data, self._rules.symbols
-        place = first = stream.position
-        end, offset, came = len(buffer), stream.base + stream.removed, (stream.last, stream.last)
-        newest = stream.ends[-2] - stream.base if len(stream.ends) > 1 else 0
-        run, run_end, is_bytes = -1, 0, type(buffer) is bytes
-        raw: Any  # bytes, also where the buffer is a bytearray
-        is_clean = is_bytes and not said and not noise
+        stream, candidates = self.stream, self._candidates
+        buffer, end, size = stream.buffer, len(stream.buffer), 0
+        try:
+            while is_all or not found:
+                if type(buffer) is bytes and (size or not candidates.said):
+                    size = self._read_frames(frames, buffer, size, found, is_all)
+                place = stream.position
+                if place >= end or (found and not is_all):
+                    return False
+                start = frames.starting[buffer[place]] or frames.start(buffer[place])
+                if place + start.at >= end:
+                    return False
+                left = start.left[buffer[place + start.at]]
+                info = left.alone
+                if info is None and left.infos and not self._noise.data:
+                    info, size = self._shortest(left, place)
+                elif info is not None and not size:
+                    size = self._measured(info, left, place)
+                    if size > 0 and candidates.said:
+                        self._moved()
+                        continue
+                is_new = stream.base + place >= self._bad_until
+                if size < 0 and (is_new or size != self._lost):
+                    return self._is_begun(start, left, size)
+                is_noise = start.is_noise or (left.is_told and not size)
+                if info is not None and size > 0:
+                    raw = bytes(buffer[place : place + size])
+                    if left.is_told and info.intact is not None and not info.intact(raw):
+                        if is_new and not self._tell_bad(info, raw, found):
+                            return False
+                        is_noise = True
+                    elif self._read_one(info, left, raw, found):
+                        size = 0
+                        continue
+                    elif is_new:
+                        return False
+                if not (is_noise and self._pass_noise(frames, start.is_noise)):
+                    self._pass_over(frames, found)
+                    if place == stream.position:
+                        break
+                size = 0
+        except CODEC_ERRORS:
+            pass
+        return False
+
+    def _read_frames(
+        self, frames: ExpectedFrames, buffer: bytes, known: int, found: list[Arrival], is_all: bool
+    ) -> int:
+        """Reads good frames in a row, up to where bytes at fixed places do not tell which frame begins there.
+
+        `known`: the size of the first, if it has been measured. Gives a size below 0 where a frame surely wants more,
+        else 0.
+        """
+        stream, names, noise, starting = self.stream, self._names, self._noise.data, frames.starting
+        place, end, offset = stream.position, len(buffer), stream.base + stream.removed
+        came, newest = (stream.last, stream.last), stream.ends[-2] - stream.base if len(stream.ends) > 1 else 0
+        wanting, quiet = 0, self._quiet
         try:
             while place < end:
                 start = starting[buffer[place]] or frames.start(buffer[place])
-                fields = row = None
-                if place + start.enough <= end:
-                    left = start.left[buffer[place + start.at]]
-                    if is_clean or (left.is_told and not said):
-                        row = left.rows[buffer[place + left.at]]
-                        if row is not None:
-                            size, counted, read = row
-                            if counted:
-                                size += buffer[place + counted]
-                            if is_clean and read is not None and place + size <= end:
-                                raw = buffer[place : place + size]
-                                try:
-                                    fields = read(raw, names)
-                                except CODEC_ERRORS:
-                                    is_clean = False
-                elif place + start.at < end:
-                    left = start.left[buffer[place + start.at]]
-                else:
+                if place + start.enough > end:
                     break
-                info = left.alone
-                if fields is None or info is None:
-                    is_bad = False
-                    if row is not None and info is not None:
-                        if not left.is_told or place + size > end or size > left.most:
-                            told = left.is_told and size <= left.most
-                            size = end - place - size if told else info.extent(buffer, place, end, names)
-                    elif info is None:
-                        info, size = (None, 0) if noise or start.is_noise else self._shortest(left, place)
-                    elif said:
-                        seen = self._candidates.seen(info)
-                        if seen is None:
-                            break
-                        size = info.measure(buffer, place, end, names, seen)
-                    else:
-                        size = info.extent(buffer, place, end, names)
-                    if size < 0 and (size != self._lost or stream.base + place >= self._bad_until):
-                        if run >= 0:
-                            self._collect_run(run, place)
-                        stream.position = place
-                        return self._is_begun(start, left, size, row is not None or place + left.enough > end)
-                    if info is not None and size > 0:
-                        raw = buffer[place : place + size]
-                        raw = raw if type(raw) is bytes else bytes(raw)
-                        is_bad = row is not None and left.is_told and info.intact is not None and not info.intact(raw)
-                        if not is_bad:
-                            try:
-                                fields = info.decode(raw, names)
-                            except FrameError as error:
-                                if error.refuse is not None:
-                                    break
-                            else:
-                                if info.guesses and not said and "unknown" in fields[info.inner or ""]:
-                                    break
-                    if fields is None or info is None:
-                        if start.is_noise or (
-                            left.is_told and (not size or (is_bad and stream.base + place < self._bad_until))
-                        ):
-                            if run < 0:
-                                run_end = min(end, self._run_end(place, start.is_noise))
-                                run = place if run_end else -1
-                            if run >= 0 and place < run_end and buffer[place] != symbol:
-                                is_clean, place = False, place + 1
-                                if frames.stops is not None:
-                                    match = frames.stops.search(buffer, place, run_end)
-                                    place = run_end if match is None else match.start()
-                                continue
-                        if run >= 0:
-                            self._collect_run(run, place)
-                            run = -1
-                        stream.position = first = place
-                        is_clean = False
-                        if size and stream.base + place >= self._bad_until:
-                            run_end = self._bad_run(info, raw, found, is_all) if left.is_told and is_bad else 0
-                            run_end = min(end, run_end)
-                            if not run_end:
-                                break
-                            run, place = place, place + 1
-                            if not is_all:
-                                break
-                            continue
-                        self._pass_over(frames, found)
-                        if first == stream.position or (found and not is_all):
-                            return False
-                        place = first = stream.position
-                        continue
-                    if run >= 0:
-                        self._collect_run(run, place)
-                        run, first = -1, place
-                if inside is not None and not (left.sure and (info.name not in holders or inside.nothing_in(raw))):
+                row = start.rows[buffer[place + start.told_by]]
+                if row is None:
+                    break
+                size, counted, read, info, is_doubtful, most = row
+                if counted:
+                    size += buffer[place + counted]
+                elif not size:
+                    size = known or info.extent(buffer, place, end, names)
+                    known = 0
+                    if size <= 0:
+                        wanting = size if size > quiet else 0
+                        break
+                stop = place + size
+                if stop > end:
+                    wanting = end - stop if size <= most else 0
+                    break
+                raw = buffer[place:stop]
+                fields = read(raw, names)
+                if is_doubtful is not None and is_doubtful(raw, fields):
                     break
                 if noise:
                     found.append(self._noise.take())
@@ -409,83 +392,119 @@ class Receiver:
                 arrived = FrameArrived()
                 arrived.make, arrived.decoded, arrived.raw = info.make, fields, raw
                 arrived.offset = offset + place
-                arrived.times = came if place >= newest else stream.times_of(place, place + size)
+                arrived.times = came if place >= newest else stream.times_of(place, stop)
                 found.append(arrived)
-                self._good_since = True
                 if not is_all:
-                    arrived.value = info.make(fields, raw, None)
                     self._given = size
+                    arrived.value = info.make(fields, raw, None)
                     self._declined.append(info.name)
                     break
-                place += size
-                if not is_clean:
-                    if said:
-                        self._candidates.forget()
-                        said = self._candidates.said
-                    is_clean = is_bytes
+                place = stop
         except CODEC_ERRORS:
             pass
-        if run >= 0:
-            self._collect_run(run, place)
-        elif place != first:
+        if place != stream.position or self._given:
+            self._good_since = True
             stream.position = place
-            if said or (inside is not None and inside.places):
+            if self._inside is not None and self._inside.places:
                 self._moved()
-        return False
+        return wanting
 
-    def _run_end(self, place: int, is_noise: bool) -> int:
-        """Up to where noise that begins at `place` is one run, if it may be passed over here; else 0.
+    def _measured(self, info: FrameInfo, left: Left, place: int) -> int:
+        """How long the only frame left at `place` is if it is good; `LOST` as well where that is not sure."""
+        buffer, end, names = self.stream.buffer, len(self.stream.buffer), self._names
+        if self._candidates.said:
+            seen = self._candidates.seen(info)
+            return self._lost if seen is None else info.measure(buffer, place, end, names, seen)
+        size = left.size_at(buffer, place, end)
+        if size is None:
+            return info.extent(buffer, place, end, names)
+        return size if place + size <= end else end - place - size
 
-        `is_noise`: nothing begins with the byte there.
-        """
-        stream, noise, mode = self.stream, self._noise, self._rules.resync
-        is_skipped = stream.base + place < self._bad_until
-        if mode == "never" or stream.silences or (noise.data and noise.skipped is not is_skipped):
-            return 0
-        if not is_noise and (mode != "next_start" or self._rules.symbols is not None):
-            return 0
-        end = place + LONGEST - len(noise.data)
-        return min(end, self._bad_until - stream.base) if is_skipped else end
+    def _read_one(self, info: FrameInfo, left: Left, raw: bytes, found: list[Arrival]) -> bool:
+        """Reads a whole frame at the present place; false if it is bad, or only `_look` can tell what it is."""
+        try:
+            fields = info.decode(raw, self._names)
+        except FrameError:
+            return False
+        if info.guesses and "unknown" in fields[info.inner or ""]:
+            return False
+        if self._inside is not None and not (left.sure and self._inside.is_none_in(info.name, raw)):
+            return False
+        noise = self._noise_before()
+        found.append(noise or self._arrived(info, fields, raw))
+        if noise is None and self._all is not None:
+            self._use()
+        return True
 
-    def _bad_run(self, info: FrameInfo | None, raw: bytes, found: list[Arrival], is_all: bool) -> int:
-        """Tells of a bad frame at the present place, and up to where what is left of it is one run of noise.
+    def _pass_noise(self, frames: ExpectedFrames, is_start: bool) -> bool:
+        """Passes over noise here and behind, as far as fixed bytes surely tell that it is, or is left of a bad frame.
 
-        0: something else comes first.
+        `is_start`: nothing begins with the byte here. False: only `_pass_over` may pass over it.
         """
         stream, noise, rules = self.stream, self._noise, self._rules
-        is_plain = rules.resync == "next_start" and rules.symbols is None and not stream.silences
-        if info is None or not is_plain or noise.is_long:
-            return 0
-        if noise.data:
-            found.append(noise.take())
-            if not is_all:
-                return 0
+        buffer, total, first = stream.buffer, len(stream.buffer), stream.position
+        untold, symbol = self._bad_until - stream.base, rules.symbols
+        is_plain, is_skipped = rules.resync == "next_start" and symbol is None, first < untold
+        if not (is_start or is_plain) or buffer[first] == symbol or rules.resync == "never" or stream.silences:
+            return False
+        if noise.data and (noise.skipped is not is_skipped or noise.is_long):
+            return False
+        starting, stops = frames.starting, frames.stops
+        place, end = first + 1, min(total, first + LONGEST - len(noise.data), untold if is_skipped else total)
+        while place < end:
+            if stops is not None:
+                match = stops.search(buffer, place, end)
+                if match is None:
+                    place = end
+                    break
+                place = match.start()
+            start = starting[buffer[place]] or frames.start(buffer[place])
+            if not start.is_noise:
+                if not is_plain or place + start.enough > total:
+                    break
+                left = start.left[buffer[place + start.at]]
+                row = left.rows[buffer[place + left.at]] if left.is_told else None
+                if row is None or left.alone is None:
+                    break
+                size, counted, _ = row
+                if size:
+                    size += buffer[place + counted] if counted else 0
+                    intact = left.alone.intact
+                    if not is_skipped or intact is None or size > left.most or place + size > total:
+                        break
+                    if intact(buffer[place : place + size]):
+                        break
+            elif buffer[place] == symbol:
+                break
+            place += 1
+        self._collect(place - first, is_skipped)
+        return True
+
+    def _tell_bad(self, info: FrameInfo, raw: bytes, found: list[Arrival]) -> bool:
+        """Tells of a frame at the present place with a wrong check code; false: something else comes first."""
+        rules = self._rules
+        if rules.resync != "next_start" or rules.symbols is not None or self.stream.silences or self._noise.is_long:
+            return False
+        noise = self._noise_before()
+        if noise is not None:
+            found.append(noise)
+            return False
         bad = self._candidates.intact_fault(info, raw)
         self._begin_bad(bad, len(raw))
         found.append(bad)
-        return self._run_end(stream.position, False)
+        return True
 
-    def _collect_run(self, start: int, end: int) -> None:
-        """What stands between the two is noise."""
-        stream = self.stream
-        self._noise.collect(stream, start, end, stream.base + start < self._bad_until)
-        stream.position = end
-        if self._candidates.said or (self._inside is not None and self._inside.places):
-            self._moved()
-
-    def _is_begun(self, start: Start, left: Left, size: int, is_told: bool) -> bool:
-        """Whether the frame that has begun here, as measuring says by `size`, wants more before anything else.
-
-        `is_told`: bytes at fixed places tell its size, so that nothing has to be remembered of what was measured.
-        """
+    def _is_begun(self, start: Start, left: Left, size: int) -> bool:
+        """Whether the frame that has begun here, as measuring says by `size`, wants more before anything else."""
         stream, info = self.stream, left.alone
         if info is None or size <= self._quiet or stream.silences or self._noise.is_long or self._now != stream.last:
             return False
+        place, end, inside = stream.position, len(stream.buffer), self._inside
+        is_told = left.is_told and (place + left.enough > end or left.rows[stream.buffer[place + left.at]] is not None)
         if not left.sure:
             left = start.wanted
             if not (left.compare() if left.alike is None else left.alike):
                 return False
-        place, end, inside = stream.position, len(stream.buffer), self._inside
         if (
             inside is not None
             and not inside.holders.isdisjoint(left.names)
@@ -496,7 +515,7 @@ class Receiver:
             size = info.measure(stream.buffer, place, end, self._names, 0)
             if size >= 0 or size <= self._quiet:
                 return False
-        if not is_told or len(left.infos) > 1:
+        if len(left.infos) > 1 or (not is_told and end - place > MEASURED_AGAIN):
             for one in left.infos:
                 self._candidates.wants_more(one, end - place)
         self._needs_silence = False
@@ -676,7 +695,7 @@ class Receiver:
         for infos in levels:
             good, bad, wanting = self._candidates.validate(infos, limit, silent, self._inside, is_told)
             if good is not None:
-                return self._noise_before() or self._arrived(good)
+                return self._noise_before() or self._arrived(good.info, good.fields, good.raw, good.refusal)
             if wanting and not is_cut:
                 self._wait((*wanting, *silent))
                 return None
@@ -702,20 +721,21 @@ class Receiver:
         for info in silent:
             result = self._candidates.at_silence(info, stop)
             if isinstance(result, Good):
-                return self._noise_before() or self._arrived(result)
+                return self._noise_before() or self._arrived(result.info, result.fields, result.raw, result.refusal)
             if isinstance(result, Bad):
                 worst = result if worst is None else worse(worst, result)
         return self._unusable() if worst is None else self._bad(worst)
 
     # ---- good frames --------------------------------------------------------------------------------------
 
-    def _arrived(self, good: Good) -> FrameArrived:
-        info = good.info
-        self._given = self._without_shared(len(good.raw))
+    def _arrived(self, info: FrameInfo, fields: dict[str, Any], raw: bytes, refusal: int | None = None) -> FrameArrived:
+        """A good frame at the present place, or one to be refused, is handed over."""
+        self._given = self._without_shared(len(raw))
         self._good_since = True
         self._declined.append(info.name)
-        arrived = self._arrival(info, good.fields, good.raw, self.stream.position)
-        arrived.value = info.make(good.fields, good.raw, good.refusal)
+        arrived = self._arrival(info, fields, raw, self.stream.position)
+        if refusal is not None or self._all is None:
+            arrived.value = info.make(fields, raw, refusal)
         return arrived
 
     def _arrival(self, info: FrameInfo, fields: dict[str, Any], raw: bytes, place: int) -> FrameArrived:
@@ -786,18 +806,19 @@ class Receiver:
         return bad
 
     def _begin_bad(self, bad: BadFrame, size: int) -> None:
-        """A bad frame at the present place is told."""
-        start = self.stream.base + self.stream.position
-        self._bad_end = start + size
-        self._bad_until = start + self._bad_reach(size, bad.started_at)
-
-    def _bad_reach(self, size: int, came: int) -> int:
-        """How far behind the start of a bad frame that is told none is told anew: to its end, or further in a crowd."""
-        busy = max(self._bad_busy - (MADE_GOOD * BAD_TIME if self._good_since else 0), came) + BAD_TIME
-        most = came + MOST_BAD * BAD_TIME
+        """A bad frame at the present place is told; none that begins before its end is told anew, or further in a
+        crowd.
+        """
+        start, came = self.stream.base + self.stream.position, bad.started_at
+        busy = self._bad_busy - MADE_GOOD * BAD_TIME if self._good_since else self._bad_busy
+        busy, most = (came if came > busy else busy) + BAD_TIME, came + MOST_BAD * BAD_TIME
         self._good_since = False
-        self._bad_busy = min(busy, most)
-        return max(size, BAD_APART) if busy > most and self._rules.resync in GOES_ON else size
+        self._bad_end = self._bad_until = start + size
+        self._bad_busy = busy
+        if busy > most:
+            self._bad_busy = most
+            if self._rules.resync in GOES_ON:
+                self._bad_until = start + max(size, BAD_APART)
 
     def _break_off(self) -> None:
         self.broken = True
