@@ -8,7 +8,7 @@ one. What it said is remembered, so that it is measured again only when the byte
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from functools import partial
 from typing import Any
 
@@ -371,30 +371,25 @@ class Left:
         self.ends: Ends | None = None
         self.alike: bool | None = None
 
-    def size_at(self, buffer: bytes | bytearray, place: int, end: int) -> int | None:
-        """How long a good frame at `place` is, if bytes before `end` surely tell it."""
-        row = self.rows[buffer[place + self.at]] if self.is_told and place + self.enough <= end else None
-        if row is None:
-            return None
-        size, counted, _ = row
-        size += buffer[place + counted] if counted else 0
-        return size if size <= self.most else None
-
-    def row(self, place: int, byte: int, holders: Collection[str], marks: re.Pattern[bytes] | None) -> FrameRow | None:
-        """How the only frame is read where `byte` stands at `place`; None if none begins, or more has to be compared.
+    def frame_rows(
+        self, place: int, values: Iterable[int], holders: Collection[str], marks: re.Pattern[bytes] | None
+    ) -> dict[int, FrameRow]:
+        """How the only frame is read, by the byte at `place`; without those where none begins, or more is compared.
 
         `holders` are frames that others may stand in, and `marks` what these begin with, if that is known.
         """
         info = self.alone
         if info is None or (holders and not self.sure) or (info.name in holders and marks is None):
-            return None
-        quick = self.rows[byte] if info.flat or self.at == place else None
-        size, counted, read = quick or (0, 0, None)
-        if quick is not None and not size:
-            return None
-        inner = info.inner if info.guesses and read is None else None
-        doubt = _doubt(inner, marks if info.name in holders else None)
-        return size, counted, read or info.decode, info, doubt, self.most if self.is_told else 0
+            return {}
+        within = marks if info.name in holders else None
+        unread, plain = _doubt(info.inner if info.guesses else None, within), _doubt(None, within)
+        most, is_quick, found = self.most if self.is_told else 0, info.flat or self.at == place, {}
+        for byte in values:
+            quick = self.rows[byte] if is_quick else None
+            size, counted, read = quick or (0, 0, None)
+            if quick is None or size:
+                found[byte] = size, counted, read or info.decode, info, unread if read is None else plain, most
+        return found
 
     def compare(self) -> bool:
         """Whether all are measured alike, so that they have the same end."""
@@ -438,8 +433,14 @@ class Start:
         self.wanted = wanted
         self.left = [left.get(byte, others) for byte in range(256)]
         self.told_by = at or others.at
-        self.rows = [one.row(self.told_by, byte, holders, marks) for byte, one in enumerate(self.left)]
-        self.enough = max(self.told_by, at, *(row[1] for row in self.rows if row is not None), 0) + 1
+        rows = others.frame_rows(self.told_by, range(256), holders, marks)
+        self.rows: list[FrameRow | None] = [None] * 256
+        for byte, one in left.items():
+            rows.pop(byte, None)
+            rows |= one.frame_rows(self.told_by, (byte,), holders, marks)
+        for byte, row in rows.items():
+            self.rows[byte] = row
+        self.enough = max([self.told_by, at, *[row[1] for row in rows.values()]]) + 1
 
 
 class ExpectedFrames:

@@ -305,28 +305,36 @@ class Receiver:
         """
         stream, candidates = self.stream, self._candidates
         buffer, end, size = stream.buffer, len(stream.buffer), 0
+        is_bytes = type(buffer) is bytes
+        looked_at = (stream.position if self._noise.data else -1) if is_bytes else end
         try:
-            while is_all or not found:
-                if type(buffer) is bytes and (size or not candidates.said):
-                    size = self._read_frames(frames, buffer, size, found, is_all)
-                place = stream.position
-                if place >= end or (found and not is_all):
-                    return False
+            while (place := stream.position) < end and (is_all or not found):
                 start = frames.starting[buffer[place]] or frames.start(buffer[place])
+                is_next = place > looked_at and (size > 0 or not (size or candidates.said))
+                if is_next and place + start.enough <= end and start.rows[buffer[place + start.told_by]] is not None:
+                    size = self._read_frames(frames, buffer, end, size, found, is_all)
+                    looked_at = stream.position
+                    if looked_at > place or (found and not is_all):
+                        continue
                 if place + start.at >= end:
                     return False
                 left = start.left[buffer[place + start.at]]
                 info = left.alone
                 if info is None and left.infos and not self._noise.data:
                     info, size = self._shortest(left, place)
-                elif info is not None and not size:
-                    size = self._measured(info, left, place)
-                    if size > 0 and candidates.said:
+                elif info is not None and not size and candidates.said:
+                    seen = candidates.seen(info)
+                    if seen is None:
+                        return False
+                    size = info.measure(buffer, place, end, self._names, seen)
+                    if size > 0:
                         self._moved()
                         continue
+                elif info is not None and not size:
+                    size = self._measured(info, left, buffer, place, end)
                 is_new = stream.base + place >= self._bad_until
                 if size < 0 and (is_new or size != self._lost):
-                    return self._is_begun(start, left, size)
+                    return size > self._quiet and self._is_begun(start, left, size)
                 is_noise = start.is_noise or (left.is_told and not size)
                 if info is not None and size > 0:
                     raw = bytes(buffer[place : place + size])
@@ -339,25 +347,28 @@ class Receiver:
                         continue
                     elif is_new:
                         return False
-                if not (is_noise and self._pass_noise(frames, start.is_noise)):
+                intact = self._pass_noise(frames, end, start.is_noise) if is_noise else None
+                if intact is None:
                     self._pass_over(frames, found)
                     if place == stream.position:
                         break
                 size = 0
+                if is_bytes and not intact:
+                    looked_at = stream.position
         except CODEC_ERRORS:
             pass
         return False
 
     def _read_frames(
-        self, frames: ExpectedFrames, buffer: bytes, known: int, found: list[Arrival], is_all: bool
+        self, frames: ExpectedFrames, buffer: Any, end: int, known: int, found: list[Arrival], is_all: bool
     ) -> int:
         """Reads good frames in a row, up to where bytes at fixed places do not tell which frame begins there.
 
-        `known`: the size of the first, if it has been measured. Gives a size below 0 where a frame surely wants more,
-        else 0.
+        `buffer`: bytes, up to `end`. `known`: the size of the first, if it has been measured. Gives a size below 0
+        where a frame surely wants more, else 0.
         """
         stream, names, noise, starting = self.stream, self._names, self._noise.data, frames.starting
-        place, end, offset = stream.position, len(buffer), stream.base + stream.removed
+        place, offset = stream.position, stream.base + stream.removed
         came, newest = (stream.last, stream.last), stream.ends[-2] - stream.base if len(stream.ends) > 1 else 0
         wanting, quiet = 0, self._quiet
         try:
@@ -409,16 +420,14 @@ class Receiver:
                 self._moved()
         return wanting
 
-    def _measured(self, info: FrameInfo, left: Left, place: int) -> int:
-        """How long the only frame left at `place` is if it is good; `LOST` as well where that is not sure."""
-        buffer, end, names = self.stream.buffer, len(self.stream.buffer), self._names
-        if self._candidates.said:
-            seen = self._candidates.seen(info)
-            return self._lost if seen is None else info.measure(buffer, place, end, names, seen)
-        size = left.size_at(buffer, place, end)
-        if size is None:
-            return info.extent(buffer, place, end, names)
-        return size if place + size <= end else end - place - size
+    def _measured(self, info: FrameInfo, left: Left, buffer: bytes | bytearray, place: int, end: int) -> int:
+        """How long the only frame left at `place` is if it is good, of which nothing was said before."""
+        row = left.rows[buffer[place + left.at]] if left.is_told and place + left.enough <= end else None
+        if row is not None:
+            size = row[0] + (buffer[place + row[1]] if row[1] else 0)
+            if size <= left.most:
+                return size if place + size <= end else end - place - size
+        return info.extent(buffer, place, end, self._names)
 
     def _read_one(self, info: FrameInfo, left: Left, raw: bytes, found: list[Arrival]) -> bool:
         """Reads a whole frame at the present place; false if it is bad, or only `_look` can tell what it is."""
@@ -436,21 +445,23 @@ class Receiver:
             self._use()
         return True
 
-    def _pass_noise(self, frames: ExpectedFrames, is_start: bool) -> bool:
+    def _pass_noise(self, frames: ExpectedFrames, total: int, is_start: bool) -> bool | None:
         """Passes over noise here and behind, as far as fixed bytes surely tell that it is, or is left of a bad frame.
 
-        `is_start`: nothing begins with the byte here. False: only `_pass_over` may pass over it.
+        `is_start`: nothing begins with the byte here. None: only `_pass_over` may pass over it; else whether it has
+        come to a frame whose check code is right.
         """
         stream, noise, rules = self.stream, self._noise, self._rules
-        buffer, total, first = stream.buffer, len(stream.buffer), stream.position
+        buffer, first = stream.buffer, stream.position
+        held = len(noise.data)
         untold, symbol = self._bad_until - stream.base, rules.symbols
         is_plain, is_skipped = rules.resync == "next_start" and symbol is None, first < untold
         if not (is_start or is_plain) or buffer[first] == symbol or rules.resync == "never" or stream.silences:
-            return False
-        if noise.data and (noise.skipped is not is_skipped or noise.is_long):
-            return False
-        starting, stops = frames.starting, frames.stops
-        place, end = first + 1, min(total, first + LONGEST - len(noise.data), untold if is_skipped else total)
+            return None
+        if held and (noise.skipped is not is_skipped or held >= LONGEST):
+            return None
+        starting, stops, is_intact = frames.starting, frames.stops, False
+        place, end = first + 1, min(total, first + LONGEST - held, untold if is_skipped else total)
         while place < end:
             if stops is not None:
                 match = stops.search(buffer, place, end)
@@ -472,13 +483,14 @@ class Receiver:
                     intact = left.alone.intact
                     if not is_skipped or intact is None or size > left.most or place + size > total:
                         break
-                    if intact(buffer[place : place + size]):
+                    is_intact = intact(buffer[place : place + size])
+                    if is_intact:
                         break
             elif buffer[place] == symbol:
                 break
             place += 1
         self._collect(place - first, is_skipped)
-        return True
+        return is_intact
 
     def _tell_bad(self, info: FrameInfo, raw: bytes, found: list[Arrival]) -> bool:
         """Tells of a frame at the present place with a wrong check code; false: something else comes first."""
@@ -497,7 +509,7 @@ class Receiver:
     def _is_begun(self, start: Start, left: Left, size: int) -> bool:
         """Whether the frame that has begun here, as measuring says by `size`, wants more before anything else."""
         stream, info = self.stream, left.alone
-        if info is None or size <= self._quiet or stream.silences or self._noise.is_long or self._now != stream.last:
+        if info is None or stream.silences or self._noise.is_long or self._now != stream.last:
             return False
         place, end, inside = stream.position, len(stream.buffer), self._inside
         is_told = left.is_told and (place + left.enough > end or left.rows[stream.buffer[place + left.at]] is not None)
