@@ -12,7 +12,15 @@ SNP = (
     Link("snp", "master", "slave", station="A", address="%R1", format="8O1", me=""),
     Link("snp-x", "master", "slave", station=b"A".ljust(8, b"\0"), address="%R1", format="8O1", me=bytes(8)),
 )
-ALL = (*LINKS, *SNP)
+PLCS = (
+    *(
+        Link(name, format=None, station=None, address="D100")
+        for name in ("melsec-mc-3e", "melsec-mc-3e-ascii", "melsec-mc-4e")
+    ),
+    Link("fins-tcp", format=None, station=0, address="D100"),
+    Link("host-link", address="D100", format="7E2"),
+)
+ALL = (*LINKS, *SNP, *PLCS)
 LATER = 900 * MS
 """After less time than this clients usually ask again."""
 
