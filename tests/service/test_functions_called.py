@@ -23,9 +23,9 @@ from framekit.transport.clock import AsyncioClock
 from framekit.transport.port import Port, PortEvents
 from framekit.transport.schemes import SCHEMES, Scheme
 
-MOST_FOR_A_REQUEST = 66
-MOST_FOR_A_READ = 88
-MOST_FOR_A_BLOCK = 161
+MOST_FOR_A_REQUEST = 67
+MOST_FOR_A_READ = 89
+MOST_FOR_A_BLOCK = 162
 """What holds now, of the exchange with the fewest: clocks call something now and then. The goal for a block is 120."""
 
 READ_10 = bytes.fromhex("0001 0000 0006 01 03 0000 000A")
@@ -210,9 +210,9 @@ def test_an_exchange_of_a_read_block_that_is_shown_to_a_monitor(
 
 
 CALLS_OF_A_READ = {
-    "mldp": (("%MW100", 1, "client", None), 97, 90),
-    "srtp": (("%R1", None, "client", None), 117, 120),
-    "df1": (("N7:0", 1, "full", 0), 215, 246),
+    "mldp": (("%MW100", 1, "client", None), 104, 97),
+    "srtp": (("%R1", None, "client", None), 118, 124),
+    "df1": (("N7:0", 1, "full", 0), 217, 252),
 }
 """What holds now: place, station, role and own station; functions of the client and of the server for ten words."""
 
