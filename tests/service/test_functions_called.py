@@ -211,7 +211,7 @@ def test_an_exchange_of_a_read_block_that_is_shown_to_a_monitor(
 
 CALLS_OF_A_READ = {
     "mldp": (("%MW100", 1, "client", None), 104, 97),
-    "srtp": (("%R1", None, "client", None), 118, 124),
+    "srtp": (("%R1", None, "client", None), 118, 127),
     "df1": (("N7:0", 1, "full", 0), 217, 252),
 }
 """What holds now: place, station, role and own station; functions of the client and of the server for ten words."""
