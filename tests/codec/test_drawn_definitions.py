@@ -993,7 +993,8 @@ def firsts(usual: int) -> range:
 
 
 @pytest.mark.xfail(
-    reason="known faults of constructs that came last, such as seed 635: two compilers differ", strict=False
+    reason="check takes a text that ends before a byte which need not come (seed 96); most pieces hold such a fault",
+    strict=False,
 )
 @pytest.mark.long
 @pytest.mark.parametrize("first", firsts(3000))

@@ -107,7 +107,7 @@ class SegmentConstruct(Construct):
         place = reading.place(stream, self.label, self.segment.refuse)
         if not self._is_there(reading, context, place):
             reading.leave_out(context, names_of((self.segment,)))
-            reading.mark_absent(named_segments((self.segment,)), context)
+            reading.mark_absent(named_segments((self.segment,)), context, stream)
             self.read_absent(context, place)
             return
         with reading.marked(self.segment.name, stream, context, path):
@@ -124,7 +124,7 @@ class SegmentConstruct(Construct):
     def _build(self, obj: Any, stream: BytesIO, context: Container, path: str) -> Any:
         filling: Filling = obj
         if not self.holds(filling):
-            context._state.mark_absent(named_segments((self.segment,)), context)
+            context._state.mark_absent(named_segments((self.segment,)), context, stream)
             return obj
         with context._state.marked(self.segment.name, stream, context, path):
             self.write(filling, stream, context, f"{path} -> {self.label}")

@@ -378,10 +378,10 @@ class OptionalConstruct(SegmentConstruct):
             self.segments._parse(stream, context, path)
         else:
             reading.leave_out(context, self.names)
-            reading.mark_absent(named_segments(self.segment.of), context)
+            reading.mark_absent(named_segments(self.segment.of), context, stream)
 
     def write(self, filling: Filling, stream: BytesIO, context: Container, path: str) -> None:
         if self.is_wanted(filling):
             self.segments._build(filling, stream, context, path)
         else:
-            context._state.mark_absent(named_segments(self.segment.of), context)
+            context._state.mark_absent(named_segments(self.segment.of), context, stream)

@@ -88,11 +88,11 @@ class State:
         if name is not None:
             context._marks[name] = Mark(first, len(self.leaves), stream_tell(stream, path) - start, start)
 
-    def mark_absent(self, segments: Iterable[Segment], context: Container) -> None:
+    def mark_absent(self, segments: Iterable[Segment], context: Container, stream: BytesIO) -> None:
         """Notes where segments would stand that are not there: ranges may begin and end with them."""
         for segment in segments:
             if segment.name is not None:
-                context._marks[segment.name] = Mark(len(self.leaves), len(self.leaves), 0)
+                context._marks[segment.name] = Mark(len(self.leaves), len(self.leaves), 0, stream.tell())
 
 
 def scopes(context: Container) -> Iterator[Container]:
