@@ -16,7 +16,7 @@ from framekit.definition.vectors import Conversation, Vectors, check_vectors, re
 from framekit.link.addresses import AddressError, AddressGrammar
 from framekit.link.conversation import SideUnderTest, Starter, run_conversation, run_frame_vector
 from framekit.link.engine import Engine
-from framekit.link.exchange import Ask
+from framekit.link.events import Ask
 from framekit.link.frame_table import ProtocolCodec
 from framekit.link.services.client import Client
 from framekit.link.services.server import MemoryServer

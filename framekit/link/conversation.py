@@ -16,8 +16,21 @@ from framekit.definition.vectors import Conversation, FrameVector, ScriptLine, r
 from framekit.link.arrivals import Arrival, BadFrame, FrameArrived
 from framekit.link.engine import Engine
 from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
-from framekit.link.events import Break, CharacterFault, Command, LineFault, Monitor, Reopen, Seen, Send
-from framekit.link.exchange import Ask, Exchange, MemoryAccess, Outcome, RequestHandler
+from framekit.link.events import (
+    Ask,
+    Break,
+    CharacterFault,
+    Command,
+    Exchange,
+    LineFault,
+    MemoryAccess,
+    Monitor,
+    Outcome,
+    Reopen,
+    RequestHandler,
+    Seen,
+    Send,
+)
 from framekit.link.frame_table import ProtocolCodec, table_of
 from framekit.link.receiver import Receiver
 from framekit.link.scope import Scope

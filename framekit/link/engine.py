@@ -18,8 +18,18 @@ from framekit.codec.shown import explain
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER, LineFormat, parse_format
 from framekit.link.evaluate import Names
-from framekit.link.events import CharacterFault, Command, LinkCounters, Monitor, Send
-from framekit.link.exchange import Ask, Exchange, MemoryAccess, Outcome, RequestHandler
+from framekit.link.events import (
+    Ask,
+    CharacterFault,
+    Command,
+    Exchange,
+    LinkCounters,
+    MemoryAccess,
+    Monitor,
+    Outcome,
+    RequestHandler,
+    Send,
+)
 from framekit.link.frame_table import ProtocolCodec
 from framekit.link.lanes import Lanes, Shutdown
 from framekit.link.output import Output

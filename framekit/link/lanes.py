@@ -11,8 +11,7 @@ from typing import Any
 
 from framekit.definition.model.procedure import Lane
 from framekit.definition.times import NEVER
-from framekit.link.events import Reopen
-from framekit.link.exchange import Exchange, Outcome
+from framekit.link.events import Exchange, Outcome, Reopen
 from framekit.link.late import MOST_HOLDS
 from framekit.link.output import Output
 from framekit.link.sequences.runtime import Machine

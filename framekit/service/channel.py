@@ -14,8 +14,7 @@ from framekit.codec.codec import Codec, compile_protocol
 from framekit.definition.model import protocol as model
 from framekit.link.arrivals import BadFrame
 from framekit.link.engine import Engine
-from framekit.link.events import Monitor, Seen
-from framekit.link.exchange import Asked, RequestHandler
+from framekit.link.events import Asked, Monitor, RequestHandler, Seen
 from framekit.link.services.client import Client
 from framekit.link.services.server import MemoryServer, ServiceCounters
 from framekit.link.values import FrameValue

@@ -14,8 +14,7 @@ from framekit.codec.codec import compile_protocol
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import LineFormat
 from framekit.link.engine import Engine
-from framekit.link.events import Monitor
-from framekit.link.exchange import Asked
+from framekit.link.events import Asked, Monitor
 from framekit.link.services.client import Client, Done, Transfer, TransferResult
 from framekit.link.services.server import MemoryServer
 from framekit.link.values import FrameValue

@@ -18,8 +18,7 @@ from framekit.codec.codec import Codec, compile_protocol
 from framekit.definition.problems import DefinitionError, Problem
 from framekit.definition.times import MOST_STATIONS, NEVER, LineFormat
 from framekit.link.engine import Engine
-from framekit.link.events import LinkCounters, Monitor, Seen
-from framekit.link.exchange import RequestHandler
+from framekit.link.events import LinkCounters, Monitor, RequestHandler, Seen
 from framekit.link.frame_faults import FrameFaults
 from framekit.link.scope import DeviceState, Scope
 from framekit.link.services.server import MemoryServer, ServiceCounters

@@ -14,8 +14,18 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER, LineFormat
 from framekit.link.arrivals import Arrival, BadFrame, FrameArrived
 from framekit.link.engine import Engine
-from framekit.link.events import Break, CharacterFault, Command, LineFault, Seen, Send, SetRts
-from framekit.link.exchange import Exchange, Outcome, Served
+from framekit.link.events import (
+    Break,
+    CharacterFault,
+    Command,
+    Exchange,
+    LineFault,
+    Outcome,
+    Seen,
+    Send,
+    Served,
+    SetRts,
+)
 from framekit.link.receiver import Receiver
 from framekit.link.scope import Scope
 from framekit.link.values import FrameValue

@@ -13,8 +13,7 @@ from framekit.codec.errors import FrameError
 from framekit.definition.load import load_protocol, load_protocol_text
 from framekit.definition.model.protocol import Protocol
 from framekit.link.evaluate import Names
-from framekit.link.events import Command
-from framekit.link.exchange import Exchange, Outcome, Served
+from framekit.link.events import Command, Exchange, Outcome, Served
 from framekit.link.frame_table import FrameTable
 from framekit.link.scope import Scope, with_date
 from framekit.link.services.client import Client, TransferResult

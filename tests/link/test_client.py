@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from link.service_loop import Loop
 
 from framekit.link.addresses import AddressError
-from framekit.link.exchange import Asked, Outcome
+from framekit.link.events import Asked, Outcome
 from framekit.link.packing import PackingError
 from framekit.link.services.client import ServiceError
 from framekit.link.values import FrameValue

@@ -86,7 +86,7 @@ def test_the_time_limit_starts_when_the_last_bit_has_left() -> None:
 
 
 def _exchange(side: Side) -> Any:
-    from framekit.link.exchange import Exchange
+    from framekit.link.events import Exchange
 
     return Exchange(request=get(), expected=("got",), on_done=side.outcomes.append)
 

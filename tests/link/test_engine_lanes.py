@@ -8,8 +8,7 @@ from typing import Any
 from link.link_world import MS, SECOND, Echoing, Side, compiled, connect
 
 from framekit.definition.times import NEVER
-from framekit.link.events import Send
-from framekit.link.exchange import Exchange, Outcome
+from framekit.link.events import Exchange, Outcome, Send
 from framekit.link.values import FrameValue
 
 # ---- two lanes on one line: messages with acknowledgements, commands and replies matched by their number ------------

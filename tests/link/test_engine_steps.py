@@ -721,7 +721,7 @@ main:
 def test_nothing_is_shown_to_nobody() -> None:
     protocol_, codec = compiled(protocol(WORDS))
     from framekit.link.engine import Engine
-    from framekit.link.exchange import Exchange
+    from framekit.link.events import Exchange
 
     engine = Engine(protocol_, codec, "client")
     engine.opened(0)

@@ -13,8 +13,7 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import DefinitionError
 from framekit.definition.times import parse_format
 from framekit.link.engine import Engine
-from framekit.link.events import Break, Command, Seen, Send
-from framekit.link.exchange import Exchange
+from framekit.link.events import Break, Command, Exchange, Seen, Send
 from framekit.link.services.client import Client, TransferResult
 from framekit.link.services.server import MemoryServer
 from framekit.link.values import FrameValue

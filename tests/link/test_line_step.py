@@ -16,8 +16,7 @@ from transport.real_world import run as in_real_time
 from framekit.definition.problems import DefinitionError
 from framekit.definition.times import parse_format
 from framekit.link.engine import Engine
-from framekit.link.events import Seen
-from framekit.link.exchange import Exchange, Outcome
+from framekit.link.events import Exchange, Outcome, Seen
 from framekit.service.driver import Driver
 from framekit.transport.clock import AsyncioClock, Clock, VirtualClock
 from framekit.transport.port import Port

@@ -18,7 +18,7 @@ from framekit.definition.load import load_protocol
 from framekit.link.conversation import default_line
 from framekit.link.engine import Engine
 from framekit.link.evaluate import Names
-from framekit.link.exchange import Exchange
+from framekit.link.events import Exchange
 from framekit.link.receiver import Receiver
 from framekit.link.scope import Scope
 from framekit.link.services.server import MemoryServer

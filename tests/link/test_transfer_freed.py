@@ -7,8 +7,7 @@ import weakref
 from types import SimpleNamespace
 from typing import Any
 
-from framekit.link.events import Command
-from framekit.link.exchange import Exchange, Outcome
+from framekit.link.events import Command, Exchange, Outcome
 from framekit.link.services.client import Transfer, TransferResult
 
 

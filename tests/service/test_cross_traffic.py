@@ -22,8 +22,7 @@ from framekit.definition.load import load_protocol
 from framekit.definition.times import parse_format
 from framekit.link.engine import Engine
 from framekit.link.evaluate import Names
-from framekit.link.events import Command
-from framekit.link.exchange import Served
+from framekit.link.events import Command, Served
 from framekit.link.services.client import Client, TransferResult
 from framekit.link.services.server import MemoryServer
 from framekit.link.values import FrameValue

@@ -5,19 +5,15 @@ from __future__ import annotations
 from framekit.codec.kinds.base import SegmentKind, register
 from framekit.codec.kinds.bits import BitsKind
 from framekit.codec.kinds.check import CheckKind
-from framekit.codec.kinds.choose import ChooseKind
-from framekit.codec.kinds.const import ConstKind
+from framekit.codec.kinds.choose import ChooseKind, OptionalKind
+from framekit.codec.kinds.const import ConstKind, FillKind, SkipKind
 from framekit.codec.kinds.counted import CountKind, LengthKind
 from framekit.codec.kinds.data import DataKind
 from framekit.codec.kinds.field import FieldKind
-from framekit.codec.kinds.inner import InnerKind
-from framekit.codec.kinds.nested import NestedKind
-from framekit.codec.kinds.optional import OptionalKind
+from framekit.codec.kinds.inner import InnerKind, NestedKind
 from framekit.codec.kinds.record import RecordKind
 from framekit.codec.kinds.repeat import ItemEndKind, RepeatKind
-from framekit.codec.kinds.require import RequireKind
-from framekit.codec.kinds.skip import FillKind, SkipKind
-from framekit.codec.kinds.value import ValueKind
+from framekit.codec.kinds.value import RequireKind, ValueKind
 from framekit.codec.kinds.wrap import WrapKind
 
 __all__ = ["SegmentKind", "register"]

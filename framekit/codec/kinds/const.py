@@ -1,4 +1,4 @@
-"""`const` and `text`: bytes that are always there."""
+"""`const` and `text`: bytes that are always there; `skip`: bytes without meaning; what fills a frame up to its size."""
 
 from __future__ import annotations
 
@@ -6,9 +6,14 @@ from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import EncodeWriter, PackArgument
 from framekit.codec.python.expressions import Scope
-from framekit.codec.python.source import bytes_literal, literal
+from framekit.codec.python.function import Offset
+from framekit.codec.python.measure import Finished, MeasureWriter, Pairs
+from framekit.codec.python.reader import BufferReader, Item
+from framekit.codec.python.source import bytes_literal, literal, quoted
 from framekit.definition.model.segments import (
     Const,
+    Fill,
+    Skip,
 )
 
 
@@ -27,3 +32,41 @@ class ConstKind(SegmentKind[Const]):
     def describe(self, segment: Const) -> str:
         data = segment.data
         return f"{data.hex(' ').upper()}" if not data.isalnum() else literal(data.decode("latin-1"))
+
+
+class SkipKind(SegmentKind[Skip]):
+    model = Skip
+
+    def struct_order(self, segment: Skip) -> str | None:
+        return ""
+
+    def argument(self, w: EncodeWriter, segment: Skip, scope: Scope, size: int) -> PackArgument:
+        fill = segment.fill
+        if size and not fill.strip(b"\0"):
+            return PackArgument(f"{size}x" if size > 1 else "x", "", "")
+        return PackArgument(f"{size}s", "", bytes_literal((fill * size)[:size]))
+
+    def diagnose(self, d: DiagnosisWriter, segment: Skip, scope: Scope, behind: Behind) -> None:
+        d.out.add(f"n.skip({d.named(segment)}, {segment.size})")
+
+    def describe(self, segment: Skip) -> str:
+        return f"{segment.size} bytes" if segment.size > 1 else "1 byte"
+
+
+class FillKind(SegmentKind[Fill]):
+    model = Fill
+
+    def read(self, r: BufferReader, item: Item, segment: Fill, after: tuple[Item, ...]) -> None:
+        r.take_rest(item, after)
+        r.function.mismatch_if(f"len({r.buffer}) != {segment.total}")
+
+    def diagnose(self, d: DiagnosisWriter, segment: Fill, scope: Scope, behind: Behind) -> None:
+        total = segment.total
+        d.out.add(f'n.skip("fill", n.rest({d.behind(behind)}, "fill"))')
+        d.out.add(f'n.expect("short", "frame", n.end, {quoted(f"{total} bytes")}, lambda n: n.end >= {total})')
+        d.out.add(f'n.expect("surplus", "frame", {total}, "its end", lambda n: n.end <= {total})')
+
+    def measure(self, m: MeasureWriter, segment: Fill, scope: Scope, after: Pairs) -> None:
+        m.place = Offset("start", segment.total)
+        m.return_total()
+        raise Finished

@@ -355,9 +355,7 @@ def _read_values(r: BufferReader, item: Item, repeat: Repeat, of: FieldType, aft
             r.function.mismatch_if(f"{last.text(r.buffer)} > len({r.buffer})")
             r.function.flush()
     r.function.add(f"{local} = {_list_text(r, of, size, first, last, count)}")
-    item.scope.entries[repeat.name] = NameEntry(local, "list", None)
-    r.function.names_of_values[repeat.name] = local
-    item.fields.add(repeat.name, local)
+    r.declare(item, repeat.name, local, "list")
 
 
 def _list_text(r: BufferReader, of: FieldType, size: int, first: Offset, last: Offset, count: str | None) -> str:
@@ -464,9 +462,7 @@ def _read_records(r: BufferReader, item: Item, repeat: Repeat, of: Segments, aft
     function.in_branch -= 1
     function.stands(repeat, r.buffer, first, r.place)
     inside.close()
-    item.scope.entries[repeat.name] = NameEntry(found, "list", inside)
-    function.names_of_values[repeat.name] = found
-    item.fields.add(repeat.name, found)
+    r.declare(item, repeat.name, found, "list", inside)
 
 
 def _words_of_item(

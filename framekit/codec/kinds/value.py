@@ -1,4 +1,4 @@
-"""`value`: a value without bytes."""
+"""`value`, `require`: a value that takes no bytes, and a condition that must hold."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from framekit.codec.python.encode_plan import Lengths, Rules, RuleWriter, Task
 from framekit.codec.python.expressions import NameEntry, Scope
 from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.reader import BufferReader, Item
-from framekit.codec.python.source import text_source
-from framekit.definition.expression import AND, BIT_OR
+from framekit.codec.python.source import quoted, text_source
+from framekit.definition.expression import AND, BIT_OR, COMPARE, Expression
 from framekit.definition.model.segments import (
+    Require,
     Value,
 )
 
@@ -71,3 +72,31 @@ def _work_out(r: BufferReader, item: Item, value: Value) -> None:
     local = r.function.local(value.name, item.scope)
     r.function.add(f"{local} = {r.function.writer(item.scope).value(value.read)}")
     r.declare(item, value.name, local)
+
+
+class RequireKind(SegmentKind[Require]):
+    model = Require
+
+    def read(self, r: BufferReader, item: Item, segment: Require, after: tuple[Item, ...]) -> None:
+        def refuse() -> None:
+            r.function.mismatch_if(r.function.writer(item.scope).negated(segment.condition))
+
+        r.when_known(segment.condition, item.scope, refuse)
+
+    def tasks(self, w: EncodeWriter, segment: Require, scope: Scope, given: Given) -> list[Task]:
+        waits = w.waits(segment.condition, segment.when)
+        return [Task((), waits, lambda _: _demand(w, segment, segment.condition, scope))]
+
+    def diagnose(self, d: DiagnosisWriter, segment: Require, scope: Scope, behind: Behind) -> None:
+        text = d.writer(scope).text(segment.condition)
+        d.out.add(f"n.require({quoted(segment.condition.text)}, lambda n: {text}{d.refuse(segment)})")
+
+    def describe(self, segment: Require) -> str:
+        return f"({segment.condition})"
+
+
+def _demand(w: EncodeWriter, segment: Require, condition: Expression, scope: Scope) -> None:
+    text = w.writer(scope).negated(condition)
+    if segment.when is not None:
+        text = f"{w.text(segment.when, scope, COMPARE)} and {text}"
+    w.complain(text, '"require"', quoted(f"it must hold that {condition}"))

@@ -57,7 +57,6 @@ from framekit.definition.model.segments import (
     Fill,
     Inner,
     Length,
-    Nested,
     Repeat,
     Segment,
     Value,
@@ -574,18 +573,17 @@ class EncodeWriter(FunctionWriter):
         own = {f"{what}{name}" for name in inside for what in ("", "items of ", "bytes of ")}
         return read - own
 
-    def plain_given(self, segment: Inner | Nested | Repeat, scope: Scope, given: Given) -> None:
+    def plain_given(self, segment: Segment, scope: Scope, given: Given) -> None:
         """A local for a value that has to be given."""
-        local, key = self.local(segment.name, given), given.value(segment.name)
-        if segment.when is not None:
-            key = self.wanted(segment.name, given)
+        name = segment.value_names[0]
+        local = self.local(name, given)
         if segment.when is None:
             given.needed += 1
-            self.bind(local, key)
+            self.bind(local, given.value(name))
         else:
-            empty = "()" if isinstance(segment, Repeat) else "None"
+            key, empty = self.wanted(name, given), "()" if segment.is_list else "None"
             self.add(f"{local} = {key} if {self.text(segment.when, scope, OR)} else {empty}")
-        scope.entries[segment.name] = NameEntry(local, "list" if isinstance(segment, Repeat) else "inner", Scope())
+        scope.entries[name] = NameEntry(local, "list" if segment.is_list else "inner", Scope())
 
     # ---- runs ---------------------------------------------------------------------------------------------
 

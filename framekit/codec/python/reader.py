@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 from framekit.codec.checks import residue_of
 from framekit.codec.python import forms
-from framekit.codec.python.expressions import NameEntry, Scope, constant_of, default_text
+from framekit.codec.python.expressions import Kind, NameEntry, Scope, constant_of, default_text
 from framekit.codec.python.facts import Target, comes_with, in_place_of_records, is_followed, is_plain_name, targets_of
 from framekit.codec.python.forms import code_text, is_call
 from framekit.codec.python.function import (
@@ -264,9 +264,12 @@ class BufferReader:
 
     # ---- names and conditions -----------------------------------------------------------------------------
 
-    def declare(self, item: Item, name: str, local: str, *, sized: bool = True, wire: str | None = None) -> None:
+    def declare(
+        self, item: Item, name: str, local: str, kind: Kind = "value", inside: Scope | None = None, *,
+        sized: bool = True, wire: str | None = None,
+    ) -> None:  # fmt: skip
         """The value `name` of a segment is in `local` from now on."""
-        item.scope.entries[name] = NameEntry(local, sized=sized, wire=wire)
+        item.scope.entries[name] = NameEntry(local, kind, inside, sized=sized, wire=wire)
         self.function.names_of_values[name] = local
         item.fields.add(name, local)
 

@@ -1,4 +1,4 @@
-"""`inner`: a frame inside this one."""
+"""`inner`: a frame inside this one; and a layout that stands in itself, which is a frame inside it, too."""
 
 from __future__ import annotations
 
@@ -75,3 +75,34 @@ class Inner(Segment):
     def check(self) -> Iterator[Problem]:
         if not self.frames:
             yield Problem(self.at, f"'{self.name}' can hold no frame", "name a group that has frames")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Nested(Segment):
+    """A record of the layout around it, one level deeper: the fields of the frame `frame`, which ends by itself."""
+
+    name: str
+    layout: str
+    frame: str
+
+    @property
+    def value_names(self) -> tuple[str, ...]:
+        return (self.name,)
+
+    @property
+    def frames_inside(self) -> tuple[str, ...]:
+        return (self.frame,)
+
+    def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
+        return of_frame(self.frame)
+
+    def contents(self, of_frame: Contents) -> frozenset[int]:
+        segments = of_frame(self.frame)
+        return EVERY_BYTE if segments is None else contents_of(segments, of_frame)
+
+    def value_kinds(self) -> Iterator[tuple[str, ValueKind]]:
+        yield self.name, "any"
+
+    @property
+    def wanted_names(self) -> tuple[str, ...]:
+        return (self.name,)

@@ -24,7 +24,7 @@ from framekit.definition.kinds.base import (
     lack_default,
     sizes_of,
 )
-from framekit.definition.kinds.nested import Nested
+from framekit.definition.kinds.inner import Nested
 from framekit.definition.problems import Problem, plural
 from framekit.definition.tree import Mapping, Node, Sequence
 from framekit.definition.wire_types import EVERY_BYTE, SIZE, TEXT_KEYS, FieldType, Size, Sizes, load_type

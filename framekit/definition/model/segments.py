@@ -14,8 +14,7 @@ from framekit.definition.kinds.const import Const, Fill, Skip, TextKeys
 from framekit.definition.kinds.counted import Count, Length
 from framekit.definition.kinds.data import Data
 from framekit.definition.kinds.field import Field, Long
-from framekit.definition.kinds.inner import Inner
-from framekit.definition.kinds.nested import Nested
+from framekit.definition.kinds.inner import Inner, Nested
 from framekit.definition.kinds.repeat import INDEX, ITEM_WORDS, LAST, PREVIOUS, IncludeKeys, ItemEnd, Record, Repeat
 from framekit.definition.kinds.value import Require, Value
 from framekit.definition.kinds.wrap import Wrap

@@ -16,8 +16,18 @@ from framekit.codec.shown import code_text, explain
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER, parse_format
 from framekit.link.evaluate import EVALUATION_ERRORS, Names
-from framekit.link.events import Break, ChangeLine, Monitor, Seen, Send
-from framekit.link.exchange import Ask, Exchange, MemoryAccess, Outcome, RequestHandler
+from framekit.link.events import (
+    Ask,
+    Break,
+    ChangeLine,
+    Exchange,
+    MemoryAccess,
+    Monitor,
+    Outcome,
+    RequestHandler,
+    Seen,
+    Send,
+)
 from framekit.link.frame_table import FrameTable
 from framekit.link.late import LateReplies
 from framekit.link.output import Output

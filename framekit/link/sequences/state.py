@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from framekit.definition.model.procedure import Lane, Session
 from framekit.definition.times import NEVER
 from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_optional
-from framekit.link.exchange import Exchange, Outcome
+from framekit.link.events import Exchange, Outcome
 from framekit.link.scope import Scope
 from framekit.link.values import FrameValue
 

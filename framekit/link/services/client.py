@@ -23,8 +23,7 @@ from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, 
 from framekit.link.addresses import Address
 from framekit.link.construct_values import EACH, read_layout
 from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, bare_name, compile_expression
-from framekit.link.events import Command
-from framekit.link.exchange import Asked, Exchange, Outcome
+from framekit.link.events import Asked, Command, Exchange, Outcome
 from framekit.link.frame_table import ProtocolCodec
 from framekit.link.packing import PackingError, cut_memory, join_memory, memory_of, reader_of
 from framekit.link.scope import Scope

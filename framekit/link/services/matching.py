@@ -29,7 +29,7 @@ from framekit.link.evaluate import (
     inverse_of,
     quotient,
 )
-from framekit.link.exchange import Served
+from framekit.link.events import Served
 from framekit.link.packing import PackingError, memory_of, values_of
 from framekit.link.services.areas import AreaUnit, Codes, DeviceAreas
 from framekit.link.services.rows import RowFacts, padded_names

@@ -22,7 +22,7 @@ from framekit.definition.model.services import After, BlockWork, PlaceOf, ServeW
 from framekit.definition.model.values import LayoutOf, Value
 from framekit.link.construct_values import EACH, Compute, ValueCompiler, compile_value
 from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, bare_name, compile_expression, compile_optional
-from framekit.link.exchange import Served
+from framekit.link.events import Served
 from framekit.link.frame_table import ProtocolCodec
 from framekit.link.packing import memory_of, values_of
 from framekit.link.scope import Scope
