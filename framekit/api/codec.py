@@ -17,8 +17,8 @@ from framekit.codec.errors import EncodeError, FrameError
 from framekit.codec.functions import candidates, fitting, nearest, reason
 from framekit.definition.model import protocol as model
 from framekit.definition.problems import did_you_mean, no_such, plural
-from framekit.link.evaluate import Names
 from framekit.link.scope import Scope
+from framekit.link.values import Names
 
 if TYPE_CHECKING:
     from framekit.codec.codec import Builders

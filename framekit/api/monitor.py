@@ -15,10 +15,10 @@ from framekit.codec.plain import PlainValues
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import plural
 from framekit.definition.times import LineFormat
-from framekit.link.evaluate import EVALUATION_ERRORS
 from framekit.link.events import CharacterFault, Command, Monitor, Seen
 from framekit.link.listener import Listener
 from framekit.link.scope import Scope
+from framekit.link.values import EVALUATION_ERRORS
 from framekit.link.variables import ParameterError
 from framekit.run.block_state import BlockStatus
 from framekit.service.capture import Capture, CaptureDecoder, CaptureReader

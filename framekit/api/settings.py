@@ -19,8 +19,8 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import NOWHERE, Position, no_such
 from framekit.definition.times import LineFormat, parse_time
 from framekit.link.addresses import AddressGrammar as AddressGrammar
-from framekit.link.evaluate import Names as Names
 from framekit.link.scope import Scope
+from framekit.link.values import Names as Names
 from framekit.link.variables import ParameterError, given_value
 from framekit.run.model import Channel
 from framekit.runfile.channels import line_of, needs_own, needs_station, parse_station

@@ -18,7 +18,7 @@ from typing import Any
 from framekit.definition.model.services import AddressForm, Area, Literally, Maybe, Part
 from framekit.definition.model.values import Constant, Table
 from framekit.definition.problems import Problem, did_you_mean
-from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Inverse, Names, compile_expression, inverse_of
+from framekit.link.values import EVALUATION_ERRORS, Evaluate, Inverse, Names, compile_expression, inverse_of
 from framekit.link.variables import table_values
 from framekit.memory.memory import unit_bits
 from framekit.memory.profile import ProfileArea

@@ -16,11 +16,11 @@ from framekit.codec.errors import FrameError
 from framekit.codec.python.choices import fixed_bytes
 from framekit.definition.model.segments import Const
 from framekit.link.arrivals import BadFrame, EitherBad, Fault
-from framekit.link.evaluate import CODEC_ERRORS, Names
 from framekit.link.events import LineFault
 from framekit.link.frame_table import NO_SIZES, NOT_QUICK, Ends, FrameInfo, FrameTable, function_does
 from framekit.link.inside import InsideFinder, rules_and_marks
 from framekit.link.stream import Stream
+from framekit.link.values import CODEC_ERRORS, Names
 
 Trouble = Callable[[str, Exception], None]
 """Told about an expression of a frame that could not be worked out: the frame's name and what happened."""

@@ -12,9 +12,8 @@ from typing import Any
 from framekit.definition.expression import Expression
 from framekit.definition.model import protocol as model
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
-from framekit.link.evaluate import Names, compile_expression
 from framekit.link.frame_table import FrameTable, ProtocolCodec, table_of
-from framekit.link.values import FrameValue, plain
+from framekit.link.values import FrameValue, Names, compile_expression, plain
 
 Compute = Callable[[Names], Any]
 MakeFrame = Callable[[str, dict[str, Any], Names], FrameValue]

@@ -15,7 +15,6 @@ from framekit.definition.times import NEVER, LineFormat, parse_format, readable_
 from framekit.definition.vectors import Conversation, FrameVector, ScriptLine, role_of
 from framekit.link.arrivals import Arrival, BadFrame, FrameArrived
 from framekit.link.engine import Engine
-from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
 from framekit.link.events import (
     Ask,
     Break,
@@ -35,7 +34,7 @@ from framekit.link.frame_table import ProtocolCodec, table_of
 from framekit.link.receiver import Receiver
 from framekit.link.scope import Scope
 from framekit.link.services.client import Client, TransferResult
-from framekit.link.values import FrameValue
+from framekit.link.values import EVALUATION_ERRORS, FrameValue, Names, compile_expression
 
 
 def run_frame_vector(vector: FrameVector, protocol: Protocol, codec: ProtocolCodec) -> list[str]:

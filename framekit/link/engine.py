@@ -17,7 +17,6 @@ from typing import Any
 from framekit.codec.shown import explain
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER, LineFormat, parse_format
-from framekit.link.evaluate import Names
 from framekit.link.events import (
     Ask,
     CharacterFault,
@@ -39,7 +38,7 @@ from framekit.link.scope import DEFAULT_START, DeviceState, Scope
 from framekit.link.sequences.compiler import program_of
 from framekit.link.sequences.runtime import EngineFunctions, Machine
 from framekit.link.sequences.state import Run, SessionState, State, frame_gone
-from framekit.link.values import FrameValue, plain
+from framekit.link.values import FrameValue, Names, plain
 
 MOST_ROUNDS = 100_000
 """So many things that follow from one event, and no byte is used meanwhile, are a circle that no lane alone makes."""

@@ -13,9 +13,8 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
 from framekit.definition.times import LineFormat
-from framekit.link.evaluate import Names
 from framekit.link.scope import Scope
-from framekit.link.values import FrameValue, plain
+from framekit.link.values import FrameValue, Names, plain
 
 _NOTHING: Mapping[str, Any] = {}
 

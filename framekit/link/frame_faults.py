@@ -19,8 +19,8 @@ from framekit.definition.model.procedure import Action, Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Inner
 from framekit.definition.model.values import FrameOf
-from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.scope import Scope
+from framekit.link.values import EVALUATION_ERRORS, Names
 
 WRONG = (FrameError, EncodeError, *EVALUATION_ERRORS)
 TRIES = 64

@@ -21,8 +21,7 @@ from framekit.definition.expression import Expression, Name, names_in
 from framekit.definition.model import protocol as model
 from framekit.definition.model.frames import Frame, StaticSizes, by_value_name, everything, parts_of
 from framekit.definition.model.segments import Bits, BitsPart, Check, Const, Data, Field, Inner, Length, Segment, Wrap
-from framekit.link.evaluate import CODEC_ERRORS, EVALUATION_ERRORS, Evaluate, Names, compile_expression
-from framekit.link.values import FrameValue, plain
+from framekit.link.values import CODEC_ERRORS, EVALUATION_ERRORS, Evaluate, FrameValue, Names, compile_expression, plain
 
 
 class FrameCodec(Protocol):

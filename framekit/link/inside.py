@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 from framekit.definition.model.frames import fixed_size
 from framekit.definition.model.segments import Const, Segment, Wrap
-from framekit.link.evaluate import CODEC_ERRORS, Names
 from framekit.link.frame_table import FrameInfo, FrameTable
 from framekit.link.stream import Stream
+from framekit.link.values import CODEC_ERRORS, Names
 
 DONE = -1
 """The region has ended: there is nothing more to look for."""

@@ -14,9 +14,17 @@ from framekit.definition.expression import Expression, names_in
 from framekit.definition.model.procedure import Role, Row, Sequence, Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.values import FrameOf
-from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Inverse, Names, bare_name, compile_optional, inverse_of
 from framekit.link.scope import Scope
-from framekit.link.values import FrameValue
+from framekit.link.values import (
+    EVALUATION_ERRORS,
+    Evaluate,
+    FrameValue,
+    Inverse,
+    Names,
+    bare_name,
+    compile_optional,
+    inverse_of,
+)
 
 LONGEST = 60_000_000_000
 """No late reply is waited for longer than this (ns)."""

@@ -13,12 +13,11 @@ from framekit.codec.shown import code_text, explain
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER, LineFormat, parse_format
 from framekit.link.arrivals import Arrival, BadFrame, FrameArrived, ToldBytes
-from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.events import CharacterFault, Kind, LinkCounters, Monitor, Seen
 from framekit.link.frame_table import ProtocolCodec, table_of
 from framekit.link.receiver import Receiver
 from framekit.link.scope import Scope
-from framekit.link.values import FrameValue, plain
+from framekit.link.values import EVALUATION_ERRORS, FrameValue, Names, plain
 
 Direction = Literal["in", "out", ""]
 Side = Literal["client", "server"]

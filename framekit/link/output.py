@@ -10,9 +10,9 @@ from collections.abc import Callable
 
 from framekit.definition.model.sections import Line
 from framekit.definition.times import LineFormat
-from framekit.link.evaluate import compile_optional
 from framekit.link.events import Break, ChangeLine, Command, Send, SetRts
 from framekit.link.scope import Scope
+from framekit.link.values import compile_optional
 
 
 class Output:

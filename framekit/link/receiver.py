@@ -26,11 +26,11 @@ from framekit.link.candidates import (
     first_of,
     worse,
 )
-from framekit.link.evaluate import CODEC_ERRORS, Names
 from framekit.link.events import CharacterFault
 from framekit.link.frame_table import FrameInfo, FrameTable, ProtocolCodec, any_of, are_bad, table_of
 from framekit.link.inside import InsideFinder
 from framekit.link.stream import LONGEST, NoiseRun, Pauses, Stream, scope_of
+from framekit.link.values import CODEC_ERRORS, Names
 
 MOST_BAD, BAD_TIME, BAD_APART = 8, 10_000_000, 256
 """Of bad frames without a good one between them so many are told in a row, then one for each such time (ns).

@@ -12,13 +12,12 @@ from typing import Any
 from framekit.codec.shown import explain
 from framekit.definition.times import NEVER
 from framekit.link.arrivals import BadFrame, FrameArrived, Noise, ToldBytes
-from framekit.link.evaluate import EVALUATION_ERRORS
 from framekit.link.events import LinkCounters, Reopen
 from framekit.link.lanes import Lanes
 from framekit.link.receiver import Receiver
 from framekit.link.sequences.runtime import Machine
 from framekit.link.sequences.state import NOT_TAKEN, CallFrame, Run, State, frame_arriving, frame_gone
-from framekit.link.values import FrameValue
+from framekit.link.values import EVALUATION_ERRORS, FrameValue
 
 OnFrame = Callable[[FrameValue], None]
 

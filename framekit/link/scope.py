@@ -16,8 +16,7 @@ from framekit.definition.expression import ENGINE_FUNCTIONS, Call, Expression, i
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import StateVariable
 from framekit.definition.times import LineFormat
-from framekit.link.evaluate import Formula, Names, compile_expression, compile_optional
-from framekit.link.values import attribute
+from framekit.link.values import Formula, Names, attribute, compile_expression, compile_optional
 from framekit.link.variables import (
     Fit,
     ParameterError,

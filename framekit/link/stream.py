@@ -12,9 +12,9 @@ from collections.abc import Iterable
 from framekit.definition.expression import Expression
 from framekit.definition.model.sections import Receiver as Rules
 from framekit.link.arrivals import Noise, new_tuple
-from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, compile_expression
 from framekit.link.events import CharacterFault, LineFault
 from framekit.link.scope import LineTimes, Scope
+from framekit.link.values import EVALUATION_ERRORS, Evaluate, Names, compile_expression
 
 COPIED = 4096
 """A rest of so many bytes is copied when more come; behind a longer one they are appended, which grows no slower."""

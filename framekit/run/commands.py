@@ -23,7 +23,6 @@ from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.link.arrivals import BadFrame, FrameArrived
 from framekit.link.construct_values import ValueCompiler
 from framekit.link.engine import Engine
-from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
 from framekit.link.events import Command as LinkCommand
 from framekit.link.frame_table import FrameTable, ProtocolCodec
 from framekit.link.packing import cut_memory, values_of
@@ -42,7 +41,7 @@ from framekit.link.services.server import (
     assign,
     compile_afters,
 )
-from framekit.link.values import FrameValue, plain
+from framekit.link.values import EVALUATION_ERRORS, FrameValue, Names, compile_expression, plain
 from framekit.link.variables import ParameterError
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError, UnknownAreaError, unit_bits
 from framekit.run.block_state import Failure

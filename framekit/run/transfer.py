@@ -21,11 +21,10 @@ from framekit.definition.problems import did_you_mean
 from framekit.definition.times import NEVER
 from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.link.engine import Engine
-from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
 from framekit.link.events import Command
 from framekit.link.packing import Packer, cut_memory, join_memory, memory_of, values_of
 from framekit.link.services.client import Client, Done, Transfer, TransferResult
-from framekit.link.values import FrameValue
+from framekit.link.values import EVALUATION_ERRORS, FrameValue, Names, compile_expression
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits
 from framekit.memory.views import as_signed, float_view
 from framekit.run.block_state import Failure, failure_of

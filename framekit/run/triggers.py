@@ -21,7 +21,7 @@ from framekit.definition.nodes import Mapping, Node
 from framekit.definition.schema import add_keys
 from framekit.definition.times import NEVER
 from framekit.link.addresses import Address
-from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_expression
+from framekit.link.values import EVALUATION_ERRORS, Names, compile_expression
 from framekit.memory.memory import ALL_BITS, DeviceMemory, Watch
 
 Resolve = Callable[[str], Address]

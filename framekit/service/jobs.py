@@ -22,11 +22,11 @@ from framekit.codec.shown import explain
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import NOWHERE
 from framekit.definition.times import NEVER
-from framekit.link.evaluate import EVALUATION_ERRORS
 from framekit.link.events import Command as LinkCommand
 from framekit.link.events import Monitor
 from framekit.link.packing import values_of
 from framekit.link.services.client import TransferResult
+from framekit.link.values import EVALUATION_ERRORS
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits
 from framekit.run.block_state import Failure, failure_of
 from framekit.run.commands import CommandFaultError, StatusPlaceError

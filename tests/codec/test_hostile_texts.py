@@ -34,9 +34,9 @@ from framekit.definition.nodes import Mapping, Node, Scalar, read_text
 from framekit.definition.problems import DefinitionError, Position
 from framekit.definition.schema import _schemas, _validator
 from framekit.definition.sources import shipped_folder
-from framekit.link.evaluate import Names, compile_expression
 from framekit.link.frame_table import FrameTable
 from framekit.link.sequences.compiler import sequence_source
+from framekit.link.values import Names, compile_expression
 
 PASTED = {module.__name__.rpartition(".")[2] for module in _INLINED}
 """Their f-strings are messages of the modules that they are inlined into."""

@@ -12,7 +12,7 @@ import framekit
 from framekit.codec.shown import explain
 from framekit.definition.expression import parse_expression
 from framekit.definition.problems import Position
-from framekit.link.evaluate import Names, compile_expression
+from framekit.link.values import Names, compile_expression
 
 FOLDER = Path(framekit.__file__).parent
 PYTHONS = {

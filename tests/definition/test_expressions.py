@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from framekit.definition.expression import ExpressionError, names_in, parse_expression
 from framekit.definition.problems import Position
 from framekit.definition.times import NEVER
-from framekit.link.evaluate import Names, compile_expression
+from framekit.link.values import Names, compile_expression
 
 HERE = Position("f.yaml", 3, 10)
 

@@ -25,12 +25,11 @@ from framekit.definition.load import load_protocol
 from framekit.definition.vectors import Conversation
 from framekit.link.arrivals import Arrival, BadFrame, FrameArrived
 from framekit.link.conversation import SideUnderTest, default_line, run_conversation
-from framekit.link.evaluate import Names
 from framekit.link.events import CharacterFault, LineFault, Seen
 from framekit.link.listener import Listener
 from framekit.link.receiver import Receiver
 from framekit.link.scope import Scope
-from framekit.link.values import plain
+from framekit.link.values import Names, plain
 from tests.shipped import load_vectors
 
 NAMES = [*PROTOCOLS, *APPLICATIONS]
@@ -105,7 +104,7 @@ class Shipped:
 # ---- generated source -------------------------------------------------------------------------------------
 
 
-KINDS = ("encode", "decode", "measure", "extent", "diagnose", "take", "rows", "build")
+KINDS = ("encode", "decode", "measure", "extent", "diagnose", "build")
 
 
 def sources(one: Shipped) -> Iterator[Case]:

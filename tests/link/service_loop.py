@@ -12,13 +12,12 @@ from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import FrameError
 from framekit.definition.load import load_protocol, load_protocol_text
 from framekit.definition.model.protocol import Protocol
-from framekit.link.evaluate import Names
 from framekit.link.events import Command, Exchange, Outcome, Served
 from framekit.link.frame_table import FrameTable
 from framekit.link.scope import Scope, with_date
 from framekit.link.services.client import Client, TransferResult
 from framekit.link.services.server import MemoryServer
-from framekit.link.values import FrameValue
+from framekit.link.values import FrameValue, Names
 from framekit.memory.memory import DeviceMemory
 from framekit.runfile.devices import memory_of
 

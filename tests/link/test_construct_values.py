@@ -11,8 +11,7 @@ from framekit.definition.expression import is_constant, parse_expression
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
 from framekit.definition.problems import NOWHERE
 from framekit.link.construct_values import EACH, compile_value
-from framekit.link.evaluate import Names, NotReadableError, inverse_of
-from framekit.link.values import FrameValue
+from framekit.link.values import FrameValue, Names, NotReadableError, inverse_of
 
 
 def expression(text: str) -> Value:

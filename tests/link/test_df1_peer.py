@@ -15,7 +15,7 @@ from framekit.codec.codec import Codec, compile_protocol
 from framekit.codec.errors import FrameError
 from framekit.definition.load import load_protocol
 from framekit.definition.times import parse_format
-from framekit.link.evaluate import Names
+from framekit.link.values import Names
 from framekit.runfile.devices import load_devices
 from framekit.service.device import DeviceService
 from framekit.transport.clock import VirtualClock

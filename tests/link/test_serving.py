@@ -12,10 +12,9 @@ from link.service_loop import Loop
 
 from framekit.codec.errors import FrameError
 from framekit.link.addresses import Address
-from framekit.link.evaluate import Names
 from framekit.link.services.rows import ServiceError
 from framekit.link.services.server import CompiledBlock
-from framekit.link.values import FrameValue
+from framekit.link.values import FrameValue, Names
 from framekit.memory.memory import Area, DeviceMemory
 from framekit.memory.profile import load_profile
 

@@ -17,11 +17,11 @@ from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol
 from framekit.link.conversation import default_line
 from framekit.link.engine import Engine
-from framekit.link.evaluate import Names
 from framekit.link.events import Exchange
 from framekit.link.receiver import Receiver
 from framekit.link.scope import Scope
 from framekit.link.services.server import MemoryServer
+from framekit.link.values import Names
 from framekit.memory.memory import DeviceMemory
 from framekit.runfile.devices import memory_of
 

@@ -21,11 +21,10 @@ from framekit.codec.errors import FrameError
 from framekit.definition.load import load_protocol
 from framekit.definition.times import parse_format
 from framekit.link.engine import Engine
-from framekit.link.evaluate import Names
 from framekit.link.events import Command, Served
 from framekit.link.services.client import Client, TransferResult
 from framekit.link.services.server import MemoryServer
-from framekit.link.values import FrameValue
+from framekit.link.values import FrameValue, Names
 from framekit.memory.memory import DeviceMemory
 from framekit.run.own_memory import AddressedMemory
 from framekit.runfile.devices import memory_of

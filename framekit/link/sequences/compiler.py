@@ -20,7 +20,6 @@ from framekit.definition.model.procedure import HANDLERS, Action, LineChange, Ro
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.sources import current_cache
 from framekit.link.construct_values import EACH, read_as
-from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.frame_table import FrameTable, ProtocolCodec, made_once, table_of
 from framekit.link.late import Replies, is_numbered, replies_of
 from framekit.link.sequences import runtime
@@ -36,7 +35,7 @@ from framekit.link.sequences.writing import (
     is_plain_row,
     own_variables,
 )
-from framekit.link.values import HOLDERS, FrameValue, attribute, plain
+from framekit.link.values import EVALUATION_ERRORS, HOLDERS, FrameValue, Names, attribute, plain
 from framekit.link.variables import fit_of
 
 _OF_EXCHANGE = sorted(OF_EXCHANGE)

@@ -15,7 +15,6 @@ from typing import Any
 from framekit.codec.shown import code_text, explain
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER, parse_format
-from framekit.link.evaluate import EVALUATION_ERRORS, Names
 from framekit.link.events import (
     Ask,
     Break,
@@ -46,7 +45,7 @@ from framekit.link.sequences.state import (
     after,
     begin_clock,
 )
-from framekit.link.values import FrameValue, frames_in, plain
+from framekit.link.values import EVALUATION_ERRORS, FrameValue, Names, frames_in, plain
 
 RECEIVING, PAUSING, ASKING, DONE, GOING = State.RECEIVING, State.PAUSING, State.ASKING, State.DONE, State.GOING
 

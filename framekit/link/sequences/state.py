@@ -15,10 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 from framekit.definition.model.procedure import Lane, Session
 from framekit.definition.times import NEVER
-from framekit.link.evaluate import EVALUATION_ERRORS, Names, compile_optional
 from framekit.link.events import Exchange, Outcome
 from framekit.link.scope import Scope
-from framekit.link.values import FrameValue
+from framekit.link.values import EVALUATION_ERRORS, FrameValue, Names, compile_optional
 
 Next = Any
 """What a generated function gives: another one that goes on; None where the run waits; NOT_TAKEN."""

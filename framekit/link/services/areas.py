@@ -14,9 +14,9 @@ from typing import Any
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import Area
 from framekit.link.addresses import Address, AddressGrammar, code_of
-from framekit.link.evaluate import Names
 from framekit.link.frame_table import ProtocolCodec
 from framekit.link.packing import cut_memory
+from framekit.link.values import Names
 from framekit.memory.memory import AccessError, DeviceMemory, MemoryRangeError, UnknownAreaError, unit_bits
 from framekit.memory.memory import Area as MemoryArea
 

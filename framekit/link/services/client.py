@@ -22,7 +22,6 @@ from framekit.definition.model.services import ReplyRow
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, RecordOf, Value
 from framekit.link.addresses import Address
 from framekit.link.construct_values import EACH, read_layout
-from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, bare_name, compile_expression
 from framekit.link.events import Asked, Command, Exchange, Outcome
 from framekit.link.frame_table import ProtocolCodec
 from framekit.link.packing import PackingError, cut_memory, join_memory, memory_of, reader_of
@@ -39,7 +38,15 @@ from framekit.link.services.rows import (
     rows_of,
 )
 from framekit.link.services.writing import ValueWriter, WriterLevel, code_of_source
-from framekit.link.values import FrameValue, attribute
+from framekit.link.values import (
+    EVALUATION_ERRORS,
+    Evaluate,
+    FrameValue,
+    Names,
+    attribute,
+    bare_name,
+    compile_expression,
+)
 from framekit.memory.memory import unit_bits
 
 Found = list[tuple[Any, bool]]

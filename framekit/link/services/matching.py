@@ -20,21 +20,22 @@ from framekit.definition.model.services import is_passed_over
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
 from framekit.link.addresses import Address, AddressError, code_of
 from framekit.link.construct_values import EACH, read_layout
-from framekit.link.evaluate import (
+from framekit.link.events import Served
+from framekit.link.packing import PackingError, memory_of, values_of
+from framekit.link.services.areas import AreaUnit, Codes, DeviceAreas
+from framekit.link.services.rows import RowFacts, padded_names
+from framekit.link.services.writing import ValueWriter, WriterLevel, Written, code_of_source
+from framekit.link.values import (
     EVALUATION_ERRORS,
+    FrameValue,
     Names,
+    attribute,
     bare_name,
     compile_expression,
     compile_optional,
     inverse_of,
     quotient,
 )
-from framekit.link.events import Served
-from framekit.link.packing import PackingError, memory_of, values_of
-from framekit.link.services.areas import AreaUnit, Codes, DeviceAreas
-from framekit.link.services.rows import RowFacts, padded_names
-from framekit.link.services.writing import ValueWriter, WriterLevel, Written, code_of_source
-from framekit.link.values import FrameValue, attribute
 from framekit.memory.memory import DeviceMemoryError, MemoryRangeError, UnknownAreaError
 
 PLACE_NAMES = ("area", "unit", "start", "count", "bytes", "element_bytes", "total")

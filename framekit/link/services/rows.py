@@ -21,9 +21,9 @@ from framekit.definition.model.services import Area, Refusal, ServiceRow
 from framekit.definition.model.values import EachOf, FrameOf
 from framekit.definition.problems import did_you_mean, listed
 from framekit.link.addresses import Address, AddressGrammar, code_of
-from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, bare_name, compile_expression, compile_optional
 from framekit.link.frame_table import ProtocolCodec, made_once, table_of
 from framekit.link.packing import Packers, cut_memory, values_of
+from framekit.link.values import EVALUATION_ERRORS, Evaluate, Names, bare_name, compile_expression, compile_optional
 from framekit.link.variables import ParameterError, given_value
 from framekit.memory.memory import unit_bits
 

@@ -21,7 +21,6 @@ from framekit.definition.model.procedure import Target as SetTarget
 from framekit.definition.model.services import After, BlockWork, PlaceOf, ServeWork
 from framekit.definition.model.values import LayoutOf, Value
 from framekit.link.construct_values import EACH, Compute, ValueCompiler, compile_value
-from framekit.link.evaluate import EVALUATION_ERRORS, Evaluate, Names, bare_name, compile_expression, compile_optional
 from framekit.link.events import Served
 from framekit.link.frame_table import ProtocolCodec
 from framekit.link.packing import memory_of, values_of
@@ -37,7 +36,15 @@ from framekit.link.services.matching import (
     Serve,
 )
 from framekit.link.services.rows import RowFacts, Rule, rows_of
-from framekit.link.values import FrameValue
+from framekit.link.values import (
+    EVALUATION_ERRORS,
+    Evaluate,
+    FrameValue,
+    Names,
+    bare_name,
+    compile_expression,
+    compile_optional,
+)
 from framekit.memory.memory import (
     AccessError,
     DeviceMemory,
