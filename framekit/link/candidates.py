@@ -44,7 +44,7 @@ class Bad:
     to be before the place in the stream changes.
     """
 
-    __slots__ = ("_bad", "_report", "_size", "known_end", "open_at")
+    __slots__ = ("_bad", "_report", "_size", "_size_of", "known_end", "open_at")
 
     def __init__(
         self,
@@ -56,7 +56,11 @@ class Bad:
         self._report = report
         self.open_at = open_at
         self._bad: BadFrame | None = None
-        self._size = size
+        self._size: int | None = None
+        if isinstance(size, int):
+            self._size = size
+        else:
+            self._size_of = size
         self.known_end = known_end
 
     @property
@@ -67,8 +71,8 @@ class Bad:
 
     @property
     def size(self) -> int:
-        if not isinstance(self._size, int):
-            self._size = self._size()
+        if self._size is None:
+            self._size = self._size_of()
         return self._size
 
 
@@ -318,15 +322,16 @@ def worse(first: Bad, second: Bad) -> Bad:
     One that silence could still have ended when the other was complete was none then: the other one is told. Where
     both end at the same place nothing depends on it before it is asked what was wrong.
     """
-    if first.open_at is not None and first.open_at(second.size):
+    size, other = first.size, second.size
+    if first.open_at is not None and first.open_at(other):
         return second
-    if second.open_at is not None and second.open_at(first.size):
+    if second.open_at is not None and second.open_at(size):
         return first
-    if first.size == second.size and first.known_end == second.known_end:
-        return Bad(lambda: EitherBad(first.bad, second.bad), first.size, first.known_end)
-    if second.size > first.size and second.bad.place > first.size:  # no place is behind a frame's end
+    if size == other and first.known_end == second.known_end:
+        return Bad(lambda: EitherBad(first.bad, second.bad), size, first.known_end)
+    if other > size and second.bad.place > size:  # no place is behind a frame's end
         return second
-    return second if second.size > first.bad.place and second.bad.place > first.bad.place else first
+    return second if other > first.bad.place and second.bad.place > first.bad.place else first
 
 
 def first_of(first: Bad, second: Bad) -> Bad:

@@ -623,22 +623,18 @@ def intact_of(frame: Frame) -> Intact | None:
     if check is None or not restricted:
         return check
 
-    end, fits = restricted[-1][0] + 1, _fitting(restricted).match
-
-    def intact(raw: bytes | bytearray) -> bool:
-        if len(raw) >= end:
-            return fits(raw) is not None and check(raw)
-        return all(place >= len(raw) or raw[place] in allowed for place, allowed in restricted) and check(raw)
-
-    return intact
+    fits = _fitting(restricted).match
+    return lambda raw: fits(raw) is not None and check(raw)
 
 
 def _fitting(restricted: Iterable[tuple[int, frozenset[int]]]) -> re.Pattern[bytes]:
-    """Matches bytes that are among those allowed at each place; places are in order."""
+    """Matches bytes that are among those allowed at each place up to where they end; places are in order."""
     pattern, end = b"", 0
     for place, allowed in restricted:
         one = b"[" + re.escape(bytes(sorted(allowed))) + b"]" if allowed else rb"[^\x00-\xff]"
-        pattern, end = pattern + b".{%d}" % (place - end) + one, place + 1
+        skipped = place - end
+        pattern += b"(?:.{%d}|.{0,%d}\\Z)(?:%s|\\Z)" % (skipped, skipped, one) if skipped else b"(?:%s|\\Z)" % one
+        end = place + 1
     return re.compile(pattern, re.DOTALL)
 
 
@@ -677,9 +673,14 @@ def any_intact(infos: Sequence[FrameInfo]) -> Intact:
     ]
 
     def intact(raw: bytes | bytearray) -> bool:
-        if place >= len(raw):
+        try:
+            looks = left[raw[place]]
+        except IndexError:
             return True
-        return any(look(raw) for look in left[raw[place]])
+        for look in looks:  # noqa: SIM110 - called for noise: a generator costs as much as a look
+            if look(raw):
+                return True
+        return False
 
     return intact
 
@@ -707,9 +708,16 @@ def _restricted(frame: Frame, digits: bool = False) -> list[tuple[int, frozenset
 
 
 def _check_of(frame: Frame) -> Intact | None:
-    """A look at the check code; None where it is no number or digits at the very end, or is not always to be right."""
-    last = frame.segments[-1] if frame.segments else None
+    """A look at the check code at the end, constants behind it left out; None where it is no number or digits, or is
+    not always to be right.
+    """
+    count = len(frame.segments)
+    while count and isinstance(one := frame.segments[count - 1], Const) and one.when is None and one.refuse is None:
+        count -= 1
+    last, behind = frame.segments[count - 1] if count else None, StaticSizes({}).all(frame.segments[count:]).least
     if not isinstance(last, Check) or last.form not in ("raw", "hex", "HEX") or last.verify != "error":
+        return None
+    if last.refuse is not None or (behind and last.when is not None):
         return None
     if frame.size is not None and not frame.tail:  # what fills it up stands behind
         return None
@@ -720,7 +728,15 @@ def _check_of(frame: Frame) -> Intact | None:
     ):
         return None
     intact = _code_of(last) if last.form == "raw" else _digits_of(last)
+    if intact is not None and behind:
+        intact = _before(behind, intact)
     return intact if last.when is None or intact is None else _where_there(last.when, frame.segments, intact)
+
+
+@cache
+def _before(behind: int, intact: Intact) -> Intact:
+    """The same look at bytes without so many at the end; the same one for all frames that have it."""
+    return lambda raw: intact(raw[:-behind])
 
 
 def _check_in_digits(frame: Frame) -> Intact | None:
@@ -771,9 +787,12 @@ def _look_at(code: Callable[..., int], residue: int | None, size: int, order: Li
 
 
 def _digits_of(check: Check) -> Intact | None:
-    code, size = function_of(check.method), check.size
-    if size != 2:
-        return None
+    return _look_at_digits(function_of(check.method)) if check.size == 2 else None
+
+
+@cache
+def _look_at_digits(code: Callable[..., int]) -> Intact:
+    """A look at a check code of two digits at the end; the same one for all frames that have it."""
 
     def intact(raw: bytes | bytearray) -> bool:
         return raw[-2:].upper() == b"%02X" % (code(raw[:-2]) & 0xFF)

@@ -297,7 +297,8 @@ def test_decode_says_why_bytes_are_no_frame(
 
 def test_frames_lists_protocols_and_fields(capsys: pytest.CaptureFixture[str]) -> None:
     _, protocols, _ = call(capsys, "frames")
-    assert "\nModbus " in protocols and protocols.index(" fins-tcp ") < protocols.index(" host-link ")
+    listed = [protocols.index(f" {one} ") for one in ("fins-tcp", "host-link", "mewtocol")]
+    assert "\nModbus " in protocols and listed == sorted(listed)
     families = {one["name"]: one["family"] for one in json.loads(call(capsys, "frames", "--json")[1])}
     assert {"mldp", "modbus-rtu", "third-party-plc"} <= families.keys()
     assert families["commreq-ccm"] == families["commreq"] == "GE Fanuc", "what extends another is of its family"

@@ -57,6 +57,8 @@ frames:
   digits:  {body: [{field: a, type: u8}, {check: xor8, as: hex}]}
   partly:  {body: [{field: a, type: u8}, {field: b, type: u8}, {check: xor8, over: [b]}]}
   inside:  {body: [{field: a, type: u8}, {check: xor8}, {const: ETX}]}
+  answered: {body: [{field: a, type: u8}, {check: xor8, refuse: 1}, {const: ETX}]}
+  maybe:   {body: [{field: a, type: u8}, {check: xor8}, {const: ETX, when: a == 1}]}
   certain: {body: [{field: a, type: u8}, {check: xor8, when: a == 1}]}
   letter:  {body: [{field: a, type: ascii, size: 1}, {check: xor8, when: a == lower(a)}]}
   behind:  {body: [{field: n, type: u8}, {field: t, type: ascii, size: n}, {field: a, type: ascii, size: 1}, {check: xor8, when: a == lower(a)}]}
@@ -72,15 +74,17 @@ def test_what_it_leaves_to_the_codec(tmp_path: Path) -> None:
     path.write_text(OTHERS, encoding="utf-8")
     frames = load_protocol(path).frames
     found = [name for name, frame in frames.items() if intact_of(frame) is not None]
-    assert found == ["raw", "digits", "letter", "fixed", "refused"]
+    assert found == ["raw", "digits", "inside", "letter", "fixed", "refused"]
 
 
 def test_bytes_at_fixed_places_and_digits_there_under_a_condition(tmp_path: Path) -> None:
     path = tmp_path / "p.yaml"
     path.write_text(OTHERS, encoding="utf-8")
     frames = load_protocol(path).frames
-    letter, fixed, digits, refused = (intact_of(frames[name]) for name in ("letter", "fixed", "digits", "refused"))
-    assert letter is not None and fixed is not None and digits is not None and refused is not None
+    names = ("letter", "fixed", "digits", "refused", "inside")
+    letter, fixed, digits, refused, inside = (intact_of(frames[name]) for name in names)
+    assert letter and fixed and digits and refused and inside
+    assert inside(b"\xab\xab\x03") and not inside(b"\xab\xaa\x03")
     assert refused(b"\x0a\x03\x09"), "it is refused for what comes before"
     assert letter(b"a\x61") and not letter(b"a\x62") and letter(b"A") and letter(b"A\x00")
     assert fixed(b"\x09\x02\x0b") and not fixed(b"\x09\x03\x0a") and not fixed(b"\x09\x02\x0a")

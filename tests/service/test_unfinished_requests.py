@@ -19,6 +19,7 @@ PLCS = (
     ),
     Link("fins-tcp", format=None, station=0, address="D100"),
     Link("host-link", address="D100", format="7E2"),
+    Link("mewtocol", address="DT100", format="8O1"),
 )
 ALL = (*LINKS, *SNP, *PLCS)
 LATER = 900 * MS
