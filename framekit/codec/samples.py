@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -268,8 +269,9 @@ class _Record:
                 self.working.discard(name)
         if segment is None and self.outer is not None:
             return self.outer[name]
-        if segment is None and name in self.sampler.context:
-            return self.sampler.context[name]
+        if segment is None:
+            with suppress(KeyError):  # what looks names up elsewhere need not hold them
+                return self.sampler.context[name]
         raise MissingName(name)
 
     def language_attribute(self, name: str) -> Any:

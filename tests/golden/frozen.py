@@ -17,11 +17,13 @@ from typing import Any
 from shipped import APPLICATIONS, FRAMES, PROTOCOLS
 
 from framekit.api.vectors import make_side
+from framekit.codec.ambiguity import ANNOUNCED
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import FrameError
 from framekit.codec.python.generate import generate_source
 from framekit.codec.samples import Sampler
 from framekit.definition.load import load_protocol
+from framekit.definition.model.frames import names_read_in
 from framekit.definition.vectors import Conversation
 from framekit.link.arrivals import Arrival, BadFrame, FrameArrived
 from framekit.link.conversation import SideUnderTest, default_line, run_conversation
@@ -39,6 +41,9 @@ DAMAGED = 50_000
 
 SOME = 16
 """Damaged frames of each frame that belong to every run of the tests."""
+
+TRIES = 40_000
+"""Tries to draw a frame whose values depend on each other."""
 
 STREAMS = 10
 """Streams of every kind and protocol."""
@@ -67,10 +72,13 @@ class Shipped:
     def codec(self) -> Any:
         return compile_protocol(self.protocol)
 
-    def names(self) -> Names:
+    def names(self, frame: str = "") -> Names:
+        """The context of receivers; for one frame alone, with the size that an earlier one has announced."""
         role = next(iter(self.protocol.roles), None)
         scope = Scope(self.protocol, role=role, line=default_line(self.protocol))
-        return Names({"request": None, "buffer": b""}, scope)
+        read = names_read_in(self.protocol.frames[frame].segments) if frame else set()
+        announced = {one.name: ANNOUNCED for one in self.protocol.state.values() if one.announced and one.name in read}
+        return Names({"request": None, "buffer": b"", **announced}, scope)
 
     # ---- frames -------------------------------------------------------------------------------------------
 
@@ -86,9 +94,12 @@ class Shipped:
 
     def draw_frames(self) -> str:
         """The frames to keep: those that are there, and some of every frame that has none yet."""
-        sampler, lines = Sampler(self.codec, self.names()), []
+        lines = []
         for name in self.protocol.frames:
-            drawn = [sample.data for sample in sampler.samples(name, 3, 40) if 0 < len(sample.data) <= 200]
+            drawn, tries = list[bytes](), 40
+            while not drawn and name not in self.frames and tries <= TRIES:
+                samples = Sampler(self.codec, self.names(name)).samples(name, 3, tries)
+                drawn, tries = [sample.data for sample in samples if 0 < len(sample.data) <= 200], 10 * tries
             lines += [f"{name} {data.hex(' ')}" for data in self.frames.get(name) or drawn]
         return "".join(f"{line}\n" for line in lines)
 
@@ -180,7 +191,7 @@ def damaged_each() -> int:
 @cache
 def found_in(one: Shipped, name: str, part: str, count: int) -> tuple[str, str]:
     """What is found in damaged frames, and what is said about them."""
-    choose, names, samples = Random(f"{one.name} {name} {part}"), one.names(), one.frames[name]
+    choose, names, samples = Random(f"{one.name} {name} {part}"), one.names(name), one.frames[name]
     found, words = [], []
     for _ in range(count):
         data = damaged(choose.choice(samples), choose)
