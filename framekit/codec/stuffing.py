@@ -27,6 +27,40 @@ def open_none(raw: bytes) -> tuple[bytes, Sequence[int], str]:
     return raw, range(len(raw) + 1), ""
 
 
+# ---- one byte doubled
+
+
+def stuff(data: bytes | bytearray, escape: int) -> bytes:
+    """Every byte `escape` twice."""
+    single = b"%c" % escape
+    return bytes(data.replace(single, single + single))
+
+
+def unstuff(data: bytes | bytearray, single: bytes, double: bytes) -> bytes | bytearray:
+    """Every doubled escape byte once; the byte is given alone and twice. Raises ValueError where one is not doubled."""
+    if data.count(single) != 2 * data.count(double):
+        raise Unfit(f"an escape byte {single.hex().upper()} is not doubled")
+    return data.replace(double, single)
+
+
+def unstuffed(raw: bytes, escape: int, embedded: tuple[bytes, ...] = ()) -> Opened:
+    """Content without the second ones of doubled escape bytes, and without what is embedded in it."""
+    plain, places, place = bytearray(), [], 0
+    while place < len(raw):
+        frame = next((frame for frame in embedded if raw.startswith(frame, place)), None)
+        if frame is not None:
+            place += len(frame)
+            continue
+        places.append(place)
+        plain.append(raw[place])
+        if raw[place] == escape:
+            place += 1
+            if raw[place : place + 1] != raw[place - 1 : place]:
+                return b"", [place - 1], "constant"
+        place += 1
+    return bytes(plain), [*places, len(raw)], ""
+
+
 # ---- some bytes escaped: `codes` is what stands for each, the escape byte's own first; `never` may not stand alone
 
 

@@ -509,19 +509,6 @@ def swap(data: bytes | bytearray, size: int) -> bytes:
     return units.tobytes()
 
 
-def stuff(data: bytes | bytearray, escape: int) -> bytes:
-    """Every byte `escape` twice."""
-    single = b"%c" % escape
-    return bytes(data.replace(single, single + single))
-
-
-def unstuff(data: bytes | bytearray, single: bytes, double: bytes) -> bytes | bytearray:
-    """Every doubled escape byte once; the byte is given alone and twice. Raises ValueError where one is not doubled."""
-    if data.count(single) != 2 * data.count(double):
-        raise Unfit(f"an escape byte {single.hex().upper()} is not doubled")
-    return data.replace(double, single)
-
-
 # --- functions of expressions ---------------------------------------------------------------------------------------
 
 

@@ -1,6 +1,6 @@
 """Triggers: what makes a block due, kept so that an idle block costs nothing.
 
-A kind of trigger is a class and a row of `TRIGGERS`: how its key in a block is read (`load`), what it hangs on while
+A kind of trigger is a class and a row of `TRIGGERS`: its keys in a block and how they are read, what it hangs on while
 the block is armed (`arm`), and how often it makes blocks due, where that is known (`periods`). Time triggers sit in a
 heap, memory triggers hang on watches of the words they read, the end of a block is looked up by its number. Nothing
 here starts an exchange: when a block that is due may start is the scheduler's business.
@@ -10,14 +10,16 @@ from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Protocol
+from typing import NamedTuple, Protocol
 
 from framekit.definition.expression import Expression, Name, names_in
+from framekit.definition.keys import Schema, ref
 from framekit.definition.load.reader import Broken, Reader
-from framekit.definition.nodes import Mapping, Node
+from framekit.definition.nodes import Mapping as MappingNode
+from framekit.definition.nodes import Node
 from framekit.definition.schema import add_keys
 from framekit.definition.times import NEVER
 from framekit.link.addresses import Address
@@ -191,15 +193,15 @@ class TriggerReader:
         self.room = room
         self._ends: list[tuple[int, Node]] = []
 
-    def triggers(self, keys: Mapping) -> tuple[Trigger, ...]:
+    def triggers(self, keys: MappingNode) -> tuple[Trigger, ...]:
         """All triggers of a block. Raises Broken after all of them have been looked at."""
         found: list[Trigger] = []
         broken = False
-        for key, load in TRIGGERS.items():
+        for key, kind in TRIGGERS.items():
             node = keys.get(key)
             for item in () if node is None else self.reader.items(node) if key == "when" else (node,):
                 try:
-                    trigger = load(self, item, keys)
+                    trigger = kind.load(self, item, keys)
                 except Broken:
                     broken = True
                     continue
@@ -268,7 +270,7 @@ class Every(Trigger):
     phase: int = 0
 
     @classmethod
-    def load(cls, read: TriggerReader, node: Node, keys: Mapping) -> Every:
+    def load(cls, read: TriggerReader, node: Node, keys: MappingNode) -> Every:
         period = read.some_time(node)
         if period <= 0:
             raise read.reader.broken(node.at, "a cycle of no time never ends", "give a time such as 200 ms")
@@ -309,7 +311,7 @@ class While(Trigger):
     condition: Expression
 
     @classmethod
-    def load(cls, read: TriggerReader, node: Node, keys: Mapping) -> While:
+    def load(cls, read: TriggerReader, node: Node, keys: MappingNode) -> While:
         return cls(condition=read.condition(node))
 
     def arm(self, armed: ArmedTriggers, now: int) -> None:
@@ -327,7 +329,7 @@ class Changed(Trigger):
     words: int | None = None
 
     @classmethod
-    def load(cls, read: TriggerReader, node: Node, keys: Mapping) -> Changed:
+    def load(cls, read: TriggerReader, node: Node, keys: MappingNode) -> Changed:
         address = read.address(node)
         words = None if (count := keys.get("words")) is None else read.reader.number(count)
         if words is not None and words < 1 and count is not None:
@@ -366,11 +368,11 @@ class AfterStart(Trigger):
     delay: int
 
     @classmethod
-    def load(cls, read: TriggerReader, node: Node, keys: Mapping) -> AfterStart:
+    def load(cls, read: TriggerReader, node: Node, keys: MappingNode) -> AfterStart:
         return cls(delay=read.some_time(node))
 
     @classmethod
-    def load_once(cls, read: TriggerReader, node: Node, keys: Mapping) -> AfterStart | None:
+    def load_once(cls, read: TriggerReader, node: Node, keys: MappingNode) -> AfterStart | None:
         return cls(delay=0) if read.reader.flag(node) else None
 
     def arm(self, armed: ArmedTriggers, now: int) -> None:
@@ -398,7 +400,7 @@ class BlockEnd(Trigger):
 _BLOCK_END = re.compile(r"block\s+(\d+)\s+(done|failed)")
 
 
-def load_when(read: TriggerReader, node: Node, keys: Mapping) -> Trigger:
+def load_when(read: TriggerReader, node: Node, keys: MappingNode) -> Trigger:
     """An item of `when`: the end of a block, or a condition."""
     text = read.reader.text(node).strip()
     match = _BLOCK_END.fullmatch(text)
@@ -411,27 +413,51 @@ def load_when(read: TriggerReader, node: Node, keys: Mapping) -> Trigger:
     return end
 
 
-Load = Callable[[TriggerReader, Node, Mapping], Trigger | None]
+_WHEN = (
+    "Trigger: a bit or an expression over memory that becomes true, or block N done, block N failed; or a list of them."
+)
+
+Load = Callable[[TriggerReader, Node, MappingNode], Trigger | None]
 """Reads the value of a key of a block; also the other keys of the block are given. None: no trigger. Raises Broken."""
 
-TRIGGERS: dict[str, Load] = {
-    "every": Every.load,
-    "when": load_when,
-    "while": While.load,
-    "on_change": Changed.load,
-    "once": AfterStart.load_once,
-    "after": AfterStart.load,
+
+class TriggerKind(NamedTuple):
+    """How the key is read, and the schemas of the keys of a block that belong to it, its own first."""
+
+    load: Load
+    schemas: Mapping[str, Schema]
+
+
+def _kind(load: Load, **keys: tuple[str, str]) -> TriggerKind:
+    return TriggerKind(load, {key: {**ref(form), "description": text} for key, (form, text) in keys.items()})
+
+
+TRIGGERS: dict[str, TriggerKind] = {
+    "every": _kind(
+        Every.load,
+        every=("time", "Regular cycle; the period of a job's transfers, 0 s: back to back."),
+        phase=("time", "First time of the cycle after the start; default: one period."),
+    ),
+    "when": _kind(load_when, when=("texts", _WHEN)),
+    "while": _kind(While.load, **{"while": ("expression", "Runs again and again while this is true.")}),
+    "on_change": _kind(
+        Changed.load,
+        on_change=("address", "Trigger: the place changes."),
+        words=("number", "How many words on_change looks at; default 1."),
+    ),
+    "once": _kind(AfterStart.load_once, once=("flag", "yes: runs once, at the start.")),
+    "after": _kind(AfterStart.load, after=("time", "Runs once, so long after the start.")),
 }
 """By the key of a block. `when` may have a list, each item of which is read."""
 
 
-def add_trigger(key: str, load: Load, schema: dict[str, Any]) -> None:
+def add_trigger(key: str, load: Load, schema: Schema) -> None:
     """Registers a kind of trigger; `schema` is the JSON schema of its value.
 
     Raises ValueError for a key that another module has, and for what is no schema.
     """
     add_keys("run", "block", {key: schema}, load.__module__)
-    TRIGGERS[key] = load
+    TRIGGERS[key] = TriggerKind(load, {key: schema})
 
 
 def awaited_bits(triggers: Iterable[Trigger], resolve: Resolve) -> set[tuple[str, int]]:

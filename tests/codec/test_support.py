@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from framekit.codec import support
+from framekit.codec import stuffing, support
 from framekit.codec.python.module import outer_names
 
 UNITS = bytes.fromhex("12 34 56 78 11 22 33 44")
@@ -320,15 +320,15 @@ def test_swap_keeps_the_rest_and_undoes_itself(data: bytes, size: int) -> None:
 
 @given(st.lists(st.sampled_from([0x10, 0x11, 0x03]), max_size=12).map(bytes))
 def test_escape_round_trip(data: bytes) -> None:
-    doubled = support.stuff(data, 0x10)
+    doubled = stuffing.stuff(data, 0x10)
     assert len(doubled) == len(data) + data.count(0x10)
-    assert support.unstuff(doubled, b"\x10", b"\x10\x10") == data
+    assert stuffing.unstuff(doubled, b"\x10", b"\x10\x10") == data
 
 
 @pytest.mark.parametrize("data", [b"\x10", b"\x10A\x10", b"\x10\x10\x10", b"A\x10\x10\x10\x10\x10B"])
 def test_an_escape_byte_that_is_not_doubled(data: bytes) -> None:
     with pytest.raises(ValueError, match="10 is not doubled"):
-        support.unstuff(data, b"\x10", b"\x10\x10")
+        stuffing.unstuff(data, b"\x10", b"\x10\x10")
 
 
 # --- functions of expressions ---------------------------------------------------------------------------------------

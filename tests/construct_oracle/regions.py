@@ -18,7 +18,7 @@ from construct_oracle.names import Names
 from construct_oracle.rest import rest_size
 from construct_oracle.state import Reading, Region, Writing
 from construct_oracle.values import evaluated_size
-from framekit.codec import support
+from framekit.codec import stuffing, support
 from framekit.codec.python.facts import in_place_of_records
 from framekit.definition.codings import Blocks, Cobs, Coding, Escaped, Hex, Inserted, Plain, Short
 from framekit.definition.expression import Expression
@@ -136,7 +136,7 @@ class EscapeConstruct(WrapConstruct):
         self.escape = segment.escape or 0
 
     def to_wire(self, plain: bytes, names: Names) -> bytes:
-        return support.stuff(plain, self.escape)
+        return stuffing.stuff(plain, self.escape)
 
     def read(self, stream: BytesIO, context: Container, path: str, place: Place) -> None:
         reading: Reading = context._state

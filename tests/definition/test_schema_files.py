@@ -15,15 +15,15 @@ from framekit.definition.model.services import (
     ServeWork,
     ServiceRow,
 )
-from framekit.definition.schema_files import read_files, text_of, with_tables
 from framekit.definition.sources import shipped_folder
+from framekit.runfile.schema_files import read_files, text_of, with_tables
 
 
 def test_the_files_are_up_to_date() -> None:
     folder = shipped_folder("schemas")
     for name, schema in with_tables(read_files(folder)).items():
         written = text_of(schema) + "\n"
-        assert (folder / name).read_text("utf-8") == written, "run python -m framekit.definition.schema_files"
+        assert (folder / name).read_text("utf-8") == written, "run python -m framekit.runfile.schema_files"
 
 
 READ: dict[str, tuple[type, ...]] = {

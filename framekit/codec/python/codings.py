@@ -97,7 +97,7 @@ WIRE: Mapping[type[Coding], WireCoding] = {
         lambda module, coding, size: (
             f", {bytes_literal(_one(coding.escape))}, {bytes_literal(2 * _one(coding.escape))}"
         ),
-        lambda coding, plain: support.stuff(plain, coding.escape),
+        lambda coding, plain: stuffing.stuff(plain, coding.escape),
     ),
     Escaped: WireCoding(
         "stuff_escaped",

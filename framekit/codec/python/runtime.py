@@ -316,17 +316,19 @@ def measure_first(
     seen: int = 0,
     whole: bool = False,
     behind: int = 0,
+    reads: bool = True,
 ) -> int:
     """How long the frame is that stands here: the first that fits, else what is wanted at least, with what is `behind`.
 
     While one wants more, none behind it is taken: how the bytes come makes no difference; but no more is wanted than
-    that one takes, as the next byte may tell that it is not the first. `whole`: no more come.
+    that one takes, as the next byte may tell that it is not the first. `whole`: no more come. Without `reads` a frame
+    that is complete is believed to fit.
     """
     want, quiet, lost, other = 0, False, False, 0
     for frame in choice.frames(data, start, end):
         size = frame.measure(data, start, end, ctx, seen)
         if size > 0:
-            if (whole or not want) and fits(frame, bytes(data[start : start + size]), ctx):
+            if (whole or not want) and (not reads or fits(frame, bytes(data[start : start + size]), ctx)):
                 return size
             other = size if not other else min(other, size)
         elif size > QUIET:
@@ -348,21 +350,7 @@ def extent_first(
     if measure is not None:
         size: int = measure(data, start, end, ctx, seen)
         return size - behind if QUIET < size < 0 else size
-    want, quiet, lost, other = 0, False, False, 0
-    for frame in choice.frames(data, start, end):
-        size = frame.measure(data, start, end, ctx, seen)
-        if size > 0:
-            if not want:
-                return size
-            other = size if not other else min(other, size)
-        elif size > QUIET:
-            if size:
-                want = max(want, size) if want else size
-        else:
-            quiet, lost = quiet or size == QUIET, lost or size == LOST
-    if want:
-        return max(want - behind, min(end - start - other - behind, -1)) if other else want - behind
-    return QUIET if quiet else LOST if lost else 0
+    return measure_first(choice, data, start, end, ctx, seen, behind=behind, reads=False)
 
 
 def fits(frame: Frame, data: bytes, ctx: Context) -> bool:

@@ -698,21 +698,3 @@ def hex_content(raw: bytes) -> Opened:
         if len(raw) < place + 2 or raw[place : place + 2].strip(b"0123456789ABCDEFabcdef"):
             return b"", [place], "digits"
     return bytes.fromhex(raw.decode("ascii")), range(0, len(raw) + 1, 2), ""
-
-
-def unstuffed(raw: bytes, escape: int, embedded: tuple[bytes, ...] = ()) -> Opened:
-    """Content without the second ones of doubled escape bytes, and without what is embedded in it."""
-    plain, places, place = bytearray(), [], 0
-    while place < len(raw):
-        frame = next((frame for frame in embedded if raw.startswith(frame, place)), None)
-        if frame is not None:
-            place += len(frame)
-            continue
-        places.append(place)
-        plain.append(raw[place])
-        if raw[place] == escape:
-            place += 1
-            if raw[place : place + 1] != raw[place - 1 : place]:
-                return b"", [place - 1], "constant"
-        place += 1
-    return bytes(plain), [*places, len(raw)], ""

@@ -1,4 +1,4 @@
-"""The parts of `schemas/` that follow from tables of keys: `python -m framekit.definition.schema_files` writes them.
+"""The parts of `schemas/` that follow from tables of keys: `python -m framekit.runfile.schema_files` writes them.
 
 The files stand in the repository for editors, and are read at work; a test holds them equal to the tables.
 """
@@ -15,6 +15,7 @@ from framekit.definition.model import segments
 from framekit.definition.model.procedure import Action, Row, Step
 from framekit.definition.sources import shipped_folder
 from framekit.definition.wire_types import TYPES
+from framekit.run.triggers import TRIGGERS
 
 WIDTH = 140
 """Characters of a line, where what stands in it holds other mappings."""
@@ -41,6 +42,8 @@ def with_tables(schemas: Schemas) -> Schemas:
     for name, part, doc in PARTS:
         protocol[name]["properties"] = {**properties_of(part), "doc": {**ref("text"), "description": doc}}
         assert set(required_of(part)) <= {*protocol[name].get("required", ())}, f"{name} has other required keys"
+    block = schemas["run.schema.json"]["$defs"]["block"]["properties"]
+    block.update((key, schema) for kind in TRIGGERS.values() for key, schema in kind.schemas.items())
     return schemas
 
 
