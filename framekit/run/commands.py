@@ -31,12 +31,12 @@ from framekit.link.scope import CommandScope, Scope
 from framekit.link.services.areas import DeviceAreas, Span, address_of, codes_of, span_of
 from framekit.link.services.client import Client, TransferResult
 from framekit.link.services.matching import RefusedMatchError
-from framekit.link.services.server import (
+from framekit.link.services.server import MemoryServer
+from framekit.link.services.work import (
     CompiledAfter,
     CompiledBlock,
     CompiledJob,
     CompiledPlace,
-    MemoryServer,
     Work,
     assign,
     compile_afters,

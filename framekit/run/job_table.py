@@ -19,7 +19,7 @@ from framekit.definition.model.frames import expressions_of
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
 from framekit.link.addresses import Address
-from framekit.link.services.server import CompiledBlock, CompiledJob, CompiledPlace
+from framekit.link.services.work import CompiledBlock, CompiledJob, CompiledPlace
 from framekit.link.values import EVALUATION_ERRORS, Names, compile_expression
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits
 from framekit.run.block_state import Failure

@@ -13,7 +13,7 @@ from link.service_loop import Loop
 from framekit.codec.errors import FrameError
 from framekit.link.addresses import Address
 from framekit.link.services.rows import ServiceError
-from framekit.link.services.server import CompiledBlock
+from framekit.link.services.work import CompiledBlock
 from framekit.link.values import FrameValue, Names
 from framekit.memory.memory import Area, DeviceMemory
 from framekit.memory.profile import load_profile
