@@ -102,14 +102,6 @@ class FrameFunctions:
         """Wrong check codes of a frame that only warn."""
         return list(self.frames[frame].diagnose(data, self.defaults if ctx is None else ctx).notes.warnings)
 
-    def encode_layout(self, layout: str, fields: Mapping[str, Any], ctx: Context | None = None) -> bytes:
-        """The bytes of a layout by itself. Raises EncodeError, KeyError for one that needs a frame around it."""
-        return self.layouts[layout][0](fields, self.defaults if ctx is None else ctx)
-
-    def decode_layout(self, layout: str, data: bytes, ctx: Context | None = None) -> dict[str, Any]:
-        """The values of a layout by itself. Raises FrameError, KeyError for one that needs a frame around it."""
-        return self.layouts[layout][1](data, self.defaults if ctx is None else ctx)
-
 
 class FrameFacts(typing.Protocol):
     """What has to be known of a frame."""

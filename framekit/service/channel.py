@@ -215,18 +215,15 @@ class ChannelService:
     def start_joined(self, reads: Sequence[Read[tuple[Block, Ended]]]) -> None:
         """Begins one read for several blocks without parameters of their own; each is told its own end."""
         params = self._params_for(reads[0].key[0], True)
-        back = self.engine.scope.override(params) if params else None
+        back = self.engine.scope.override(params) if params else lambda: None
         left = len(reads)
-
-        def last() -> None:
-            nonlocal left
-            left -= 1
-            if left == 0 and back is not None:
-                back()
 
         def telling(ended: Ended) -> Ended:
             def done(failure: Failure | None) -> None:
-                last()
+                nonlocal left
+                left -= 1
+                if left == 0:
+                    back()
                 ended(failure)
 
             return done

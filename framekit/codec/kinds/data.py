@@ -158,12 +158,7 @@ def _fill_up(w: EncodeWriter, data: Data, local: str, scope: Scope) -> None:
     if isinstance(data.size, Expression):
         conditions += w.is_announced(data.size, scope)
         size = w.bounded(data.size, scope)
-    line = f"{local} = {local}.ljust({size}, {bytes_literal(bytes((data.pad,)))})"
-    if conditions:
-        with w.out.block(f"if {' and '.join(conditions)}:"):
-            w.add(line)
-    else:
-        w.add(line)
+    w.add_if(conditions, f"{local} = {local}.ljust({size}, {bytes_literal(bytes((data.pad,)))})")
 
 
 def _compare_size(w: EncodeWriter, data: Data, scope: Scope, given: Given) -> None:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 from framekit.codec.python import forms
 from framekit.codec.python.encode_plan import Coverage, RuleWriter, Task, run_in_order
 from framekit.codec.python.expressions import NameEntry, Scope, constant_of, default_text
-from framekit.codec.python.facts import ending_constants, follows_its_length, in_place_of_records, named, names_read
+from framekit.codec.python.facts import ending_constants, follows_its_length, named, names_read
 from framekit.codec.python.forms import code_bytes
 from framekit.codec.python.function import FunctionWriter, covers_later, on_the_wire
 from framekit.codec.python.module import Module
@@ -42,6 +42,7 @@ from framekit.definition.model.frames import (
     everything,
     expressions_of,
     flat,
+    in_place_of_records,
     leaves,
     parts_of,
     without_when,
@@ -232,11 +233,14 @@ class EncodeWriter(FunctionWriter):
 
     def compare_size(self, path: tuple[str | Code, ...], found: str, wanted: str, conditions: list[str]) -> None:
         """The value is refused if its size (a text) is not the one that is wanted, where the conditions hold."""
-        line = f"{self.module.function('check_size')}({text_source(*path)}, {found}, {wanted})"
-        if conditions:
-            with self.out.block(f"if {' and '.join(conditions)}:"):
-                self.add(line)
-        else:
+        self.add_if(conditions, f"{self.module.function('check_size')}({text_source(*path)}, {found}, {wanted})")
+
+    def add_if(self, conditions: list[str], line: str) -> None:
+        """A line that is done where the conditions hold, or always if there are none."""
+        if not conditions:
+            self.add(line)
+            return
+        with self.out.block(f"if {' and '.join(conditions)}:"):
             self.add(line)
 
     def flush(self) -> None:

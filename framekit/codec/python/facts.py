@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from framekit.codec.python.codings import starts
 from framekit.definition.expression import Attribute, Expression, Name, names_in, walk
-from framekit.definition.model.frames import StaticSizes, certain, everything, expressions_of, flat
+from framekit.definition.model.frames import StaticSizes, certain, everything, expressions_of, flat, in_place_of_records
 from framekit.definition.model.segments import (
     Const,
     Count,
@@ -135,15 +135,6 @@ def _takes_rest(segment: Segment) -> bool:
     if isinstance(segment, Field):
         return segment.type.size is None and not segment.type.is_delimited and segment.long is None
     return segment.takes_rest or (isinstance(segment, Inner) and segment.size == "rest")
-
-
-def in_place_of_records(segments: Segments) -> Iterator[Segment]:
-    """The segments with those of records that are always there in place of these."""
-    for segment in segments:
-        if segment.is_record and segment.when is None:
-            yield from in_place_of_records(segment.members)
-        else:
-            yield segment
 
 
 def leading(static: StaticSizes, segments: tuple[Segment, ...]) -> bytes:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from framekit.codec.checks import residue_of
 from framekit.codec.python import forms
 from framekit.codec.python.expressions import Kind, NameEntry, Scope, constant_of, default_text
-from framekit.codec.python.facts import Target, comes_with, in_place_of_records, is_followed, is_plain_name, targets_of
+from framekit.codec.python.facts import Target, comes_with, is_followed, is_plain_name, targets_of
 from framekit.codec.python.forms import code_text, is_call
 from framekit.codec.python.function import (
     MISMATCH,
@@ -31,7 +31,7 @@ from framekit.codec.python.registry import kind_of, struct_order, summary, write
 from framekit.codec.python.source import Source, bytes_literal, literal, quoted
 from framekit.definition.expression import AND, BIT_OR, PRODUCT, SUM, Expression
 from framekit.definition.kinds.check import Edges
-from framekit.definition.model.frames import Frame, bytes_of, everything, flat, without_when
+from framekit.definition.model.frames import Frame, bytes_of, everything, flat, in_place_of_records, without_when
 from framekit.definition.model.segments import (
     Bits,
     Check,

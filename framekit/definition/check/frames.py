@@ -17,6 +17,7 @@ from framekit.definition.model.frames import (
     field_names,
     fixed_size,
     flat,
+    in_place_of_records,
     least_size,
     leaves,
     parts_of,
@@ -188,7 +189,7 @@ def _early_ends(frame: Frame, ends: _Ends) -> Iterator[Problem]:
     """A check that ends a frame stands in it itself, where its place is known, and covers what stands before it."""
     todo = "leave ends out"
     for check in (one for one in parts_of(frame.segments, Check) if one.ends):
-        inside = list(_in_place_of_records(frame.segments))
+        inside = list(in_place_of_records(frame.segments))
         place = next((place for place, one in enumerate(inside) if one is check), None)
         if place is None or check.when is not None:
             what = "a check code ends a frame only if it always stands in it, and in no wrap, list or case"
@@ -196,7 +197,7 @@ def _early_ends(frame: Frame, ends: _Ends) -> Iterator[Problem]:
             continue
         if not any(one.takes_bytes for one in inside[place + 1 :]) and frame.size is None:
             yield Problem(check.at, "nothing stands behind this check code that it could spare", todo)
-        head = sum(1 for _ in _in_place_of_records(frame.head))
+        head = sum(1 for _ in in_place_of_records(frame.head))
         open_part = next((one for one in inside[:place] if ends.reaches_on(one)), None)
         if open_part is not None or (frame.delimited and place >= head):
             shown = "the body" if open_part is None else open_part.title
@@ -209,15 +210,6 @@ def _early_ends(frame: Frame, ends: _Ends) -> Iterator[Problem]:
         if covered - before or covered & apart:
             what = "a check code that ends a frame covers what stands before it, and nothing in wraps or cases"
             yield Problem(check.at, what, f"name other segments in over, or {todo}")
-
-
-def _in_place_of_records(segments: Segments) -> Iterator[Segment]:
-    """The segments with those of records that are always there in place of these."""
-    for segment in segments:
-        if segment.is_record and segment.when is None:
-            yield from _in_place_of_records(segment.members)
-        else:
-            yield segment
 
 
 def _covered_in_part(frame: Frame, check: Check) -> Iterator[Problem]:
@@ -529,10 +521,7 @@ def _begins_with(byte: int, segment: Segment) -> bool:
 def _in_records(segments: Segments) -> Iterator[Segment]:
     """The segments with those of records in place of these."""
     for segment in segments:
-        if segment.inner_record is not None and not segment.is_list:
-            yield from _in_records(segment.inner_record)
-        else:
-            yield segment
+        yield from _in_records(segment.members) if segment.is_record else (segment,)
 
 
 def _there_or_not(frame: Frame) -> Iterator[Problem]:
@@ -583,8 +572,8 @@ def _without_own_end(segments: tuple[Segment, ...]) -> Iterator[Segment]:
     """The segments of a list with those in records, cases and digits; a wrap with escape ends by itself."""
     for segment in segments:
         yield segment
-        if segment.inner_record is not None and not segment.is_list:
-            yield from _without_own_end(segment.inner_record)
+        if segment.is_record:
+            yield from _without_own_end(segment.members)
         if segment.chooses_by is not None or (isinstance(segment, Wrap) and not segment.ends_itself):
             for block in segment.blocks:
                 yield from _without_own_end(block)
@@ -634,12 +623,10 @@ def _items(segments: tuple[Segment, ...]) -> int:
     """The items that the lists of a frame have together, lists in lists too; those of computed length count once."""
     found = 0
     for segment in flat(segments):
-        inside = _items(segment.inner_record or ())
+        inside = _items(segment.members)
         if isinstance(segment, Repeat):
-            times = segment.times if isinstance(segment.times, int) else 1
-            found += times * (1 + inside)
-        else:
-            found += inside
+            inside = (segment.times if isinstance(segment.times, int) else 1) * (1 + inside)
+        found += inside
     return found
 
 

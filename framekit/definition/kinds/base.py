@@ -74,13 +74,16 @@ class Segment:
 
     `refuse` is the code of a fault here that is to be answered, not dropped. `KEY` names the kind in YAML; a kind that
     no key names is made by others. `takes_bytes`: whether it stands on the wire;
-    `is_ignored`: whether its bytes mean nothing. `HINTS`: what to do about keys that it has not.
+    `is_ignored`: whether its bytes mean nothing. `HINTS`: what to do about keys that it has not. `VALUE`: what its one
+    value is, which has the segment's name; None if it holds none, or several. `WANTED`: no frame is built without it.
     """
 
     KEY: ClassVar[str] = ""
     takes_bytes: ClassVar[bool] = True
     is_ignored: ClassVar[bool] = False
     HINTS: ClassVar[Mapping[str, str]] = {}
+    VALUE: ClassVar[ValueKind | None] = None
+    WANTED: ClassVar[bool] = False
 
     at: Position
     name: str | None = None
@@ -127,7 +130,7 @@ class Segment:
     @property
     def value_names(self) -> tuple[str, ...]:
         """The names of the values that it holds itself."""
-        return ()
+        return (self.name,) if self.name and self.VALUE is not None else ()
 
     @property
     def blocks(self) -> tuple[Segments, ...]:
@@ -229,7 +232,7 @@ class Segment:
     def value_kinds(self) -> Iterator[tuple[str, ValueKind]]:
         """The names that expressions may use, with what stands behind each."""
         if self.name:
-            yield self.name, "any"
+            yield self.name, self.VALUE or "any"
 
     def numbers_with_names(self) -> Iterator[tuple[str, Mapping[int, str] | None]]:
         """The values that are numbers of their own, with the names of these."""
@@ -238,7 +241,7 @@ class Segment:
     @property
     def wanted_names(self) -> tuple[str, ...]:
         """The values without which no frame can be built where the segment is there."""
-        return ()
+        return self.value_names if self.WANTED else ()
 
     @property
     def lacks_default(self) -> bool:

@@ -41,6 +41,8 @@ UNIT = Form(
 class Counting(Segment):
     """A number that tells how much another part has."""
 
+    VALUE: ClassVar[ValueKind | None] = "number"
+
     __slots__ = ()
     name: str
     type: FieldType
@@ -49,15 +51,8 @@ class Counting(Segment):
     zero_means: int | None
 
     @property
-    def value_names(self) -> tuple[str, ...]:
-        return (self.name,)
-
-    @property
     def number_type(self) -> FieldType:
         return self.type
-
-    def value_kinds(self) -> Iterator[tuple[str, ValueKind]]:
-        yield self.name, "number"
 
     def check(self) -> Iterator[Problem]:
         if not self.type.is_whole_number:

@@ -64,6 +64,7 @@ class Data(Segment):
     """Bytes. `size` counts them in memory, before conversion; `pad` fills shorter ones; `least` is the least number."""
 
     KEY: ClassVar[str] = "data"
+    VALUE: ClassVar[ValueKind | None] = "bytes"
 
     name: str = key("data", IDENTIFIER, "Name of the bytes.")
     size: Size = key("size", SIZE, "Number of bytes in memory; an expression; or rest, up to the end of the region.")
@@ -83,10 +84,6 @@ class Data(Segment):
         "memory", ADDRESS, "Where SEND and RECEIVE blocks take or put the bytes, if they do not say.", default=None
     )
 
-    @property
-    def value_names(self) -> tuple[str, ...]:
-        return (self.name,)
-
     def on_wire(self, size: int) -> int:
         """Bytes on the wire for so many in memory."""
         return size * 2 if self.convert == "hex_to_ascii" else size // 2 if self.convert == "ascii_to_hex" else size
@@ -102,9 +99,6 @@ class Data(Segment):
     @property
     def takes_rest(self) -> bool:
         return self.size == "rest"
-
-    def value_kinds(self) -> Iterator[tuple[str, ValueKind]]:
-        yield self.name, "bytes"
 
     @property
     def wanted_names(self) -> tuple[str, ...]:

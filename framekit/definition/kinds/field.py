@@ -95,6 +95,7 @@ class Field(Segment):
     """
 
     KEY: ClassVar[str] = "field"
+    VALUE: ClassVar[ValueKind | None] = "any"
     HINTS: ClassVar[MappingOf[str, str]] = {
         "signed": "write a type that has a sign, such as i16; in text type: decimal, with sign: minus, always or space",
         "precision": "write decimals:",
@@ -139,10 +140,6 @@ class Field(Segment):
     memory: str | None = key(
         "memory", ADDRESS, "Where SEND and RECEIVE blocks take or put the value, if they do not say.", default=None
     )
-
-    @property
-    def value_names(self) -> tuple[str, ...]:
-        return (self.name,)
 
     @property
     def number_type(self) -> FieldType:

@@ -25,6 +25,8 @@ class Inner(Segment):
     """A frame inside this one. `frames` are the candidates in the order they are tried; value `{frame: fields}`."""
 
     KEY: ClassVar[str] = "inner"
+    VALUE: ClassVar[ValueKind | None] = "frame"
+    WANTED: ClassVar[bool] = True
 
     name: str = key("inner", IDENTIFIER, "Name of the frame inside this one.")
     frames: tuple[str, ...] = key(
@@ -37,10 +39,6 @@ class Inner(Segment):
     @classmethod
     def called(cls) -> str:
         return "inner frame"
-
-    @property
-    def value_names(self) -> tuple[str, ...]:
-        return (self.name,)
 
     @property
     def frames_inside(self) -> tuple[str, ...]:
@@ -61,13 +59,6 @@ class Inner(Segment):
             found |= contents_of(segments, lambda inside: None if inside in self.frames else of_frame(inside))
         return found
 
-    def value_kinds(self) -> Iterator[tuple[str, ValueKind]]:
-        yield self.name, "frame"
-
-    @property
-    def wanted_names(self) -> tuple[str, ...]:
-        return (self.name,)
-
     @property
     def size_expression(self) -> Expression | None:
         return self.size if isinstance(self.size, Expression) else None
@@ -81,13 +72,12 @@ class Inner(Segment):
 class Nested(Segment):
     """A record of the layout around it, one level deeper: the fields of the frame `frame`, which ends by itself."""
 
+    VALUE: ClassVar[ValueKind | None] = "any"
+    WANTED: ClassVar[bool] = True
+
     name: str
     layout: str
     frame: str
-
-    @property
-    def value_names(self) -> tuple[str, ...]:
-        return (self.name,)
 
     @property
     def frames_inside(self) -> tuple[str, ...]:
@@ -99,10 +89,3 @@ class Nested(Segment):
     def contents(self, of_frame: Contents) -> frozenset[int]:
         segments = of_frame(self.frame)
         return EVERY_BYTE if segments is None else contents_of(segments, of_frame)
-
-    def value_kinds(self) -> Iterator[tuple[str, ValueKind]]:
-        yield self.name, "any"
-
-    @property
-    def wanted_names(self) -> tuple[str, ...]:
-        return (self.name,)

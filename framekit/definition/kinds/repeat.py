@@ -97,6 +97,8 @@ class Repeat(Segment):
     """
 
     KEY: ClassVar[str] = "repeat"
+    VALUE: ClassVar[ValueKind | None] = "list"
+    WANTED: ClassVar[bool] = True
 
     name: str = key("repeat", IDENTIFIER, "Name of the list.")
     times: Size | None = key("times", SIZE, "Number of items; an expression; or rest, as many as fit.", default=None)
@@ -108,10 +110,6 @@ class Repeat(Segment):
     @classmethod
     def called(cls) -> str:
         return "list"
-
-    @property
-    def value_names(self) -> tuple[str, ...]:
-        return (self.name,)
 
     @property
     def inner_record(self) -> Segments | None:
@@ -161,13 +159,6 @@ class Repeat(Segment):
     def size_expression(self) -> Expression | None:
         size = self.of.size if isinstance(self.of, FieldType) else None
         return size if isinstance(size, Expression) else None
-
-    def value_kinds(self) -> Iterator[tuple[str, ValueKind]]:
-        yield self.name, "list"
-
-    @property
-    def wanted_names(self) -> tuple[str, ...]:
-        return (self.name,)
 
     def needed(self) -> Iterator[tuple[str, Expression]]:
         yield from Segment.needed(self)
@@ -224,19 +215,14 @@ def _may_be_nothing(segment: Segment) -> bool:
 class Record(Segment):
     """A layout included `as` a name: its fields make one value, a mapping."""
 
+    VALUE: ClassVar[ValueKind | None] = "record"
+
     name: str
     of: Segments
 
     @property
-    def value_names(self) -> tuple[str, ...]:
-        return (self.name,)
-
-    @property
     def inner_record(self) -> Segments | None:
         return self.of
-
-    def value_kinds(self) -> Iterator[tuple[str, ValueKind]]:
-        yield self.name, "record"
 
     @property
     def wanted_names(self) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from framekit.definition.expression import Expression
-from framekit.definition.keys import EXPRESSION, IDENTIFIER, key
+from framekit.definition.keys import EXPRESSION, IDENTIFIER, ValueKind, key
 from framekit.definition.kinds.base import Given, Segment
 
 
@@ -17,16 +17,13 @@ class Value(Segment):
 
     KEY: ClassVar[str] = "value"
     takes_bytes: ClassVar[bool] = False
+    VALUE: ClassVar[ValueKind | None] = "any"
 
     name: str = key("value", IDENTIFIER, "Name of a value that takes no bytes.")
     read: Expression = key("read", EXPRESSION, "How it follows from what was read.")
     build: Expression | None = key(
         "build", EXPRESSION, "How it follows when building, if it is not given; default: as read.", default=None
     )
-
-    @property
-    def value_names(self) -> tuple[str, ...]:
-        return (self.name,)
 
     @property
     def follows(self) -> Expression | None:

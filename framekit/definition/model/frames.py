@@ -51,6 +51,15 @@ def leaves(segments: Iterable[Segment]) -> Iterator[Segment]:
             yield segment
 
 
+def in_place_of_records(segments: Segments) -> Iterator[Segment]:
+    """The segments with those of records that are always there in place of these."""
+    for segment in segments:
+        if segment.is_record and segment.when is None:
+            yield from in_place_of_records(segment.members)
+        else:
+            yield segment
+
+
 def certain(segments: Iterable[Segment], there: bool = True) -> Iterator[tuple[Segment, bool]]:
     """Every segment of one record, and whether it is there in every such record but for its own condition."""
     for segment in segments:

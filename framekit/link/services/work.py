@@ -101,29 +101,20 @@ def compile_block(work: BlockWork, compile_value: Callable[[Value], Compute], pa
     def one(value: Value | None) -> Compute | None:
         return None if value is None else compile_value(value)
 
-    job = work.job
+    asked = work.job
+    job = None
+    if asked is not None:
+        rest = {key: one(getattr(asked, key)) for key in ("host", "every", "late", "times")}
+        job = CompiledJob(kind=asked.kind, slot=compile_value(asked.slot), report=place(asked.report), **rest)
     return CompiledBlock(
-        job=None
-        if job is None
-        else CompiledJob(
-            kind=job.kind,
-            slot=compile_value(job.slot),
-            report=place(job.report),
-            host=one(job.host),
-            every=one(job.every),
-            late=one(job.late),
-            times=one(job.times),
-        ),
         work=work,
-        station=None if work.station is None else compile_value(work.station),
+        station=one(work.station),
         params=values(work.params),
         session=compile_optional(work.session),
-        read=place(work.read),
-        write=place(work.write),
-        into=place(work.into),
-        source=place(work.source),
+        **{key: place(getattr(work, key)) for key in ("read", "write", "into", "source")},
         calls=[(call.service, values(call.arguments)) for call in work.calls],
         then=compile_afters(work.then, compile_value, part),
+        job=job,
     )
 
 
