@@ -126,7 +126,7 @@ class OptionalKind(SegmentKind[Optional]):
         return w.branch_tasks(segment, scope, given)
 
     def cases(self, w: EncodeWriter, segment: Optional, scope: Scope, given: Given) -> Cases:
-        names = [name for one in flat(segment.of) for name in w.inputs(one)]
+        names = [name for one in flat(segment.of) for name in one.given_names]
         tests = " or ".join(f"{quoted(name)} in {given.text}" for name in names)
         return [(f"if {tests or 'True'}:", segment.of)]
 

@@ -119,16 +119,10 @@ class DiagnosisWriter(FunctionWriter):
 
     def behind(self, after: Behind) -> str:
         """Text of the bytes behind a segment that reaches to the end; a `lambda` if some may be absent."""
-        fixed, parts = 0, []
         after = tuple(self._in_place_of_records(after))
         if not self.knows_behind(after):
             return self._constant_behind(after[0][0])
-        for segment, scope in after:
-            size = self.static.present(segment).fixed or 0
-            if segment.when is None:
-                fixed += size
-            elif size:
-                parts.append(f"({size} if {self.writer(scope).text(segment.when, BIT_OR)} else 0)")
+        fixed, parts = self.sizes_of(after, BIT_OR)
         if not parts:
             return str(fixed)
         return "lambda n: " + " + ".join([*([str(fixed)] if fixed else []), *parts])

@@ -60,7 +60,6 @@ from framekit.definition.model.segments import (
     Length,
     Repeat,
     Segment,
-    Value,
 )
 from framekit.definition.problems import DefinitionError
 
@@ -861,13 +860,7 @@ class EncodeWriter(FunctionWriter):
     def _filled(self, fill: Fill, behind: list[Placed], texts: list[str], buffer: str) -> str:
         """Everything so far, filled up so that the frame gets its size."""
         self.gather(texts, buffer)
-        fixed, parts = 0, []
-        for segment, scope in behind:
-            size = self.static.present(segment).fixed or 0
-            if segment.when is None:
-                fixed += size
-            else:
-                parts.append(self.if_present(segment, scope, str(size), "0"))
+        fixed, parts = self.sizes_of(behind, OR)
         room = " - ".join([str(fill.total - fixed), *parts])
         message = text_source("the values take ", Code(f"len({buffer})"), " bytes, more than ", Code(room))
         self.complain(f"len({buffer}) > {room}", '""', message)
@@ -984,15 +977,6 @@ class EncodeWriter(FunctionWriter):
         if text != local:
             self.add(f"{local} = {text}")
         self.wires[segment.name or ""] = local
-
-    @staticmethod
-    def inputs(segment: Segment) -> tuple[str, ...]:
-        """The names of a segment that are given."""
-        if isinstance(segment, (Length, Count, Value)) or (isinstance(segment, Field) and segment.is_ is not None):
-            return ()
-        if isinstance(segment, Bits):
-            return tuple(part.name for part in segment.parts if part.is_ is None)
-        return segment.value_names
 
     def branch_tasks(self, segment: Segment, scope: Scope, given: Given) -> list[Task]:
         inside = tuple(flat((segment,)))

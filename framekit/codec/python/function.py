@@ -80,6 +80,17 @@ class FunctionWriter:
             self.hoisted[name] = self.names.fresh(name)
         return self.hoisted[name]
 
+    def sizes_of(self, placed: Iterable[tuple[Segment, Scope]], level: int) -> tuple[int, list[str]]:
+        """The bytes of segments of fixed size: of those always there, and a text for each under a condition."""
+        fixed, parts = 0, list[str]()
+        for segment, scope in placed:
+            size = self.static.present(segment).fixed or 0
+            if segment.when is None:
+                fixed += size
+            elif size:
+                parts.append(f"({size} if {self.writer(scope).text(segment.when, level)} else 0)")
+        return fixed, parts
+
     def write_hoisted(self, out: Source) -> None:
         """Writes what fetches the values of the context."""
         for name, local in self.hoisted.items():

@@ -195,16 +195,10 @@ class BufferReader:
 
     def region_end(self, after: tuple[Item, ...]) -> Offset:
         """The end of a segment that reaches as far as what follows it leaves room."""
-        fixed, conditional = 0, []
-        for item in after:
-            size = self.static.present(item.segment).fixed
-            if size is None or self.in_item or not self._is_told(item):
-                return self._next_constant(after[0])
-            if item.segment.when is None:
-                fixed += size
-            elif size:
-                writer = self.function.writer(item.scope)
-                conditional.append(f"({size} if {writer.text(item.segment.when, AND)} else 0)")
+        told = all(self.static.present(item.segment).fixed is not None and self._is_told(item) for item in after)
+        if after and (self.in_item or not told):
+            return self._next_constant(after[0])
+        fixed, conditional = self.function.sizes_of(((item.segment, item.scope) for item in after), AND)
         if not conditional:
             return Offset("end", -fixed)
         end = self.function.names.fresh("region_end")

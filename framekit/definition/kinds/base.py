@@ -244,6 +244,11 @@ class Segment:
         return self.value_names if self.WANTED else ()
 
     @property
+    def given_names(self) -> tuple[str, ...]:
+        """The values that may be given when a frame is built: those that are not computed always."""
+        return self.value_names
+
+    @property
     def lacks_default(self) -> bool:
         """Whether it holds a value that the definition neither computes nor gives a default."""
         inside = self.blocks if self.is_there_inside else ()

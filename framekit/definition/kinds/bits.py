@@ -139,8 +139,12 @@ class Bits(Segment):
         return ((part.name, part.values) for part in self.parts)
 
     @property
+    def given_names(self) -> tuple[str, ...]:
+        return tuple(part.name for part in self.parts if part.is_ is None)
+
+    @property
     def may_be_given(self) -> bool:
-        return any(part.is_ is None for part in self.parts)
+        return bool(self.given_names)
 
     @property
     def lacks_default(self) -> bool:

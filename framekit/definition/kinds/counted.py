@@ -54,6 +54,10 @@ class Counting(Segment):
     def number_type(self) -> FieldType:
         return self.type
 
+    @property
+    def given_names(self) -> tuple[str, ...]:
+        return ()
+
     def check(self) -> Iterator[Problem]:
         if not self.type.is_whole_number:
             what = f"a {self.KEY} is a whole number, '{self.name}' is of another type"

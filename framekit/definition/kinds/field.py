@@ -184,6 +184,10 @@ class Field(Segment):
         return (self.name,) if all(one is None for one in given) else ()
 
     @property
+    def given_names(self) -> tuple[str, ...]:
+        return (self.name,) if self.is_ is None else ()
+
+    @property
     def may_be_given(self) -> bool:
         return self.is_ is None
 

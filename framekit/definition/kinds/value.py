@@ -26,6 +26,10 @@ class Value(Segment):
     )
 
     @property
+    def given_names(self) -> tuple[str, ...]:
+        return ()  # it may be, and nothing follows from that
+
+    @property
     def follows(self) -> Expression | None:
         return self.read
 
