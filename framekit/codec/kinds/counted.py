@@ -16,7 +16,8 @@ from framekit.codec.python.facts import (
     is_plain_name,
     targets_of,
 )
-from framekit.codec.python.reader import BufferReader, Item, not_possible
+from framekit.codec.python.function import FunctionWriter
+from framekit.codec.python.reader import BufferReader, Comparison, Item, not_possible
 from framekit.codec.python.registry import type_text
 from framekit.codec.python.source import Code, literal, quoted, text_source
 from framekit.definition.expression import AND
@@ -63,7 +64,21 @@ class LengthKind(CountedKind[Length]):
     model = Length
 
     def compare(self, r: BufferReader, item: Item, segment: Length) -> None:
-        r.compare_length(item, segment)
+        """A length whose segments are not sized by it is compared with the room they take."""
+        function = r.function
+        if is_followed(segment, function.segments):
+            return
+        targets = targets_of(segment, function.segments)
+        local = item.scope.entries[segment.name].text
+        parts = [part for name in targets for part in function.wire_parts.get(name, (name,))]
+
+        def compare() -> None:
+            total = function.room(targets, plain=segment.plain)
+            if segment.unit != 1:
+                total = f"{total} // {segment.unit}" if total.isalnum() else f"({total}) // {segment.unit}"
+            function.mismatch_if(f"{local} != {total}{forms.plus_text(segment.plus)}")
+
+        r.deferred.append(Comparison(compare, lambda: all(part in function.bounds for part in parts)))
 
     def wanted(self, d: DiagnosisWriter, segment: Length) -> str | None:
         return _room_of(d, segment)
@@ -112,10 +127,22 @@ class CountKind(CountedKind[Count]):
     model = Count
 
     def compare(self, r: BufferReader, item: Item, segment: Count) -> None:
-        r.compare_count(item, segment)
+        """A count that does not say itself how often something is repeated is compared with the list."""
+        absent = _where_absent(segment, r.function)
+        if absent is None:
+            return
+        local, plus = item.scope.entries[segment.name].text, forms.plus_text(segment.plus)
+
+        def compare() -> None:
+            items = item.scope.find(segment.of)
+            if items is not None:
+                r.function.mismatch_if(f"{local} != len({items.text}{absent}){plus}")
+
+        r.deferred.append(Comparison(compare, lambda: item.scope.find(segment.of) is not None))
 
     def wanted(self, d: DiagnosisWriter, segment: Count) -> str | None:
-        return _items_of(d, segment)
+        absent = _where_absent(segment, d)
+        return None if absent is None else f"len(n[{quoted(segment.of)}]{absent})"
 
     def tasks(self, w: EncodeWriter, segment: Count, scope: Scope, given: Given) -> list[Task]:
         waits = {segment.of} | w.size_waits(segment)
@@ -152,14 +179,14 @@ def _put_number(w: EncodeWriter, number: Length | Count, text: str, scope: Scope
         w.complain(condition, text_source(*path), text_source("'", *path, *found))
 
 
-def _items_of(d: DiagnosisWriter, count: Count) -> str | None:
-    """Text of the number of items; None where nothing can disagree."""
-    repeat = d.by_name.get(count.of)
-    there = comes_with(count.of, count, d.segments)
+def _where_absent(count: Count, writer: FunctionWriter) -> str | None:
+    """Text behind a list that is counted, where it may be absent; None where nothing can disagree."""
+    repeat = writer.by_name.get(count.of)
+    there = comes_with(count.of, count, writer.segments)
     followed = isinstance(repeat, Repeat) and count.plus == 0 and is_plain_name(repeat.times, count.name)
     if not isinstance(repeat, Repeat) or (there and followed):
         return None
-    return f"len(n[{quoted(count.of)}]{'' if there else ' or ()'})"
+    return "" if there else " or ()"
 
 
 def _diagnose(d: DiagnosisWriter, segment: Length | Count, scope: Scope, wanted: str | None) -> None:

@@ -8,13 +8,12 @@ read.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 from framekit.codec.checks import residue_of
 from framekit.codec.python import forms
 from framekit.codec.python.expressions import Kind, NameEntry, Scope, constant_of, default_text
-from framekit.codec.python.facts import Target, comes_with, is_followed, is_plain_name, targets_of
 from framekit.codec.python.forms import code_text, is_call
 from framekit.codec.python.function import (
     MISMATCH,
@@ -40,7 +39,6 @@ from framekit.definition.model.segments import (
     Field,
     FieldType,
     Length,
-    Repeat,
     Segment,
 )
 from framekit.definition.problems import DefinitionError, Problem
@@ -404,45 +402,6 @@ class BufferReader:
         if first.buffer == self.buffer and edges[1] == "here":
             return between(self.buffer, first.first, self.place)
         return between(first.buffer, first.first, self.function.bounds[names[-1]].last)
-
-    # ---- what is compared when everything is read ---------------------------------------------------------
-
-    def compare_length(self, item: Item, length: Length) -> None:
-        """A length whose segments are not sized by it is compared with the room they take."""
-        if is_followed(length, self.function.segments):
-            return
-        targets = targets_of(length, self.function.segments)
-        local = item.scope.entries[length.name].text
-        parts = [part for name in targets for part in self.function.wire_parts.get(name, (name,))]
-
-        def compare() -> None:
-            self.function.mismatch_if(f"{local} != {self.room_text(length, targets)}")
-
-        self.deferred.append(Comparison(compare, lambda: all(part in self.function.bounds for part in parts)))
-
-    def compare_count(self, item: Item, count: Count) -> None:
-        """A count that does not say itself how often something is repeated is compared with the list."""
-        repeat = self.function.by_name.get(count.of)
-        there = comes_with(count.of, count, self.function.segments)
-        followed = isinstance(repeat, Repeat) and count.plus == 0 and is_plain_name(repeat.times, count.name)
-        if not isinstance(repeat, Repeat) or (there and followed):
-            return
-        local = item.scope.entries[count.name].text
-        plus = forms.plus_text(count.plus)
-
-        def compare() -> None:
-            items = item.scope.find(count.of)
-            if items is not None:
-                self.function.mismatch_if(f"{local} != len({items.text}{'' if there else ' or ()'}){plus}")
-
-        self.deferred.append(Comparison(compare, lambda: item.scope.find(count.of) is not None))
-
-    def room_text(self, length: Length, targets: Mapping[str, Target]) -> str:
-        """Text of what a length counts, when everything is read."""
-        total = self.function.room(targets, plain=length.plain)
-        if length.unit != 1:
-            total = f"{total} // {length.unit}" if total.isalnum() else f"({total}) // {length.unit}"
-        return total + forms.plus_text(length.plus)
 
     def length_of_run(self, items: list[Item]) -> int:
         """How many of the items from the first on fit into one struct."""
