@@ -11,8 +11,7 @@ from framekit.codec.kinds.counted import CountKind, LengthKind
 from framekit.codec.kinds.data import DataKind
 from framekit.codec.kinds.field import FieldKind
 from framekit.codec.kinds.inner import InnerKind, NestedKind
-from framekit.codec.kinds.record import RecordKind
-from framekit.codec.kinds.repeat import ItemEndKind, RepeatKind
+from framekit.codec.kinds.repeat import ItemEndKind, RecordKind, RepeatKind
 from framekit.codec.kinds.value import RequireKind, ValueKind
 from framekit.codec.kinds.wrap import WrapKind
 
