@@ -182,7 +182,7 @@ def load_scale(reader: Reader, keys: Keys) -> Scale | None:
     if not factor:
         raise reader.broken(scale_node.at, "a scale of 0 leaves nothing of the number", "correct it")
     places = max(-int(one.as_tuple().exponent) for one in (factor, offset))
-    return Scale(int(Decimal(f"{factor}E{places}")), int(Decimal(f"{offset}E{places}")), places)
+    return Scale(int(factor.scaleb(places)), int(offset.scaleb(places)), places)
 
 
 def _number(reader: Reader, node: Node) -> Decimal:

@@ -276,14 +276,17 @@ class Candidates:
     def _without_end(self, info: FrameInfo, start: int, end: int) -> Bad:
         """A frame whose end is lost. Most begin in noise and are not told: how it is bad is worked out on demand."""
         whole: list[Bad] = []
+        stream, base = self._stream, self._stream.base
 
         def bad() -> Bad:
             if not whole:
-                whole.append(self._shortest_without_end(info, start, end))
+                moved = stream.base - base  # bytes that the buffer has let go since
+                whole.append(self._shortest_without_end(info, start - moved, end - moved))
             return whole[0]
 
         def open_at(size: int) -> bool:
-            return info.measure(self._stream.buffer, start, start + size, self._context, 0) == self._quiet
+            here = start + base - stream.base
+            return self._length(info, here, here + size) == self._quiet
 
         return Bad(lambda: bad().bad, lambda: bad().size, False, open_at)
 

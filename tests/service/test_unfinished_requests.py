@@ -21,7 +21,12 @@ PLCS = (
     Link("host-link", address="D100", format="7E2"),
     Link("mewtocol", address="DT100", format="8O1"),
 )
-ALL = (*LINKS, *SNP, *PLCS)
+INSTRUMENTS = (
+    Link("m-bus", station=5, service="readout"),
+    Link("nmea0183", format="8N1", station=None, service="position"),
+    Link("ubx", format="8N1", station=None, service="position"),
+)
+ALL = (*LINKS, *SNP, *PLCS, *INSTRUMENTS)
 LATER = 900 * MS
 """After less time than this clients usually ask again."""
 

@@ -26,6 +26,7 @@ from framekit.codec.python.reader import not_possible, write_decoder
 from framekit.codec.python.runtime_diagnosis import Diagnosis
 from framekit.codec.python.source import Source, identifier, literal, quoted
 from framekit.definition.expression import Conditional, Expression, Number
+from framekit.definition.kinds.repeat import ITEM_WORDS
 from framekit.definition.model.frames import Frame, Layout, everything
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Check, Choose, Length, Segment
@@ -312,7 +313,7 @@ class ModuleWriter:
             if isinstance(segment, Length) and set(segment.of) - own:
                 return False
         known = {*self.protocol.params, *self.protocol.state, *self.protocol.tables}
-        known |= BUILT_IN
+        known |= BUILT_IN | set(ITEM_WORDS.values())
         return not names_read(segments) - own - known
 
     # ---- parts of the text --------------------------------------------------------------------------------
