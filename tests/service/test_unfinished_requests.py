@@ -25,6 +25,9 @@ INSTRUMENTS = (
     Link("m-bus", station=5, service="readout"),
     Link("nmea0183", format="8N1", station=None, service="position"),
     Link("ubx", format="8N1", station=None, service="position"),
+    Link("ve-direct", format="8N1", station=None, service="product"),
+    Link("shdlc", format="8N1", service="version"),
+    Link("dynamixel", format="8N1", service="ping"),
 )
 ALL = (*LINKS, *SNP, *PLCS, *INSTRUMENTS)
 LATER = 900 * MS
