@@ -28,6 +28,7 @@ INSTRUMENTS = (
     Link("ve-direct", format="8N1", station=None, service="product"),
     Link("shdlc", format="8N1", service="version"),
     Link("dynamixel", format="8N1", service="ping"),
+    Link("scpi", format=None, station=None, service="identify"),
 )
 ALL = (*LINKS, *SNP, *PLCS, *INSTRUMENTS)
 LATER = 900 * MS
