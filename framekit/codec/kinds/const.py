@@ -61,8 +61,8 @@ class FillKind(SegmentKind[Fill]):
         r.function.mismatch_if(f"len({r.buffer}) != {segment.total}")
 
     def diagnose(self, d: DiagnosisWriter, segment: Fill, scope: Scope, behind: Behind) -> None:
-        total = segment.total
-        d.out.add(f'n.skip("fill", n.rest({d.behind(behind)}, "fill"))')
+        total, name = segment.total, d.named(segment)
+        d.out.add(f"n.skip({name}, n.rest({d.behind(behind)}, {name}))")
         d.out.add(f'n.expect("short", "frame", n.end, {quoted(f"{total} bytes")}, lambda n: n.end >= {total})')
         d.out.add(f'n.expect("surplus", "frame", {total}, "its end", lambda n: n.end <= {total})')
 

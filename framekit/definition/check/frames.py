@@ -51,7 +51,7 @@ def check_frame(protocol: Protocol, frame: Frame) -> list[Problem]:
     found += _order_of_sizes(frame.segments, set())
     for repeat in parts_of(frame.segments, Repeat):
         found += () if repeat.is_counted else _last_too_soon(repeat.members)
-    found += _ends_left_for_others(frame)
+    found += _LeftForOthers(protocol).check(frame)
     found += _lengths_of_numbers(frame)
     found += _lengths_that_never_fit(protocol, frame)
     ends = _Ends(protocol)
@@ -336,20 +336,66 @@ def _last_too_soon(segments: Segments) -> Iterator[Problem]:
             yield from _last_too_soon(segment.members)
 
 
-def _ends_left_for_others(frame: Frame) -> Iterator[Problem]:
-    """What ends before one of several bytes needs something behind it that may begin with one of them."""
-    found = tuple(leaves(frame.segments))
-    for place, segment in enumerate(found):
-        stops = b"" if segment.number_type is None else segment.number_type.stops
-        if not stops:
-            continue
-        shown = " or ".join(f"{byte:02X}" for byte in stops)
-        todo = "put {field: NAME, type: u8} or a constant behind it"
-        if place + 1 == len(found):
-            yield Problem(segment.at, f"{segment.title} ends before {shown}, and nothing follows it", todo)
-        elif isinstance(behind := found[place + 1], Const) and behind.when is None and behind.data[0] not in stops:
-            what = f"{segment.title} ends before {shown}, and what follows begins with {behind.data[0]:02X}"
-            yield Problem(segment.at, what, todo)
+class _LeftForOthers:
+    """What ends before one of several bytes (`end: [2C, 2A]`) needs something behind it that begins with one of them.
+
+    What is always there need only be able to: its value is given. What comes where something else is absent has to be a
+    constant, as nobody who gives values sees that it counts.
+    """
+
+    def __init__(self, protocol: Protocol) -> None:
+        self.sizes = StaticSizes(protocol.frames)
+
+    def check(self, frame: Frame) -> Iterator[Problem]:
+        yield from self._behind(self.sizes.segments(frame), ((),))
+
+    def _behind(self, segments: Segments, after: tuple[Segments, ...]) -> Iterator[Problem]:
+        """`after`: what may come behind these segments."""
+        for place, segment in enumerate(segments):
+            stops = b"" if segment.number_type is None else segment.number_type.stops
+            if not (stops or segment.blocks or segment.inner_record):
+                continue
+            rest = tuple((*segments[place + 1 :], *one) for one in after)
+            for block in segment.blocks:
+                yield from self._behind(block, ((),) if segment.is_there_inside else rest)
+            if segment.inner_record is not None:
+                again = ((*segment.members, *rest[0]),) if segment.is_list else ()
+                yield from self._behind(segment.members, (*again, *rest))
+            problem = next((found for one in rest if (found := self._first(one, stops))), None) if stops else None
+            if problem is not None:
+                shown = " or ".join(f"{byte:02X}" for byte in stops)
+                what = f"{segment.title} ends before {shown}, and {problem}"
+                yield Problem(segment.at, what, "put {field: NAME, type: u8} or a constant behind it")
+
+    def _first(self, segments: Segments, stops: bytes, surely: bool = False, is_all: bool = True) -> str | None:
+        """What is wrong with the first byte of these segments, which is to be one of `stops`. `surely`: whatever
+        values there are. `is_all`: nothing stands behind them.
+        """
+        absent = ""
+        for segment in segments:
+            if not segment.takes_bytes or self.sizes.present(segment).most == 0:
+                continue
+            problem = self._begins(segment, stops, surely)
+            if problem is not None:
+                return absent + problem
+            if self.sizes.of(segment).least > 0:
+                return None
+            absent, surely = absent or f"{segment.title} may be absent or empty: ", True
+        return f"{absent}nothing follows it" if is_all else None
+
+    def _begins(self, segment: Segment, stops: bytes, surely: bool) -> str | None:
+        """What is wrong with the first byte of one segment, if it is there and has one."""
+        blocks = (segment.members,) if segment.is_record else () if segment.is_there_inside else segment.blocks
+        if blocks:
+            found = (self._first(block, stops, surely, False) for block in blocks)
+            return next((one for one in found if one), None)
+        if isinstance(segment, Const | Skip):
+            first = segment.data[0] if isinstance(segment, Const) else segment.fill[0]
+            return None if first in stops else f"what follows begins with {first:02X}"
+        own = b"" if segment.number_type is None else segment.number_type.stops
+        if surely or not (bytes_of((segment,), self.sizes.frames) - frozenset(own)) & frozenset(stops):
+            return f"{segment.title} {'need not begin' if surely else 'never begins'} with that"
+        return None
 
 
 def _lengths_of_numbers(frame: Frame) -> Iterator[Problem]:
