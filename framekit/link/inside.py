@@ -66,10 +66,10 @@ class InsideFinder:
     """Looks through what is arriving for frames in the middle of others, every byte once.
 
     `places`: how far it has looked in each frame that may have begun at the present place. `holders`: the frames that
-    may hold others.
+    may hold others. Up to the offset `_clear` of the stream, no frame inside begins that has not been taken out.
     """
 
-    __slots__ = ("_lost", "_marks", "_names", "_rules", "holders", "places")
+    __slots__ = ("_clear", "_lost", "_marks", "_names", "_rules", "holders", "places")
 
     def __init__(self, table: FrameTable, names: Names, lost: int) -> None:
         self._names = names
@@ -77,6 +77,7 @@ class InsideFinder:
         self._rules, self._marks = table.once(rules_and_marks, table)
         self.holders = frozenset(self._rules)
         self.places: dict[str, int] = {}
+        self._clear = 0
 
     def __bool__(self) -> bool:
         return bool(self._rules)
@@ -86,13 +87,19 @@ class InsideFinder:
         if self.places:
             self.places.clear()
 
-    def nothing_in(self, buffer: bytes | bytearray, start: int = 0) -> bool:
-        """Whether from `start` on there is surely no frame that may stand inside another."""
-        return self._marks is not None and self._marks.search(buffer, start) is None
+    def is_none_behind(self, stream: Stream) -> bool:
+        """Whether behind the stream's position there is surely no frame that may stand inside another."""
+        if self._marks is None:
+            return False
+        buffer, base = stream.buffer, stream.base
+        if self._marks.search(buffer, max(stream.position, self._clear - base)) is not None:
+            return False
+        self._clear = base + len(buffer) - 1  # the last byte may begin one
+        return True
 
     def is_none_in(self, outer: str, raw: bytes) -> bool:
         """Whether no frame may stand inside `outer`, or surely none does in its bytes `raw`."""
-        return outer not in self.holders or self.nothing_in(raw)
+        return outer not in self.holders or (self._marks is not None and self._marks.search(raw) is None)
 
     def first_mark(self, buffer: bytes | bytearray, start: int, end: int) -> int:
         """Up to where there is surely no frame inside another, of the next bytes from `start` on, up to `end`."""

@@ -517,11 +517,7 @@ class Receiver:
             left = start.wanted
             if not (left.compare() if left.alike is None else left.alike):
                 return False
-        if (
-            inside is not None
-            and not inside.holders.isdisjoint(left.names)
-            and not inside.nothing_in(stream.buffer, place)
-        ):
+        if inside is not None and not inside.holders.isdisjoint(left.names) and not inside.is_none_behind(stream):
             return False
         if info.guesses and size >= -info.behind and not self._candidates.said:
             size = info.measure(stream.buffer, place, end, self._names, 0)

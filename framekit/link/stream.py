@@ -86,12 +86,12 @@ class Stream:
             self.position = 0
             return False
         self.buffer = buffer = bytes(self.buffer[self.position :]) + data
-        self.position, ends = 0, self.ends
-        if len(ends) == 1 or ends[-2] <= base:
-            self.ends, self.times = [ends[-1], base + len(buffer)], [self.times[-1], now]
-        else:
+        self.position, ends, times = 0, self.ends, self.times
+        if ends[0] <= base:
             used = bisect_right(ends, base)
-            self.ends, self.times = [*ends[used:], base + len(buffer)], [*self.times[used:], now]
+            del ends[:used], times[:used]
+        ends.append(base + len(buffer))
+        times.append(now)
         return True
 
     def _add(self, data: bytes, now: int, faults: Iterable[CharacterFault]) -> bool:

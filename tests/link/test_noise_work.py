@@ -194,6 +194,47 @@ def test_a_damaged_frame_that_is_not_told_is_passed_over_whole() -> None:
         assert hearing.counters.bad < 25
 
 
+class Searches:
+    """Counts the bytes that a pattern is searched in."""
+
+    def __init__(self, pattern: Any) -> None:
+        self.pattern, self.bytes = pattern, 0
+
+    def search(self, data: bytes, start: int = 0, end: int = sys.maxsize) -> Any:
+        found = self.pattern.search(data, start, end)
+        self.bytes += (min(end, len(data)) if found is None else found.end()) - start
+        return found
+
+
+def work_byte_by_byte(name: str, role: str, data: bytes) -> tuple[int, int]:
+    """Lines that framekit runs, and bytes searched for frames inside others, while a message comes byte by byte."""
+    hearing, count = engine(name, role), 0
+    finder: Any = hearing.receiver._inside
+    finder._marks = searches = Searches(finder._marks)
+
+    def counted(frame: object, event: str, argument: object) -> Any:
+        nonlocal count
+        count += event == "line"
+        return counted
+
+    sys.settrace(counted)
+    try:
+        for number, byte in enumerate(data):
+            hearing.receive(bytes([byte]), 1_000_000_000 + 1000 * number)
+    finally:
+        sys.settrace(None)
+    assert hearing.receiver.waiting == ("message",)
+    return count, searches.bytes
+
+
+@pytest.mark.parametrize("content", [b"\x10\x10", b"\x11\x10\x10", b"\x10\x10\x06"], ids=bytes.hex)
+def test_a_lone_message_with_doubled_escapes_byte_by_byte_takes_work_for_each_byte_once(content: bytes) -> None:
+    few, many = (work_byte_by_byte("df1", "full", b"\x10\x02" + content * count) for count in (300, 1200))
+    for less, more in zip(few, many, strict=True):
+        assert more < 4 * 1.2 * less
+    assert many[0] < 400 * 1200 * len(content)
+
+
 @pytest.mark.parametrize(
     "block",
     [b"\x0604Y" * 40 + b"\x03" * 4, b"\x0601rSB0102AAAA\x0300" * 8 + b"\x1504RSB0003\x03"],

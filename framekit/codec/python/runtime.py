@@ -159,8 +159,11 @@ def find_region_end(
     `seen`: up to there nothing was found before. `embedded`: what may stand in the region all the same.
     """
     place = at if seen < at else seen
-    while place > at and data[place - 1] == escape:
-        place -= 1  # escape bytes are paired from the first one of their row
+    if place > at and data[place - 1] == escape:
+        if data.count(escape, place, end) == end - place:
+            return -1  # nothing but escape bytes yet: no need to count them anew for each that comes
+        while place > at and data[place - 1] == escape:
+            place -= 1  # they are paired from the first one of their row
     while True:
         place = data.find(escape, place, end)
         if place < 0 or place + 1 >= end:
