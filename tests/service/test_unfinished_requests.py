@@ -28,13 +28,14 @@ INSTRUMENTS = (
     Link("ve-direct", format="8N1", station=None, service="product"),
     Link("shdlc", format="8N1", service="version"),
     Link("dynamixel", format="8N1", service="ping"),
+    Link("iec62056-21", format="7E1", speed=300, station="", me="", service="readout"),
     Link("scpi", format=None, station=None, service="identify"),
 )
 ALL = (*LINKS, *SNP, *PLCS, *INSTRUMENTS)
 LATER = 900 * MS
 """After less time than this clients usually ask again."""
 
-WHOLE = {"ccm-peer": {b"\x05"}}
+WHOLE = {"ccm-peer": {b"\x05"}, "iec62056-21-client": {b"/?!\r\n"}}
 """Stray bytes that are a request: what follows it is answered as the protocol says, the next one as if alone."""
 
 
