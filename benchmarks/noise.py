@@ -12,7 +12,6 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 from random import Random
 from typing import Any
 
@@ -20,6 +19,7 @@ from framekit.codec.codec import Codec, compile_protocol
 from framekit.codec.samples import Sampler
 from framekit.definition.load import load_protocol
 from framekit.definition.model.protocol import Protocol
+from framekit.definition.sources import shipped_definitions
 from framekit.link.engine import Engine
 from framekit.link.frame_table import FrameTable
 from framekit.link.services.client import Client
@@ -64,8 +64,9 @@ def compiled(name: str) -> tuple[Protocol, Codec]:
 
 def shipped() -> list[str]:
     """Every shipped protocol that is a line of its own."""
-    files = sorted((Path(__file__).parent.parent / "frames").glob("*.yaml"))
-    found = [file.stem for file in files if f"protocol: {file.stem}\n" in file.read_text(encoding="utf-8")]
+    found = [
+        file.stem for file in shipped_definitions() if f"protocol: {file.stem}\n" in file.read_text(encoding="utf-8")
+    ]
     return [name for name in found if compiled(name)[0].frames]
 
 

@@ -29,10 +29,10 @@ class ShippedKeeper(DefinitionCache):
     """Keeps the shipped definitions from one process of the tests to the next, in the user's cache folder."""
 
     def loaded(self, path: Path) -> tuple[Protocol, Sources] | None:
-        return super().loaded(path) if path.parent == FRAMES else None
+        return super().loaded(path) if FRAMES in path.parents else None
 
     def was_loaded(self, path: Path, protocol: Protocol, sources: Sources) -> None:
-        if path.parent == FRAMES:
+        if FRAMES in path.parents:
             super().was_loaded(path, protocol, sources)
 
 

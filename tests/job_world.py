@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from shipped import file_of
+
 from framekit.definition.times import NEVER
 from framekit.link.addresses import Address
 from framekit.memory.profile import load_profile
@@ -122,7 +124,7 @@ class JobWorld:
 
 def profile_with(folder: Path, old: str, new: str) -> JobProfile:
     """The shipped profile with something else in it."""
-    shipped = Path(__file__).parents[1] / "frames" / "ge-channels.jobs.yaml"
+    shipped = file_of("ge-channels.jobs.yaml")
     text = shipped.read_text(encoding="utf-8")
     assert old in text
     path = folder / "changed.jobs.yaml"

@@ -6,15 +6,23 @@ from functools import cache
 from pathlib import Path
 
 from framekit.definition.problems import DefinitionError
+from framekit.definition.sources import find_definition, shipped_definitions
 from framekit.definition.vectors import Vectors, read_vectors
 
 FRAMES = Path(__file__).parent.parent / "frames"
 
 
+def file_of(name: str) -> Path:
+    """The shipped file of this name, in whichever family's folder it stands."""
+    found = find_definition(name, FRAMES)
+    assert found is not None, name
+    return found
+
+
 def names(first_key: str) -> list[str]:
     """Names of the shipped definitions whose first key this is."""
     found = []
-    for path in sorted(FRAMES.glob("*.yaml")):
+    for path in shipped_definitions():
         lines = (line for line in path.read_text(encoding="utf-8").splitlines() if line and not line.startswith("#"))
         if next(lines).startswith(f"{first_key}:"):
             found.append(path.stem)
@@ -28,7 +36,7 @@ APPLICATIONS = names("application")
 @cache
 def vectors_of(name: str) -> Vectors:
     """The vectors of a shipped protocol, read once a process: looking for cases takes long enough."""
-    return load_vectors(FRAMES / f"{name}.vectors.yaml")
+    return load_vectors(file_of(f"{name}.vectors.yaml"))
 
 
 def load_vectors(path: Path) -> Vectors:

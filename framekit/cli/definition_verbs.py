@@ -360,10 +360,10 @@ def run_frames(arguments: argparse.Namespace) -> int:
 def _protocols(as_json: bool) -> int:
     """The shipped definitions by family, a line each; one that extends another is of the same family."""
     from framekit.definition.nodes import Mapping, read_nodes
-    from framekit.definition.sources import shipped_folder
+    from framekit.definition.sources import shipped_definitions
 
     roots: dict[str, Mapping] = {}
-    for path in sorted(shipped_folder("frames").glob("*.yaml")):
+    for path in shipped_definitions():
         root = read_nodes(path)
         if isinstance(root, Mapping) and root.entries and root.entries[0].key.text in ("protocol", "application"):
             roots[path.stem] = root

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from enum import Enum
+from functools import cache
 from hashlib import sha256
 from pathlib import Path, PurePosixPath
 from types import CodeType, ModuleType
@@ -26,9 +27,23 @@ def shipped_folder(name: Literal["frames", "schemas"]) -> Path:
     return installed if installed.is_dir() else package.parent / name
 
 
+@cache
+def definition_folders() -> tuple[Path, ...]:
+    """The folders of shipped definitions: one for each family of protocols."""
+    frames = shipped_folder("frames")
+    return (*sorted(path for path in frames.iterdir() if path.is_dir()), frames)
+
+
+def shipped_definitions(pattern: str = "*.yaml") -> list[Path]:
+    """The shipped files of this pattern, by name."""
+    return sorted(
+        (path for folder in definition_folders() for path in folder.glob(pattern)), key=lambda path: path.name
+    )
+
+
 def find_definition(name: str, folder: Path) -> Path | None:
     """The file of a definition: `folder/NAME`, `folder/NAME.yaml`, or a shipped one; None if there is none."""
-    for place in (folder, shipped_folder("frames")):
+    for place in (folder, *definition_folders()):
         for candidate in (place / name, place / f"{name}.yaml"):
             if candidate.is_file() and candidate.resolve().is_relative_to(place.resolve()):
                 return candidate
@@ -154,7 +169,7 @@ def find_profile(name: str, folder: Path | None, at: Position, *, kind: str, suf
     if not name or name.startswith(("/", "~")) or "\\" in name or ".." in PurePosixPath(name).parts:
         what = f"'{name}' leaves the folder of the file that names it"
         raise DefinitionError([Problem(at, what, "name a profile beside it or a shipped one")])
-    places = [place for place in (folder, shipped_folder("frames")) if place is not None]
+    places = [place for place in (folder, *definition_folders()) if place is not None]
     for place in places:
         for candidate in (place / name, place / f"{name}{suffix}"):
             if candidate.is_file() and candidate.resolve().is_relative_to(place.resolve()):

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from link.link_world import compiled, cut_at, feed, receiver_of, told
-from shipped import FRAMES
+from shipped import file_of
 
 from framekit.definition.times import NEVER
 from framekit.link.events import CharacterFault, LineFault
@@ -31,8 +31,8 @@ frames:
           - {check: crc16-ibm-sdlc, order: little}
       - {const: 7E}
 """.replace("CONTROLS", CONTROLS)
-SLIP = (FRAMES / "slip.yaml").read_text(encoding="utf-8")
-COBS = (FRAMES / "cobs.yaml").read_text(encoding="utf-8")
+SLIP = file_of("slip.yaml").read_text(encoding="utf-8")
+COBS = file_of("cobs.yaml").read_text(encoding="utf-8")
 
 
 def ppp(protocol: int, data: str) -> bytes:

@@ -15,10 +15,10 @@ from framekit.codec.errors import FrameError
 from framekit.codec.plain import PlainValues
 from framekit.definition.load import load_protocol
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.sources import shipped_folder
+from framekit.definition.sources import shipped_definitions
 from framekit.definition.vectors import FrameVector
 
-VECTORS = sorted(shipped_folder("frames").glob("*.vectors.yaml"))
+VECTORS = shipped_definitions("*.vectors.yaml")
 
 
 @pytest.mark.parametrize("name", spread((path.name.removesuffix(".vectors.yaml") for path in VECTORS), 3))

@@ -33,7 +33,7 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.nodes import Mapping, Node, Scalar, read_text
 from framekit.definition.problems import DefinitionError, Position
 from framekit.definition.schema import _schemas, _validator
-from framekit.definition.sources import shipped_folder
+from framekit.definition.sources import shipped_definitions
 from framekit.link.frame_table import FrameTable
 from framekit.link.sequences.compiler import sequence_source
 from framekit.link.values import Names, compile_expression
@@ -142,7 +142,7 @@ def documents() -> tuple[Any, ...]:
     """Definitions that have every kind of node: the cases of segments, and the shipped ones for all the others."""
     texts = sorted([FOLDED, *(case.yaml for cases in SECTIONS.values() for case in cases)], key=len)
     texts.append(SMALL)
-    files = [file for file in shipped_folder("frames").glob("*.yaml") if "." not in file.stem]
+    files = [file for file in shipped_definitions() if "." not in file.stem]
     texts += [file.read_text() for file in sorted(files, key=lambda file: file.stat().st_size)]
     return tuple(plain(read_text(text, "text")) for text in texts)
 

@@ -14,7 +14,7 @@ from framekit.definition.load import load_protocol
 from framekit.definition.model.checks import CheckMethod, crc_catalogue
 from framekit.definition.model.frames import parts_of
 from framekit.definition.model.segments import Check
-from framekit.definition.sources import shipped_folder
+from framekit.definition.sources import shipped_definitions
 from tests.check_methods import from_crc
 
 BY_LIBRARY = [entry.method for entry in crc_catalogue() if library_crc(entry.method) is not None]
@@ -22,7 +22,7 @@ BY_LIBRARY = [entry.method for entry in crc_catalogue() if library_crc(entry.met
 
 def shipped_methods() -> Iterator[CheckMethod]:
     seen = set()
-    for path in sorted(shipped_folder("frames").glob("*.yaml")):
+    for path in shipped_definitions():
         if "." not in path.stem:
             for check in parts_of(load_protocol(path.stem).frames, Check):
                 if check.method.kind == "crc" and check.method not in seen:

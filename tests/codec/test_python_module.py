@@ -24,11 +24,11 @@ from framekit.codec.python.generate import generate_source
 from framekit.codec.python.source import broken
 from framekit.definition.load import load_protocol, load_protocol_text
 from framekit.definition.model.frames import Layout
-from framekit.definition.sources import shipped_folder
+from framekit.definition.sources import shipped_definitions
 
 SHIPPED = [
     path.stem
-    for path in sorted(shipped_folder("frames").glob("*.yaml"))
+    for path in shipped_definitions()
     if re.search(r"^(protocol|application):", path.read_text(encoding="utf-8"), re.MULTILINE)
 ]
 

@@ -15,9 +15,9 @@ from jsonschema import Draft202012Validator
 from framekit.definition.nodes import Mapping, Node, Scalar, Sequence, read_nodes, read_text
 from framekit.definition.problems import DefinitionError
 from framekit.definition.schema import FIRST_KEYS, Kind, kind_of, validate, wrong_kind
-from framekit.definition.sources import shipped_folder
+from framekit.definition.sources import shipped_definitions, shipped_folder
 
-SHIPPED = sorted(shipped_folder("frames").glob("*.yaml"))
+SHIPPED = shipped_definitions()
 SCHEMAS = sorted(shipped_folder("schemas").glob("*.schema.json"))
 
 

@@ -13,22 +13,24 @@ from typing import Any
 import pytest
 import yaml
 from errors.mutations import dumped, mutated
+from shipped import file_of
 
 from framekit.api.check import check_file
+from framekit.definition.sources import shipped_definitions
 
 ROOT = Path(__file__).parents[2]
 WANTED = int(os.environ.get("FRAMEKIT_MUTATIONS", "0"))
 SMALL = [
-    ROOT / "frames" / "third-party-plc.yaml",
-    ROOT / "frames" / "standard.yaml",
-    ROOT / "frames" / "third-party-plc.vectors.yaml",
-    ROOT / "frames" / "masterlogic.memory.yaml",
+    file_of("third-party-plc.yaml"),
+    file_of("standard.yaml"),
+    file_of("third-party-plc.vectors.yaml"),
+    file_of("masterlogic.memory.yaml"),
     ROOT / "examples" / "third-party-plc.run.yaml",
     ROOT / "examples" / "third-party-plc.device.yaml",
     ROOT / "tests" / "errors" / "definitions" / "good-link.yaml",
     ROOT / "tests" / "errors" / "definitions" / "good-device.yaml",
 ]
-ALL = [*sorted(ROOT.glob("frames/*.yaml")), *sorted(ROOT.glob("examples/*.yaml")), *SMALL[-2:]]
+ALL = [*shipped_definitions(), *sorted(ROOT.glob("examples/*.yaml")), *SMALL[-2:]]
 EACH = WANTED or 26
 
 

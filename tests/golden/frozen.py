@@ -24,6 +24,7 @@ from framekit.codec.python.generate import generate_source
 from framekit.codec.samples import Sampler
 from framekit.definition.load import load_protocol
 from framekit.definition.model.frames import names_read_in
+from framekit.definition.sources import find_definition
 from framekit.definition.vectors import Conversation
 from framekit.link.arrivals import Arrival, BadFrame, FrameArrived
 from framekit.link.conversation import SideUnderTest, default_line, run_conversation
@@ -106,8 +107,8 @@ class Shipped:
     @cached_property
     def on_line(self) -> list[bytes]:
         """Frames as they stand on the line: those of the vectors, and the kept ones that are no part of others."""
-        file = FRAMES / f"{self.name}.vectors.yaml"
-        exact = [case.wire.exact for case in load_vectors(file).frames] if file.exists() else []
+        file = find_definition(f"{self.name}.vectors.yaml", FRAMES)
+        exact = [case.wire.exact for case in load_vectors(file).frames] if file is not None else []
         names = Receiver(self.codec, self.protocol, self.names()).table.on_line
         return [data for data in exact if data] + [data for name in names for data in self.frames.get(name, ())]
 
@@ -392,9 +393,9 @@ def shown(seen: Seen) -> str:
 
 def conversations(one: Shipped) -> Iterator[Case]:
     """What the tested side of every conversation of the vectors shows to its monitor, in order."""
-    file = FRAMES / f"{one.name}.vectors.yaml"
+    file = find_definition(f"{one.name}.vectors.yaml", FRAMES)
     known: dict[str, int] = {}
-    for number, case in enumerate(load_vectors(file).conversations if file.exists() else ()):
+    for number, case in enumerate(load_vectors(file).conversations if file is not None else ()):
         known[case.name] = again = known.get(case.name, 0) + 1
         title = case.name if again == 1 else f"{case.name} ({again})"
         yield Case(f"conversation/{title}", partial(_trace, one, case), number % 20 == 0)

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from link.link_world import SECOND, Side, compiled
-from link.service_loop import FRAMES
+from shipped import file_of
 
 from framekit.link.construct_values import read_layout
 from framekit.link.events import Command
@@ -24,7 +24,7 @@ NODE = 5
 
 @cache
 def text() -> str:
-    return (FRAMES / "df1.yaml").read_text(encoding="utf-8")
+    return file_of("df1.yaml").read_text(encoding="utf-8")
 
 
 class Pair:

@@ -5,8 +5,7 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-from link.service_loop import FRAMES
-from shipped import vectors_of
+from shipped import file_of, vectors_of
 
 from framekit.definition.expression import Number
 from framekit.definition.load import load_protocol
@@ -37,7 +36,7 @@ WITH_DATA = {
 
 @cache
 def protocol() -> Protocol:
-    return load_protocol(FRAMES / "df1.yaml")
+    return load_protocol(file_of("df1.yaml"))
 
 
 def code_of(frame: Frame) -> int | None:

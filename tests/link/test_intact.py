@@ -12,11 +12,11 @@ from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import FrameError
 from framekit.codec.samples import Sampler
 from framekit.definition.load import load_protocol, load_protocol_text
+from framekit.definition.sources import shipped_definitions
 from framekit.link.frame_table import intact_of, table_of
 from framekit.link.scope import Scope
 
-FRAMES = Path(__file__).parents[2] / "frames"
-NAMES = sorted(path.name.split(".")[0] for path in FRAMES.glob("*.yaml") if path.name.count(".") == 1)
+NAMES = sorted(path.name.split(".")[0] for path in shipped_definitions() if path.name.count(".") == 1)
 
 
 def test_some_shipped_frames_have_it() -> None:

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from link.link_world import MS, SECOND, Side, compiled
-from link.service_loop import FRAMES
 from link.test_serving import MALFORMED, with_check
+from shipped import file_of
 
 from framekit.link.services.client import Client, TransferResult
 from framekit.link.services.server import MemoryServer
@@ -23,7 +23,7 @@ class Pair:
     """A client and a device of one protocol."""
 
     def __init__(self, name: str) -> None:
-        text = (FRAMES / f"{name}.yaml").read_text(encoding="utf-8")
+        text = file_of(f"{name}.yaml").read_text(encoding="utf-8")
         protocol, codec = compiled(text)
         self.memory = DeviceMemory(memory_of(protocol)[0])
         self.device = Side(text, "server", own=1, server=MemoryServer(protocol, codec, self.memory))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cache
-from pathlib import Path
 from random import Random
 from typing import Any
 
@@ -11,10 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from link.link_world import MS, cut_at, feed
-from shipped import vectors_of
+from shipped import file_of, vectors_of
 
 from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol
+from framekit.definition.sources import shipped_definitions
 from framekit.link.conversation import default_line
 from framekit.link.engine import Engine
 from framekit.link.events import Exchange
@@ -25,15 +25,14 @@ from framekit.link.values import Names
 from framekit.memory.memory import DeviceMemory
 from framekit.runfile.devices import memory_of
 
-FRAMES = Path(__file__).parents[2] / "frames"
-VECTORS = sorted(file.name.split(".")[0] for file in FRAMES.glob("*.vectors.yaml"))
-NAMES = [name for name in VECTORS if "\nprotocol: " in "\n" + (FRAMES / f"{name}.yaml").read_text(encoding="utf-8")]
+VECTORS = sorted(file.name.split(".")[0] for file in shipped_definitions("*.vectors.yaml"))
+NAMES = [name for name in VECTORS if "\nprotocol: " in "\n" + file_of(f"{name}.yaml").read_text(encoding="utf-8")]
 """Protocols; an application has no line, so no stream either."""
 
 
 @cache
 def loaded(name: str) -> tuple[Any, Any, list[bytes]]:
-    protocol = load_protocol(FRAMES / f"{name}.yaml")
+    protocol = load_protocol(name)
     samples = [case.wire.exact for case in vectors_of(name).frames]
     return protocol, compile_protocol(protocol), [data for data in samples if data]
 

@@ -12,12 +12,12 @@ from framekit.api.vectors import make_side
 from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol
 from framekit.definition.problems import DefinitionError
+from framekit.definition.sources import shipped_definitions
 from framekit.definition.vectors import Vectors, check_vectors, parse_wire
 from framekit.link.conversation import SideUnderTest, run_conversation, run_frame_vector
 from tests.shipped import load_vectors
 
-FRAMES = Path(__file__).parents[2] / "frames"
-SHIPPED = sorted(FRAMES.glob("*.vectors.yaml"))
+SHIPPED = shipped_definitions("*.vectors.yaml")
 
 
 def read(tmp_path: Path, text: str) -> Vectors:
@@ -87,7 +87,7 @@ def test_problems_have_their_place(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", [file.name.removesuffix(".vectors.yaml") for file in SHIPPED])
 def test_the_shipped_cases_hold(name: str) -> None:
     vectors = vectors_of(name)
-    protocol = load_protocol(FRAMES / f"{vectors.protocol}.yaml")
+    protocol = load_protocol(vectors.protocol)
     codec = compile_protocol(protocol)
     assert vectors.frames or vectors.conversations
     for vector in vectors.frames:

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from link.link_world import Side, compiled
 from near_run import started
+from shipped import file_of
 from spread import TRANSFERS
 from transfer_world import TransferWorld
 
@@ -188,7 +189,7 @@ def answer_to(request: bytes, value: int) -> bytes:
 
 
 def test_replies_in_any_order_find_their_requests() -> None:
-    text = (Path(__file__).parents[2] / "frames" / f"{PROTOCOL}.yaml").read_text(encoding="utf-8")
+    text = file_of(f"{PROTOCOL}.yaml").read_text(encoding="utf-8")
     protocol, codec = compiled(text)
     asking = Side(text, "client", params={"outstanding": 4})
     client = Client(protocol, codec, asking.engine)

@@ -17,7 +17,7 @@ from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar, is_cut, read_nodes, unread
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
 from framekit.definition.schema import Kind, validate, wrong_kind
-from framekit.definition.sources import find_definition, shipped_folder
+from framekit.definition.sources import definition_folders, find_definition
 
 T = TypeVar("T")
 
@@ -128,7 +128,7 @@ class Documents:
         return found
 
     def _near(self, text: str, beside: Path) -> str:
-        folders = (beside.parent, shipped_folder("frames"))
+        folders = (beside.parent, *definition_folders())
         known = {file.stem for folder in folders for file in folder.glob("*.yaml") if "." not in file.stem}
         name = text.removesuffix(".yml").removesuffix(".yaml")
         return did_you_mean(name, known) or f"put {name}.yaml beside {beside.name}"
