@@ -483,6 +483,8 @@ def _items(
     if drawn.apart.random() < 0.2:
         segment |= {"align": drawn.apart.choice([2, 4, 4, 8])}
         segment |= drawn.apart.choice([{}, {"between": "yes"}, {"between": "yes", "fill": "2A"}])
+    if times != 1 and drawn.apart.random() < 0.15:
+        segment["separator"] = drawn.apart.choice(["2C", "0D 0A"])
     if times == "rest" and many and drawn.apart.random() < 0.4:
         del segment["times"]
         drawn.expression(segment, "until", drawn.apart.choice([f"index == {many - 1}", "§ == 8", "§ > 3"]), inside)

@@ -200,15 +200,11 @@ TYPE_KINDS: dict[str, TypeKind] = {
 
 @dataclass(frozen=True, slots=True)
 class TypeKeys:
-    """The word of a type with its companions `size order case pad end`, and those of decimals.
-
-    `separated`: what separates them shows where decimals end, which then need no size.
-    """
+    """The word of a type with its companions `size order case pad end`, and those of decimals."""
 
     space: Meanings
     keys: Keys
     scalar: Scalar
-    separated: bool = False
 
     @property
     def reader(self) -> Reader:
@@ -324,7 +320,7 @@ def _decimal(given: TypeKeys) -> FieldType:
     if size_node is not None and node is not None:
         what = "a decimal has a size, or an end that shows it, not both"
         raise reader.broken(node.at, what, "leave one of them out")
-    if size_node is None and node is None and not given.separated:
+    if size_node is None and node is None:
         what = "nothing says how many characters a decimal has"
         raise reader.broken(given.scalar.at, what, "add size: N, or end: BYTES")
     size = None if size_node is None else given.size()
@@ -357,12 +353,10 @@ TYPES: dict[str, LoadType] = {
 }
 
 
-def load_type(
-    space: Meanings, mapping: Keys, type_node: Node | None, *, texts: bool = False, separated: bool = False
-) -> FieldType:
+def load_type(space: Meanings, mapping: Keys, type_node: Node | None, *, texts: bool = False) -> FieldType:
     """The type named by `type_node`, completed by `size order case pad end` of a mapping. Raises Broken.
 
-    `texts`: the mapping has the keys of decimals; `separated`: what stands between values shows where they end.
+    `texts`: the mapping has the keys of decimals.
     """
     scalar = space.reader.scalar(type_node)
     if scalar.text not in TYPES:
@@ -371,7 +365,7 @@ def load_type(
         raise space.reader.broken(
             scalar.at, "a decimal stands in fields and lists only", "write type: dec, with a size"
         )
-    type_ = TYPES[scalar.text](TypeKeys(space, mapping, scalar, separated))
+    type_ = TYPES[scalar.text](TypeKeys(space, mapping, scalar))
     scale = load_scale(space.reader, mapping) if texts else None
     if scale is None:
         return type_

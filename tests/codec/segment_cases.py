@@ -247,6 +247,19 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
         Case("items of a fixed size, filled up in between", "- repeat: list\n  times: 3\n  align: 2\n  between: yes\n"
              "  of: [{field: a, type: u8}]\n- {field: b, type: u8}", {"list": [{"a": 1}, {"a": 2}, {"a": 3}], "b": 4},
              "01 00 02 00 03 04"),
+        Case("items with bytes between them", "- repeat: list\n  times: rest\n  separator: 2C 20\n  of: [{field: s, type: ascii, end: 3B}]\n"
+             "- const: ETX", {"list": [{"s": "a"}, {"s": "xy"}, {"s": ""}]}, "61 3B 2C 20 78 79 3B 2C 20 3B 03", {},
+             {"61 3B 2C 21 78 79 3B 2C 20 3B 03": "constant", "61 3B 2C 20 03": "short"}),
+        Case("numbers as text with a comma between them", "- repeat: list\n  times: rest\n  separator: 2C\n"
+             "  of: [{field: v, type: decimal, end: [2C, 0D]}]\n- const: 0D", {"list": [{"v": 12}, {"v": -7}, {"v": 3}]},
+             "31 32 2C 2D 37 2C 33 0D", {}, {"31 32 2C 2C 33 0D": "digits", "31 32 2C 0D": "digits"}),
+        Case("a counted list with bytes between its items", "- {count: n, type: u8, of: list}\n- repeat: list\n  times: n\n"
+             "  separator: 2F\n  of: [{field: a, type: u8}]", {"list": [{"a": 1}, {"a": 2}]}, "02 01 2F 02", {"n": 2},
+             {"02 01 2E 02": "constant"}),
+        Case("a list with bytes between its items, whose last one tells that it is", "- repeat: list\n  until: more == 0\n"
+             "  separator: 2F\n  of: [{bits: {more: 7, v: 0-6}, of: u8, is: {more: not last}}]\n- const: ETX",
+             {"list": [{"v": 5}, {"v": 2}]}, "85 2F 02 03", {"list": [{"more": 1, "v": 5}, {"more": 0, "v": 2}]},
+             {"85 2E 02 03": "constant"}),
         Case("a fixed number of values", "- {repeat: list, times: 3, of: u8}", {"list": [1, 2, 3]}, "01 02 03"),
         Case("values up to the end", "- {repeat: list, times: rest, of: u16, order: little}", {"list": [1, 2]}, "01 00 02 00"),
         Case("values behind a number of another order", "- {field: a, type: u16, order: little}\n"

@@ -451,9 +451,12 @@ class Diagnosis:
         find: Callable[..., int] | None = None,
         **rules: Any,
     ) -> None:
-        """A text up to the bytes that end it; `find`: of the first of them, which is part of what follows."""
+        """A text up to the bytes that end it; `find`: of the first of them, which is part of what follows.
+
+        So in the last item of a list that may stand just behind the list.
+        """
         start = self.begin(name)
-        stop = self.data.find(end, start, self.end) if find is None else find(self.data, end, start, self.end)
+        stop = self.data.find(end, start, self.end) if find is None else find(self.data, end, start, self.end + 1)
         if stop < 0:
             shown = hex_text(end) if find is None else " or ".join(hex_text(bytes((byte,))) for byte in end)
             raise self.stop("short", name, f"the end {shown}", "none", refuse)

@@ -359,7 +359,7 @@ class _LeftForOthers:
             for block in segment.blocks:
                 yield from self._behind(block, ((),) if segment.is_there_inside else rest)
             if segment.inner_record is not None:
-                again = ((*segment.members, *rest[0]),) if segment.is_list else ()
+                again = ((*segment.next_item, *rest[0]),) if isinstance(segment, Repeat) else ()
                 yield from self._behind(segment.members, (*again, *rest))
             problem = next((found for one in rest if (found := self._first(one, stops))), None) if stops else None
             if problem is not None:

@@ -10,8 +10,21 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
-from framekit.definition.expression import Expression, both
-from framekit.definition.keys import BYTE, FLAG, IDENTIFIER, NUMBER, Form, KeyReading, ValueKind, here, key, keys, ref
+from framekit.definition.expression import Compare, Expression, Name, Number, both
+from framekit.definition.keys import (
+    BYTE,
+    BYTES,
+    FLAG,
+    IDENTIFIER,
+    NUMBER,
+    Form,
+    KeyReading,
+    ValueKind,
+    here,
+    key,
+    keys,
+    ref,
+)
 from framekit.definition.kinds.base import (
     Contents,
     Given,
@@ -24,10 +37,11 @@ from framekit.definition.kinds.base import (
     lack_default,
     sizes_of,
 )
+from framekit.definition.kinds.const import Const
 from framekit.definition.kinds.inner import Nested
 from framekit.definition.problems import Problem, plural
 from framekit.definition.tree import Mapping, Node, Sequence
-from framekit.definition.wire_types import EVERY_BYTE, SIZE, TEXT_KEYS, FieldType, Size, Sizes, load_type
+from framekit.definition.wire_types import EVERY_BYTE, SIZE, TEXT_KEYS, FieldType, Size, Sizes, load_size, load_type
 
 INDEX, LAST, PREVIOUS = "item.index", "item.last", "item.previous"
 ITEM_WORDS = {"index": INDEX, "last": LAST, "previous": PREVIOUS}
@@ -35,16 +49,30 @@ ITEM_WORDS = {"index": INDEX, "last": LAST, "previous": PREVIOUS}
 
 
 def _items(reading: KeyReading) -> Segments | FieldType:
-    node, until = reading.keys.get("of"), reading.keys.get("until")
+    node, until, separator = (reading.keys.get(name) for name in ("of", "until", "separator"))
     if isinstance(node, Sequence):
         found: Segments = reading.loader.load(node)
+        if separator is not None:
+            found = (_separator(reading, separator), *found)
         if until is not None:
             found = (*found, ItemEnd(at=until.at, until=reading.reader.expression(until)))
         return found
     if until is not None:
         what = "until asks for fields of an item, and these items are plain values"
         raise reading.reader.broken(until.at, what, "write of: [{field: NAME, type: …}]")
+    if separator is not None:
+        what = "a separator asks for fields of an item, and these items are plain values"
+        raise reading.reader.broken(separator.at, what, "write of: [{field: NAME, type: …}]")
     return load_type(reading.space, reading.keys, node, texts=True)
+
+
+def _separator(reading: KeyReading, node: Node) -> Const:
+    """What stands between two items: a constant that every item but the first begins with."""
+    times = reading.keys.get("times")
+    if times is not None and load_size(reading.reader, times) == 1:
+        raise reading.reader.broken(node.at, "a list of one item has no separator", "leave it out")
+    is_not_first = Compare(node.at, Name(node.at, INDEX), ((">", Number(node.at, 0)),))
+    return Const(at=node.at, data=reading.reader.bytes(node), when=Expression("index > 0", is_not_first))
 
 
 def _align(reading: KeyReading, node: Node) -> int:
@@ -68,6 +96,7 @@ _ITEMS = {
     "order": here("number_order"),
     "case": here("digit_case"),
     **{name: schema for name, schema in TEXT_KEYS.items() if name != "empty"},  # each takes some bytes
+    "separator": {**BYTES.schema, "description": "Bytes that stand between two items, not behind the last one."},
     "until": {**ref("expression"), "description": "The list ends after the item for which this is true."},
 }
 
@@ -124,6 +153,11 @@ class Repeat(Segment):
         """The condition whose item is the last one."""
         last = self.members[-1:]
         return last[0].until if last and isinstance(last[0], ItemEnd) else None
+
+    @property
+    def next_item(self) -> Segments:
+        """The segments of an item behind another one: what is there from the second item on is always there."""
+        return tuple(replace(one, when=None) if _from_the_second(one) else one for one in self.members)
 
     @property
     def is_counted(self) -> bool:
@@ -203,6 +237,13 @@ class Repeat(Segment):
             yield Problem(
                 self.at, f"nothing stands between the items of '{self.name}', which is one", "leave align out"
             )
+
+
+def _from_the_second(segment: Segment) -> bool:
+    match segment.when:
+        case Expression(root=Compare(first=Name(name=name), rest=((">", Number(value=0)),))):
+            return name == INDEX
+    return False
 
 
 def _may_be_nothing(segment: Segment) -> bool:
