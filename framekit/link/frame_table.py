@@ -334,9 +334,12 @@ class FrameTable:
     def _maker(self, info: FrameInfo) -> Make:
         """What makes values of a frame, and of those inside it; if one is to be refused, so is the one around it."""
         frame_name, refuse, shape, infos, convert = info.name, info.refuse, info.shape, self.infos, self._convert
+        declared = info.value_names
 
         def make(fields: dict[str, Any], raw: bytes | None, refusal: int | None) -> FrameValue:
             value = FrameValue(frame_name, fields, raw, refuse if refusal is None else refusal)
+            if refusal is None:  # one that is to be refused may be read in part only
+                value.declared = declared
             for kind, name, below in shape:
                 found = fields.get(name)
                 if kind != "inner":

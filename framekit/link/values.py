@@ -15,16 +15,18 @@ from framekit.codec.evaluate import EVALUATION_ERRORS as EVALUATION_ERRORS
 from framekit.codec.evaluate import compiled
 from framekit.definition.expression import Expression, Name, Node, Undone, inverse_steps
 
+NO_FIELDS: frozenset[str] = frozenset()
+
 
 class FrameValue:
     """A frame as a value: received (`raw`, perhaps `refusal`), or made by a constructor and not yet sent.
 
     `fields` are the values a codec decodes or is to encode. What is computed when a frame is built stands beside them
     once it has been sent; `pending` reads it at the first use of what `known` has not. `'name' in value` asks for a
-    field.
+    field. `declared`: all fields that a received frame may have; one that is absent is nothing in expressions.
     """
 
-    __slots__ = ("fields", "frame", "known", "pending", "raw", "refusal")
+    __slots__ = ("declared", "fields", "frame", "known", "pending", "raw", "refusal")
 
     def __init__(
         self, frame: str, fields: dict[str, Any], raw: bytes | None = None, refusal: int | None = None
@@ -33,6 +35,7 @@ class FrameValue:
         self.fields = fields
         self.raw = raw
         self.refusal = refusal
+        self.declared: frozenset[str] = NO_FIELDS
         self.pending: Callable[[], dict[str, Any]] | None = None
         self.known: dict[str, Any] | None = None
 
@@ -69,7 +72,9 @@ class FrameValue:
 
     def copy(self) -> FrameValue:
         """The same frame with fields of its own, to be changed and sent."""
-        return FrameValue(self.frame, dict(self.fields), self.raw, self.refusal)
+        made = FrameValue(self.frame, dict(self.fields), self.raw, self.refusal)
+        made.declared = self.declared
+        return made
 
     def __contains__(self, name: object) -> bool:
         return name in self.fields or ((self.pending is not None or self.known is not None) and name in self.complete())
@@ -79,7 +84,10 @@ class FrameValue:
 
 
 def attribute(value: Any, name: str) -> Any:
-    """`value.name` of the language. A list has its items' attributes. Raises KeyError for what is not there."""
+    """`value.name` of the language. A list has its items' attributes. Raises KeyError for what cannot be there.
+
+    A field that a received frame may have and has not is None.
+    """
     if type(value) is FrameValue:
         if name in value.fields:
             return value.fields[name]
@@ -87,12 +95,21 @@ def attribute(value: Any, name: str) -> Any:
             return value.frame
         if name == "refusal" and name not in value:
             return value.refusal or 0
+        if name in value.declared and name not in value:
+            return None
         return value.field(name)
     if type(value) is dict or isinstance(value, Mapping):
         return value[name]
     if isinstance(value, (list, tuple)):
         return [attribute(item, name) for item in value]
     return value.language_attribute(name)
+
+
+def present(value: Any, name: str) -> Any:
+    """`value.name` where a frame is compared with a pattern: raises KeyError for an absent field too."""
+    if type(value) is FrameValue and name in value.declared:
+        return value.field(name)
+    return attribute(value, name)
 
 
 def plain(value: Any) -> Any:

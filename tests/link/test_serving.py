@@ -646,3 +646,44 @@ def test_no_request_gets_an_exception_out_of_a_server(name: str, data: st.DataOb
         served = loop.serve(request, data.draw(st.binary(max_size=12)), check=data.draw(st.booleans()))
         assert served.refusal >= 0
         assert served.refusal == 0 or served.reply is not None
+
+
+ABSENT = """\
+protocol: absent
+station: {type: none}
+line: {kind: stream, tcp: 4000}
+extends: standard
+state: {seen: {scope: device, type: u16}, more: {scope: device, type: u8}}
+groups: {request: {from: client}, reply: {from: server}}
+frames:
+  ask: {group: request, body: [{const: 01}, {length: n, type: u8, of: [a, part]}, {field: a, type: u8}, %s]}
+  told:
+    group: reply
+    body: [{const: 02}, {field: c, type: u8}, {field: d, type: u8, default: 9}, {bits: {e: 0}, of: u8}]
+services:
+  put:
+    - takes: {v: {type: number}}
+      request: {ask: {a: v}}
+      serve: {set: {seen: request.a, more: 'either(request.b, 3)'}}
+      reply: {told: {c: more}}
+"""
+
+
+@pytest.mark.parametrize("content", ["{optional: [{field: b, type: u8}]}", "{field: b, type: u8, when: n == 2}"])
+def test_a_field_that_is_absent_is_nothing_and_fields_not_given_have_their_default(content: str) -> None:
+    """In what a service sets, and in its reply; the reply's bits that nobody gives are 0."""
+    loop = Loop(ABSENT % f"{{wrap: none, name: part, size: n - 1, of: [{content}]}}")
+    assert loop.answer(bytes.fromhex("01 01 05")).hex(" ") == "02 03 09 00"
+    assert loop.answer(bytes.fromhex("01 02 05 06")).hex(" ") == "02 06 09 00"
+    assert (loop.device["seen"], loop.device["more"], loop.troubles) == (5, 6, [])
+
+
+@pytest.mark.parametrize("value", ["request.b", "request.b + 1"])
+def test_nothing_is_never_stored_and_arithmetic_with_it_is_a_fault(value: str) -> None:
+    text = (ABSENT % "{wrap: none, name: part, size: n - 1, of: [{optional: [{field: b, type: u8}]}]}").replace(
+        "'either(request.b, 3)'", value
+    )
+    loop = Loop(text)
+    loop.serve(loop.request(bytes.fromhex("01 01 05")))
+    assert len(loop.troubles) == 1
+    assert loop.device["more"] == 0

@@ -43,9 +43,9 @@ from framekit.link.values import (
     Evaluate,
     FrameValue,
     Names,
-    attribute,
     bare_name,
     compile_expression,
+    present,
 )
 from framekit.memory.memory import unit_bits
 
@@ -178,7 +178,7 @@ class FindWriter:
     def __init__(self, shared: ServiceRows, row: ReplyRow) -> None:
         self.shared, self.row = shared, row
         self.out = Source(1)
-        self.given: dict[str, Any] = {"attribute": attribute, "listed": listed, "read_layout": read_layout}
+        self.given: dict[str, Any] = {"present": present, "listed": listed, "read_layout": read_layout}
         self._variables = 0
 
     def function(self) -> Find:
@@ -242,7 +242,7 @@ class FindWriter:
             self._collect(value, part, name in padded, inside)
             if not inside.lines:
                 continue
-            text = f"attribute({actual}, {name!r})"
+            text = f"present({actual}, {name!r})"
             if is_frame:
                 text = f"{actual}.fields[{name!r}] if {name!r} in {actual}.fields else {text}"
             out.add(f"{part} = {text}")

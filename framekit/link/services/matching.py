@@ -29,11 +29,11 @@ from framekit.link.values import (
     EVALUATION_ERRORS,
     FrameValue,
     Names,
-    attribute,
     bare_name,
     compile_expression,
     compile_optional,
     inverse_of,
+    present,
     quotient,
 )
 from framekit.memory.memory import DeviceMemoryError, MemoryRangeError, UnknownAreaError
@@ -627,7 +627,7 @@ KNOWN = 'Names({"request": request, "buffer": buffer, "station": station}, names
 def part_of(actual: Any, name: str) -> Any:
     """A field of a request."""
     try:
-        return attribute(actual, name)
+        return present(actual, name)
     except (KeyError, AttributeError):
         raise MismatchError(name) from None
 
