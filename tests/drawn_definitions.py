@@ -75,6 +75,13 @@ PARAMS = {"limit": {"type": "number", "default": "2", "range": "0..9"}}
 STATE = {"level": {"scope": "line", "type": "u8", "initial": "1"}}
 CHECKS = ("sum8", "xor8", "crc16-modbus", "lrc8", "sum16", "crc8", "folded")
 
+AES_KEYS = ("h'00 01 02 03 04 05 06 07 08 09 0A 0B 0C 0D 0E 0F'", "h'2B 7E 15 16 28 AE D2 A6 AB F7 15 88 09 CF 4F 3C'")
+IV = "h'00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 FF'"
+CIPHERS: tuple[dict[str, Any], ...] = (
+    {"cipher": "aes-cbc", "pad": "pkcs7"}, {"cipher": "aes-cbc", "pad": "iso7816"}, {"cipher": "aes-cbc"},
+    {"cipher": "aes-ctr"}, {"cipher": "aes-gcm"}, {"cipher": "aes-gcm", "tag": 4, "also": "h'01'"},
+)  # fmt: skip
+
 
 class Scope:
     """Names that expressions may read here: numbers, and anything that has a length; `outer` is what is around."""
@@ -99,6 +106,7 @@ class DrawnDefinition:
 
     def __init__(self, seed: int | str, kinds: tuple[str, ...] = (), *, more: bool = False) -> None:
         self.random, self.apart = Random(seed), Random(f"{seed} apart")
+        self.keyed = Random(f"{seed} keyed")
         self.more = more
         self.count = 0
         self.layouts: dict[str, Segments] = {}
@@ -591,6 +599,8 @@ def wrap(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: in
 
 def coded(drawn: DrawnDefinition, segment: dict[str, Any], scope: Scope) -> Segments:
     """The wrap with another coding, and what shows its end: a constant that cannot stand in it, or a length."""
+    if drawn.keyed.random() < 0.2:
+        return ciphered(drawn, segment, scope)
     if drawn.apart.random() < 0.2:
         segment["wrap"] = {"short": drawn.apart.choice(["00", "02"])}
         if drawn.apart.random() < 0.5:
@@ -624,6 +634,16 @@ def coded(drawn: DrawnDefinition, segment: dict[str, Any], scope: Scope) -> Segm
     return [{"length": counted, "type": "u16", "of": [name]}, segment]
 
 
+def ciphered(drawn: DrawnDefinition, segment: dict[str, Any], scope: Scope) -> Segments:
+    """The wrap with a cipher, behind a length, or up to the end of its region."""
+    segment["wrap"] = drawn.keyed.choice(CIPHERS) | {"key": drawn.keyed.choice(AES_KEYS), "iv": IV}
+    if drawn.keyed.random() < 0.3:
+        return [segment]
+    name, counted = segment.setdefault("name", drawn.name("w")), drawn.name("n")
+    segment["size"] = counted
+    return [{"length": counted, "type": "u16", "of": [name]}, segment]
+
+
 def check(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: int) -> Segments:
     segment: dict[str, Any] = {"check": drawn.random.choice(CHECKS)}
     places = scope.places
@@ -649,6 +669,13 @@ def check(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: i
         segment["size"] = drawn.some(2, 4)
     if drawn.apart.random() < 0.2:
         segment["ends"] = "yes"
+    if drawn.keyed.random() < 0.15:
+        segment["check"] = drawn.keyed.choice(["hmac-md5", "hmac-sha256", "cmac-aes"])
+        segment["key"] = drawn.keyed.choice(AES_KEYS)
+        if segment.get("as") == "dec":
+            segment["as"] = "raw"
+        if drawn.keyed.random() < 0.5:
+            segment["size"] = 4
     if "over" in segment:
         beside_what_stands(drawn, segment, scope)
     return [segment]

@@ -217,6 +217,9 @@ def sample_context(protocol: Protocol) -> dict[str, Any]:
         "line": SampleLine(),
     }  # fmt: skip
     context |= start_values(protocol)
+    for parameter in protocol.params.values():
+        if parameter.secret and context.get(parameter.name) is None:
+            context[parameter.name] = "A" if parameter.type == "text" else bytes(parameter.size or 16)
     for variable in protocol.state.values():
         if variable.announced:
             context[variable.name] = ANNOUNCED

@@ -156,6 +156,8 @@ def source_of(method: CheckMethod, data: str = "data", *, alone: bool = True, ow
     """
     if method.kind == "fold":
         raise TypeError(f"the fold '{method.name}' is an expression of its own")
+    if method.is_keyed:
+        raise TypeError(f"'{method.name}' takes a key")
     if method.kind == "crc":
         library = None if alone else library_crc(method)
         if library is not None:

@@ -1,4 +1,4 @@
-"""How the content of a `wrap` may stand on the wire: with bytes escaped, without zeros, with bytes put in.
+"""How the content of a `wrap` may stand on the wire: with bytes escaped, without zeros, with bytes put in, enciphered.
 
 A coding is a class here, with what must be known to validate a definition. Its bytes are made in `codec/stuffing.py`.
 """
@@ -8,50 +8,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
+from framekit.definition.ciphers import CIPHER_KEYS, load_cipher
+from framekit.definition.coding import Coding
 from framekit.definition.expression import Binary, Node, Number
 from framekit.definition.keys import BYTE, NUMBER, Form, KeyReading, Schema, properties_of, ref
 from framekit.definition.kinds.check import Check
-from framekit.definition.problems import Position, Problem, plural
+from framekit.definition.problems import Problem, plural
 from framekit.definition.tree import Mapping as Keys
 from framekit.definition.tree import Node as YamlNode
 from framekit.definition.wire_types import DIGITS, EVERY_BYTE, Sizes
-
-
-@dataclass(frozen=True, slots=True)
-class Coding:
-    """One way in which content stands on the wire. `never`: the bytes that never stand there then."""
-
-    at: Position
-
-    @property
-    def never(self) -> frozenset[int]:
-        return frozenset()
-
-    @property
-    def contents(self) -> frozenset[int]:
-        """The bytes that may stand on the wire."""
-        return EVERY_BYTE - self.never
-
-    def sizes(self, plain: Sizes) -> Sizes:
-        """Bytes on the wire of so many plain ones: each may become two, if the coding says nothing else."""
-        return Sizes(plain.least, plain.times(1, 2).most)
-
-    def size_of(self, plain: Node) -> Node | None:
-        """The bytes on the wire of as many plain ones as an expression says; None if that depends on the content."""
-        return None
-
-    def check(self) -> Iterator[Problem]:
-        """What is wrong with it by itself."""
-        return iter(())
-
-    def check_content(self, size: int | None) -> Iterator[Problem]:
-        """What is wrong with content that always has so many bytes; None: that depends on its values."""
-        return iter(())
-
-    @property
-    def shown(self) -> str:
-        """What documents say of it."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,7 +154,11 @@ class Blocks(Coding):
         return Binary(at, "+", plain, Binary(at, "*", blocks, Number(at, self.check_code.size)))
 
     def check(self) -> Iterator[Problem]:
-        yield from self.check_code.check()
+        if self.check_code.method.is_keyed:
+            what = "a code made with a key does not stand behind blocks"
+            yield Problem(self.at, what, "put a check with key behind the wrap")
+        else:
+            yield from self.check_code.check()
 
     @property
     def shown(self) -> str:
@@ -230,7 +199,7 @@ _WAYS: Mapping[frozenset[str], str] = {
 }
 _EXPECTED = (
     "hex, cobs, none, {escape: BYTE}, {escape: BYTE, xor: BYTE, bytes: [BYTES]}, {escape: BYTE, codes: {BYTE: BYTE}}, "
-    "{after: BYTES, insert: BYTES}, {block: N, check: METHOD} or {short: BYTE}"
+    "{after: BYTES, insert: BYTES}, {block: N, check: METHOD}, {short: BYTE} or {cipher: NAME, key: EXPR, iv: EXPR}"
 )
 _OF_BLOCKS = ("check", "as", "case", "order", "size")
 """The keys of a check code that one behind blocks may have."""
@@ -239,7 +208,7 @@ _SCHEMA: Schema = {
     "description": f"How the content stands on the wire: {_EXPECTED}.",
     "type": ["string", "object"],
     "pattern": "^(hex|cobs|none)$",
-    "x-expected": "a wrap (hex, cobs, none, {escape: …}, {after: …}, {block: …} or {short: …})",
+    "x-expected": "a wrap (hex, cobs, none, {escape: …}, {after: …}, {block: …}, {short: …} or {cipher: …})",
     "properties": {
         "escape": {**BYTE.schema, "description": "The byte that escapes; alone: it is doubled in the content."},
         "xor": {**BYTE.schema, "description": "Behind the escape byte a byte stands with these bits turned."},
@@ -266,6 +235,7 @@ _SCHEMA: Schema = {
         **{name: one for name, one in properties_of(Check).items() if name in _OF_BLOCKS},
         "short": {**BYTE.schema, "description": "Such bytes at the end are left out, and read as if they stood there."},
         "min": {**NUMBER.schema, "description": "Number of bytes of which none is left out; default 0."},
+        **CIPHER_KEYS,
     },
     "additionalProperties": False,
 }
@@ -282,6 +252,8 @@ def _read(reading: KeyReading, node: YamlNode) -> Coding:
         if size < 1:
             raise reader.broken(node.at, "a block of no bytes has no check code", "give the number of bytes of a block")
         return Blocks(node.at, size, Check(at=node.at, **Check.attributes(reading.loader, node)))
+    if "cipher" in given and given <= CIPHER_KEYS.keys():
+        return load_cipher(reading, node)
     way = _WAYS.get(given)
     if way is None:
         raise reader.broken(node.at, "these keys together are no wrap", f"write {_EXPECTED}")

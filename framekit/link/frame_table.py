@@ -725,7 +725,7 @@ def _check_of(frame: Frame) -> Intact | None:
     if frame.size is not None and not frame.tail:  # what fills it up stands behind
         return None
     if (
-        last.method.kind == "fold"
+        not last.method.is_of_bytes
         or last.covers is not None
         or any(one.is_there_inside for one in parts_of(frame.segments, Segment))
     ):
@@ -756,7 +756,7 @@ def _check_in_digits(frame: Frame) -> Intact | None:
     if not isinstance(last, Check) or last.form != "raw" or last.verify != "error" or last.when is not None:
         return None
     is_over_all = last.span is not None and last.span[0] in first.value_names and last.span[1] == "here"
-    if last.method.kind == "fold" or last.wire or first.when is not None or not is_over_all:
+    if not last.method.is_of_bytes or last.wire or first.when is not None or not is_over_all:
         return None
     sizes, code = StaticSizes({}), _code_of(last)
     before, behind = sizes.all(frame.segments[:place]).least, sizes.all(frame.segments[place + 1 :]).least

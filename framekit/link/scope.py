@@ -250,6 +250,8 @@ class Scope(Names):
                 self[name] = value
             elif parameter.type == "list":
                 self[name] = []
+            elif parameter.secret:  # not known: what needs it is no good frame
+                self[name] = None
         self._lasting = lasting({name: item for name, item in parameters.items() if name in formulas}, given)
 
     def _formula(self, name: str, expression: Expression) -> Formula:

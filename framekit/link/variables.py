@@ -219,7 +219,8 @@ def given_value(parameter: Parameter, value: Any) -> Any:
     try:
         taken = _TAKE[parameter.type](value)
     except ValueError as error:
-        raise ParameterError(parameter.name, str(error)) from None
+        fault = f"what is given is no {parameter.type}" if parameter.secret else str(error)
+        raise ParameterError(parameter.name, fault) from None
     if parameter.type == "list":
         return [_numbered(parameter, item, place) for place, item in enumerate(taken, start=1)]
     if not isinstance(taken, Expression):

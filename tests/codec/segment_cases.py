@@ -38,6 +38,10 @@ class Case:
         return bytes.fromhex(self.data)
 
 
+KEYS = "params:\n  k: {type: bytes, size: 16, default: \"h'2B7E151628AED2A6ABF7158809CF4F3C'\", secret: yes}\n"
+"""The key of the examples of NIST SP 800-38A, F."""
+
+
 def _text(text: str) -> str:
     return text.encode("ascii").hex(" ").upper()
 
@@ -349,6 +353,26 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
         Case("spaces left out at the end of a frame", "- {field: k, type: u8}\n- {wrap: {short: 20}, of: [{field: t, type: ascii, size: 5}, {data: d, size: 1}]}\n"
              "- const: CR", {"k": 1, "t": "AB   ", "d": b" "}, "01 41 42 0D", bad={"01 41 42 43 44 45 46 47 0D": "too_long"}),
     ),
+    "Ciphers": (
+        Case("AES-CBC: two blocks of NIST SP 800-38A, F.2.1", "- {data: iv, size: 16}\n"
+             "- {wrap: {cipher: aes-cbc, key: k, iv: iv}, of: [{data: d, size: 32}]}",
+             {"iv": bytes(range(16)), "d": bytes.fromhex("6BC1BEE22E409F96E93D7E117393172AAE2D8A571E03AC9C9EB76FAC45AF8E51")},
+             "00 01 02 03 04 05 06 07 08 09 0A 0B 0C 0D 0E 0F "
+             "76 49 AB AC 81 19 B2 46 CE E9 8E 9B 12 E9 19 7D 50 86 CB 9B 50 72 19 EE 95 DB 11 3A 91 76 78 B2", top=KEYS),
+        Case("AES-CBC, filled up by PKCS #7", "- {length: n, type: u8, of: [w]}\n"
+             "- {name: w, wrap: {cipher: aes-cbc, key: k, iv: \"h'000102030405060708090A0B0C0D0E0F'\", pad: pkcs7}, size: n, of: [{field: a, type: u8}, {data: d, size: rest}]}",
+             {"a": 1, "d": b"abc"}, "10 80 B3 28 AE 31 F7 39 DA 3E 05 92 3E 6D 69 22 24", {"n": 16},
+             {"10 80 B3 28 AE 31 F7 39 DA 3E 05 92 3E 6D 69 22 25": "constant", "0F 80 B3 28 AE 31 F7 39 DA 3E 05 92 3E 6D 69 22": "constant"}, KEYS),
+        Case("AES-CBC, filled up by ISO 7816-4 and told by the plain size", "- {field: n, type: u8}\n"
+             "- {wrap: {cipher: aes-cbc, key: k, iv: \"h'000102030405060708090A0B0C0D0E0F'\", pad: iso7816}, plain: n, of: [{field: a, type: u8}, {data: d, size: rest}]}",
+             {"n": 4, "a": 1, "d": b"abc"}, "04 9A 18 56 3C DC DD 73 60 BA 07 F0 9C CE B7 CA 08", bad={"04 80 B3 28 AE 31 F7 39 DA 3E 05 92 3E 6D 69 22 24": "constant"}, top=KEYS),
+        Case("AES-CTR: a part of NIST SP 800-38A, F.5.1", "- {wrap: {cipher: aes-ctr, key: k, iv: \"h'F0F1F2F3F4F5F6F7F8F9FAFBFCFDFEFF'\"},\n"
+             "   of: [{field: a, type: u16}, {data: d, size: 3}]}", {"a": 0x6BC1, "d": bytes.fromhex("BEE22E")}, "87 4D 61 91 B6", top=KEYS),
+        Case("AES-GCM, with bytes that count in the tag, and a tag of 8 bytes", "- {data: s, size: 1}\n"
+             "- {wrap: {cipher: aes-gcm, key: k, iv: \"h'000102030405060708090A0B'\", also: s, tag: 8}, of: [{field: a, type: u8}, {data: d, size: rest}]}",
+             {"s": b"\x05", "a": 1, "d": b"abc"}, "05 5A AE 59 35 31 C9 94 C6 EC FC 58 F7",
+             bad={"06 5A AE 59 35 31 C9 94 C6 EC FC 58 F7": "check", "05 5B AE 59 35 31 C9 94 C6 EC FC 58 F7": "check", "05 01 02": "constant"}, top=KEYS),
+    ),
     "Check codes": (
         Case("sum, low byte, as digits", "- const: STX\n- {data: d, size: 2}\n- const: ETX\n- {check: sum8, as: hex}",
              {"d": b"RD"}, "02 52 44 03 39 42", bad={"02 52 44 03 39 43": "check"}),
@@ -375,6 +399,12 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
              {"d": b"\x11\x03"}, "3A 31 31 30 33 45 43 0D"),
         Case("over what is undoubled", "- wrap: {escape: DLE}\n  of: [{data: d, size: rest}]\n- {const: DLE}\n"
              "- {const: ETX, name: etx}\n- {check: sum8, over: [d, etx]}", {"d": b"\x10"}, "10 10 10 03 13"),
+        Case("a code made with a key (AES-CMAC), of which the first bytes stand there", "- {field: a, type: u8}\n- {data: d, size: 2}\n"
+             "- {check: cmac-aes, key: k, size: 4}", {"a": 1, "d": b"ab"}, "01 61 62 01 7F 21 BC",
+             bad={"01 61 62 01 7F 21 BD": "check"}, top=KEYS),
+        Case("the same with HMAC, in digits", "- {field: a, type: u8}\n- {data: d, size: 2}\n"
+             "- {check: hmac-sha256, key: \"h'4A656665'\", as: hex, size: 8, over: a..here}", {"a": 1, "d": b"ab"},
+             "01 61 62 43 39 39 43 41 43 35 38", bad={"01 61 62 30 30 30 30 30 30 30 30": "check"}),
         Case("one over another one, which covers what comes later", "- {length: n, type: u8, of: [d]}\n"
              "- {check: xor8, over: [d]}\n- {data: d, size: n}\n- const: ETX\n- {check: xor8, over: n..here}",
              {"d": b"\x10\x01"}, "02 11 10 01 03 01", {"n": 2}, {"02 11 10 01 03 10": "check"}),

@@ -14,6 +14,7 @@ from framekit.codec import support
 from framekit.codec.checks import compute, function_of, ready_methods, size_of, source_of
 from framekit.definition.expression import parse_expression
 from framekit.definition.model.checks import SIMPLE, CatalogueEntry, CheckMethod, crc_catalogue
+from framekit.definition.model.macs import MACS
 from framekit.definition.problems import Position
 from tests.check_methods import from_crc, from_ready
 
@@ -43,7 +44,7 @@ def test_the_catalogue_is_whole() -> None:
     assert len(crc_catalogue()) == 113
     assert len(names) == len(set(names))
     assert all(name == name.lower() for name in names)
-    assert set(ready_methods()) == {*names, *(method.name for method in SIMPLE), "lrc"}
+    assert set(ready_methods()) == {*names, *(method.name for method in SIMPLE), "lrc", *MACS}
 
 
 @pytest.mark.parametrize("entry", crc_catalogue(), ids=lambda entry: entry.method.name)

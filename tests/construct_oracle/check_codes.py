@@ -13,6 +13,7 @@ from construct_oracle.evaluate import evaluate
 from construct_oracle.faults import ConstructEncodeError, Place
 from construct_oracle.filling import Filling
 from construct_oracle.forms import form_of
+from construct_oracle.keyed import code_with_key
 from construct_oracle.names import Names
 from construct_oracle.sizes import Evaluate
 from construct_oracle.state import Leaf, Mark, Reading, State, Writing, is_marked, mark_of
@@ -48,12 +49,13 @@ class CheckConstruct(SegmentConstruct):
             try:
                 value_of = partial(reading.evaluate, context=context)
                 covered = self._covered(reading, context, stream.getvalue()[:start], stream, leaves, value_of)
+                code = self._code(covered, reading.names, value_of)
             except (ConstructError, MissingName, *EVALUATION_ERRORS):
                 reading.note(place, "value", "values it can be worked out from", "none")
                 return
-            code = code_of(self.segment.method, covered, reading.names)
             if self._number(found) != code:
-                reading.note(place, "check", self.written(code), found)
+                keyed = self.segment.method.is_keyed
+                reading.note(place, "check", "the code made with the key" if keyed else self.written(code), found)
 
         reading.later.append(compare)
 
@@ -71,15 +73,23 @@ class CheckConstruct(SegmentConstruct):
         value_of = partial(filling.compute, own=self.label)
         try:
             covered = self._covered(state, context, stream.getvalue()[:start], stream, leaves, value_of)
+            code = self._code(covered, state.names, value_of)
         except (ConstructError, TypeError, ValueError) as error:
             if isinstance(error, ConstructEncodeError):
                 raise
             raise filling.error(self.label, f"what '{self.label}' counts cannot be worked out") from None
-        leaf.data = self.written(code_of(self.segment.method, covered, state.names))
+        leaf.data = self.written(code)
         end = stream.tell()
         stream.seek(start)
         stream.write(leaf.data)
         stream.seek(end)
+
+    def _code(self, covered: bytes, names: Names, value_of: Evaluate) -> int:
+        check = self.segment
+        if check.key is None:
+            return code_of(check.method, covered, names)
+        size = check.size if check.form == "raw" else check.size // 2
+        return code_with_key(check.method.kind, value_of(check.key), covered, size)
 
     # ---- what is covered ----------------------------------------------------------------------------------
 

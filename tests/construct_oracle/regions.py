@@ -7,20 +7,24 @@ from dataclasses import replace
 from io import BytesIO
 from typing import Any
 
-from construct import Container
+from construct import ConstructError, Container
 
 from construct_oracle.base import SegmentConstruct
 from construct_oracle.check_codes import CheckConstruct, code_of
-from construct_oracle.faults import Place, Stop
+from construct_oracle.faults import ConstructEncodeError, Place, Stop
 from construct_oracle.filling import Filling
 from construct_oracle.holders import Segments
+from construct_oracle.keyed import checked, deciphered, enciphered
 from construct_oracle.names import Names
 from construct_oracle.rest import rest_size
 from construct_oracle.state import Reading, Region, Writing
 from construct_oracle.values import evaluated_size
 from framekit.codec import stuffing, support
+from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName
 from framekit.codec.python.facts import in_place_of_records
-from framekit.definition.codings import Blocks, Cobs, Coding, Escaped, Hex, Inserted, Plain, Short
+from framekit.definition.ciphers import Ciphered
+from framekit.definition.coding import Coding
+from framekit.definition.codings import Blocks, Cobs, Escaped, Hex, Inserted, Plain, Short
 from framekit.definition.expression import Expression
 from framekit.definition.model.segments import Const, Wrap
 
@@ -79,6 +83,18 @@ class WrapConstruct(SegmentConstruct):
         if len(plain) < self.segment.least or (most is not None and len(plain) > most):
             bounds = f"{self.segment.least} to {most}"
             raise filling.error(self.label, f"'{self.label}' holds {bounds} bytes, not {len(plain)}")
+        if isinstance(self.segment.coding, Ciphered):
+            try:
+                values = checked(
+                    self.segment.coding,
+                    *(filling.compute(one, self.label) for _, one in self.segment.coding.expressions),
+                )
+                stream.write(enciphered(self.segment.coding, plain, *values))
+            except (TypeError, ValueError) as error:
+                if isinstance(error, ConstructEncodeError):
+                    raise
+                raise filling.error(self.label, f"'{self.label}' cannot be enciphered") from None
+            return
         stream.write(self.to_wire(plain, writing.names))
 
     def _most(self, evaluate: Callable[[Expression], Any]) -> int | None:
@@ -198,6 +214,9 @@ class CodedConstruct(WrapConstruct):
         if isinstance(self.segment.coding, Blocks):
             self._read_blocks(self.segment.coding, wire, context, path, place)
             return
+        if isinstance(self.segment.coding, Ciphered):
+            self._read_ciphered(self.segment.coding, wire, context, path, place)
+            return
         content = None
         if isinstance(self.segment.coding, Short):
             content = reading.sizes.all(self.segment.of, reading.known_in(context))
@@ -235,6 +254,26 @@ class CodedConstruct(WrapConstruct):
             offsets += range(place.offset + at, place.offset + at + len(block))
             at += len(block) + len(found)
         offsets.append(place.offset + at)
+        self.read_content(plain, True, lambda at: offsets[min(at, len(offsets) - 1)], context, path, place)
+
+    def _read_ciphered(self, coding: Ciphered, wire: bytes, context: Container, path: str, place: Place) -> None:
+        reading: Reading = context._state
+        try:
+            values = checked(coding, *(reading.evaluate(one, context) for _, one in coding.expressions))
+        except (ConstructError, MissingName, *EVALUATION_ERRORS):
+            reading.leaf(wire)
+            reading.note(place, "value", "wrapped content", wire)
+            return
+        try:
+            plain, wanted, found = deciphered(coding, wire, *values)
+        except ValueError:
+            reading.leaf(wire)
+            reading.note(place, "constant", "wrapped content", wire)
+            return
+        if wanted != found:
+            tag = replace(place, offset=place.offset + len(wire) - coding.tag)
+            reading.note(tag, "check", "the tag made with the key", found)
+        offsets = [*range(place.offset, place.offset + len(plain)), place.offset + len(wire)]
         self.read_content(plain, True, lambda at: offsets[min(at, len(offsets) - 1)], context, path, place)
 
     def _up_to_the_end(self, reading: Reading, stream: BytesIO) -> int | None:

@@ -37,9 +37,11 @@ class CheckKind(SegmentKind[Check]):
         r.validate_check(segment, slot.item.scope, source, slot.code.endswith("s"))
 
     def diagnose(self, d: DiagnosisWriter, segment: Check, scope: Scope, behind: Behind) -> None:
-        code = code_bytes(d.module, segment, _covered(d, segment, scope))
+        key = "" if segment.key is None else d.writer(scope).text(segment.key)
+        code = code_bytes(d.module, segment, _covered(d, segment, scope), key)
         options = ", digits=True" if segment.form in ("hex", "HEX") else ""
         options += "" if segment.verify == "error" else ", verify=False"
+        options += ", keyed=True" if segment.method.is_keyed else ""
         if segment.verify == "off":
             d.out.add(f"n.skip({d.named(segment)}, {segment.size})")
         elif covers_later(segment, d.segments):
@@ -53,8 +55,9 @@ class CheckKind(SegmentKind[Check]):
         if segment.ends:
             m.want(segment.size, after)
             end = m.place.plus(segment.size)
-            code = forms.code_text(m.module, segment, _measured(m, segment, scope))
-            m.may_fail = m.may_fail or bool(segment.added) or segment.form != "raw"
+            key = "" if segment.key is None else m.text(segment.key, scope)
+            code = forms.code_text(m.module, segment, _measured(m, segment, scope), key)
+            m.may_fail = m.may_fail or bool(segment.added or key) or segment.form != "raw"
             found = forms.code_number(m.module, segment, between("data", m.place, end))
             with m.out.block(f"if {found} != {code}:"):
                 m.add("return LOST")

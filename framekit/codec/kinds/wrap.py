@@ -46,8 +46,10 @@ class WrapKind(SegmentKind[Wrap]):
                 first, last = r.take(item, str(size))
             else:
                 first, last = r.take_rest(item, after)
-            wire = between(r.buffer, first, last)
-            function.add(f"{plain} = {wire_coding(segment.coding).read_text(r.module, segment.coding, wire, fixed)}")
+            wire, read = between(r.buffer, first, last), wire_coding(segment.coding)
+            function.add(
+                f"{plain} = {read.read_text(r.module, segment.coding, wire, fixed, function.writer(item.scope).text)}"
+            )
         inside = BufferReader(function, plain, function.names.fresh(f"{plain}_at"))
         inside.read(segment.of, item.scope, item.fields, all_is_read=False)
         inside.close()
@@ -85,13 +87,13 @@ class WrapKind(SegmentKind[Wrap]):
         if segment.escape is not None and text.isidentifier():
             single = bytes((segment.escape,))
             return f"{text}.replace({bytes_literal(single)}, {bytes_literal(2 * single)})"
-        return wire_coding(segment.coding).build_text(w.module, segment.coding, text)
+        return wire_coding(segment.coding).build_text(w.module, segment.coding, text, lambda one: w.text(one, scope))
 
     def diagnose(self, d: DiagnosisWriter, segment: Wrap, scope: Scope, behind: Behind) -> None:
         fixed = d.static.all(segment.of).fixed
         option, size = "", "None"
         if segment.escape is None:
-            open_up = wire_coding(segment.coding).careful_text(d.module, segment.coding, fixed)
+            open_up = wire_coding(segment.coding).careful_text(d.module, segment.coding, fixed, d.writer(scope).text)
             known = _size_on_wire(segment, fixed)
             size = "None" if known is None else d.ask(known, scope)
             option = d.behind_option(known is None, behind)
@@ -201,7 +203,9 @@ def _unstuff(r: BufferReader, item: Item, wrap: Wrap, fixed: int | None, after: 
             tests = " or ".join(f"{frame} in {plain}" for frame in embedded_texts)
             with r.function.out.block(f"if {tests}:"):
                 r.function.add(f"{plain} = {name('without_embedded')}({plain}, {escape}, {embedded})")
-        r.function.add(f"{plain} = {read.read_text(r.module, wrap.coding, plain, fixed)}")
+        r.function.add(
+            f"{plain} = {read.read_text(r.module, wrap.coding, plain, fixed, r.function.writer(item.scope).text)}"
+        )
 
 
 def _measure_content(

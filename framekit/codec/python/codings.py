@@ -1,6 +1,6 @@
 """How generated code writes and reads the content of a wrap: a row for each coding, by its class.
 
-The functions that the rows name stand in `codec/stuffing.py`; `Module.function` has them inlined.
+The functions that the rows name stand in `codec/stuffing.py` and `codec/ciphers.py`; `Module.function` inlines them.
 """
 
 from __future__ import annotations
@@ -11,11 +11,17 @@ from typing import Any, NamedTuple
 from framekit.codec import stuffing, support
 from framekit.codec.python.forms import code_bytes
 from framekit.codec.python.module import Module
-from framekit.codec.python.source import bytes_literal, literal
-from framekit.definition.codings import Blocks, Cobs, Coding, Doubled, Escaped, Hex, Inserted, Plain, Short
+from framekit.codec.python.source import bytes_literal, literal, quoted
+from framekit.definition.ciphers import Ciphered
+from framekit.definition.coding import Coding
+from framekit.definition.codings import Blocks, Cobs, Doubled, Escaped, Hex, Inserted, Plain, Short
+from framekit.definition.expression import Expression
 
 Arguments = Callable[[Module, Any, int | None], str]
 """The text of further arguments: for a module, a coding, and the size of its content, where that is always the same."""
+
+Text = Callable[[Expression], str]
+"""Writes an expression where the wrap stands."""
 
 
 class WireCoding(NamedTuple):
@@ -35,21 +41,30 @@ class WireCoding(NamedTuple):
     starts: Callable[[Any, bytes], bytes] = lambda coding, plain: b""
     brought: str = ""
 
-    def build_text(self, module: Module, coding: Coding, content: str) -> str:
-        """Text of what stands on the wire for the content, a text."""
-        return f"{module.function(self.build)}({content}{self.build_arguments(module, coding, None)})"
+    def build_text(self, module: Module, coding: Coding, content: str, text: Text) -> str:
+        """Text of what stands on the wire for the content, a text; `text` writes the expressions of the coding."""
+        arguments = self.build_arguments(module, coding, None)
+        return f"{module.function(self.build)}({content}{arguments}{_expressions(coding, text)})"
 
-    def read_text(self, module: Module, coding: Coding, wire: str, size: int | None) -> str:
+    def read_text(self, module: Module, coding: Coding, wire: str, size: int | None, text: Text) -> str:
         """Text of the content of what stands on the wire, a text; `size`: of content that always has so many bytes."""
         if self.brought:
             module.imports.add(self.brought)
             return f"{self.read}({wire})"
-        return f"{module.function(self.read)}({wire}{self.read_arguments(module, coding, size)})"
+        arguments = self.read_arguments(module, coding, size)
+        return f"{module.function(self.read)}({wire}{arguments}{_expressions(coding, text)})"
 
-    def careful_text(self, module: Module, coding: Coding, size: int | None) -> str:
-        """Text of a function that reads with care what stands on the wire."""
+    def careful_text(self, module: Module, coding: Coding, size: int | None, text: Text) -> str:
+        """Text of a function that reads with care what stands on the wire; expressions may have no value."""
         function, arguments = module.function(self.careful), self.read_arguments(module, coding, size)
+        if coding.expressions:
+            arguments += f", lambda: ({_expressions(coding, text).removeprefix(', ')})"
         return f"lambda raw: {function}(raw{arguments})" if arguments else function
+
+
+def _expressions(coding: Coding, text: Text) -> str:
+    """The values of the expressions of a coding as further arguments."""
+    return "".join(f", {text(value)}" for _, value in coding.expressions)
 
 
 def _one(byte: int) -> bytes:
@@ -74,6 +89,10 @@ def _inserted_arguments(module: Module, coding: Inserted, size: int | None) -> s
 
 def _blocks_arguments(module: Module, coding: Blocks, size: int | None) -> str:
     return f", {coding.size}, lambda block: {code_bytes(module, coding.check_code, 'block')}"
+
+
+def _cipher_arguments(module: Module, coding: Ciphered, size: int | None) -> str:
+    return f", {quoted(coding.cipher)}, {quoted(coding.pad)}, {coding.tag}"
 
 
 def _read_blocks_arguments(module: Module, coding: Blocks, size: int | None) -> str:
@@ -113,6 +132,7 @@ WIRE: Mapping[type[Coding], WireCoding] = {
         "stuff_inserted", "unstuff_inserted", "open_inserted", _inserted_arguments, _inserted_arguments
     ),
     Blocks: WireCoding("add_codes", "strip_codes", "open_codes", _blocks_arguments, _read_blocks_arguments),
+    Ciphered: WireCoding("encipher", "decipher", "open_ciphered", _cipher_arguments, _cipher_arguments),
     Short: WireCoding(
         "shorten",
         "fill_up",

@@ -916,7 +916,8 @@ class EncodeWriter(FunctionWriter):
             for text, buffer in self.gathered.items():
                 if covered == text or covered.startswith(f"{text} + "):
                     covered = buffer + covered.removeprefix(text)
-        return self.if_present(check, scope, code_bytes(self.module, replace(check, when=None), covered), 'b""')
+        key = "" if check.key is None else self.text(check.key, scope)
+        return self.if_present(check, scope, code_bytes(self.module, replace(check, when=None), covered, key), 'b""')
 
     def _parts_of(self, names: list[str], on_wire: bool) -> list[str]:
         texts: list[str] = []

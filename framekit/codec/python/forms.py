@@ -353,13 +353,18 @@ def _converted(functions: Functions, convert: str, text: str) -> str:
 # ---- check codes ---------------------------------------------------------------------------------------------
 
 
-def code_text(module: Module, check: Check, covered: str) -> str:
-    """Text of the number a check code is, cut to the room it has on the wire; an operand of a comparison."""
-    code = _number(module, check, covered)
+def code_text(module: Module, check: Check, covered: str, key: str = "") -> str:
+    """Text of the number a check code is, cut to the room it has on the wire; an operand of a comparison.
+
+    `key`: the text of its key, if it is made with one.
+    """
+    code = _number(module, check, covered, key)
     return code if is_call(code) else f"({code})"
 
 
-def _number(module: Module, check: Check, covered: str) -> str:
+def _number(module: Module, check: Check, covered: str, key: str) -> str:
+    if check.method.is_keyed:
+        return module.mac(check.method, covered, key, check.code_size)
     code = module.check(check.method, covered)
     bits = {"raw": 8, "nibbles": 4, "hex": 4, "HEX": 4, "dec": 0}[check.form] * check.size
     if bits and check.method.width > bits:
@@ -367,15 +372,15 @@ def _number(module: Module, check: Check, covered: str) -> str:
     return code
 
 
-def code_bytes(module: Module, check: Check, covered: str) -> str:
+def code_bytes(module: Module, check: Check, covered: str, key: str = "") -> str:
     """Text of the bytes of a check code over `covered` (a text)."""
-    code = code_text(module, check, covered)
+    code = code_text(module, check, covered, key)
     little = check.order == "little"
     if check.form == "raw":
         if check.size in INT_CODES:  # a little sooner than to_bytes
             order = "" if check.size == 1 else "<" if check.order == "little" else ">"
             struct = module.struct(INT_CODES[check.size], order)
-            return f"{struct}.pack({_number(module, check, covered)})"
+            return f"{struct}.pack({_number(module, check, covered, key)})"
         return f"{code}.to_bytes({check.size}, {quoted(check.order)})"
     if check.form == "dec":
         return digits_text(module, 10, little, False, code, str(check.size))

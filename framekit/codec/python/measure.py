@@ -646,7 +646,7 @@ def size_expressions(segment: Segment) -> list[Expression]:
     """What decides about the size of a segment, or ends the frame."""
     times = segment.times if isinstance(segment, Repeat) else None
     until = segment.until if isinstance(segment, ItemEnd) else None
-    added = [one.value for one in segment.added] if isinstance(segment, Check) and segment.ends else []
+    added = [value for _, value in segment.needed()] if isinstance(segment, Check) and segment.ends else []
     found = (segment.when, segment.chooses_by, segment.size_expression, times, until, *added)
     return [expression for expression in found if isinstance(expression, Expression)]
 

@@ -18,7 +18,7 @@ from importlib.util import resolve_name
 from types import FunctionType
 from typing import Any, NamedTuple
 
-from framekit.codec import stuffing, support
+from framekit.codec import ciphers, macs, stuffing, support
 from framekit.codec.checks import FUNCTIONS, source_of
 from framekit.codec.python import runtime, runtime_diagnosis
 from framekit.codec.python.choices import in_order
@@ -92,7 +92,7 @@ BUILT_IN = frozenset(
     {"station", "own", "role", "line", "now", "clock", "request", "buffer", "reply", "expected", "it", "part"}
 )
 _LONGEST_FORMAT_NAME = 30
-_INLINED: list[Any] = [support, stuffing, runtime, runtime_diagnosis]
+_INLINED: list[Any] = [support, stuffing, ciphers, macs, runtime, runtime_diagnosis]
 OWN_HELPERS = len(_INLINED)
 
 
@@ -429,6 +429,12 @@ class Module:
         for name, text in source.constants:
             self.late[name] = text, method.name
         return source.expression
+
+    def mac(self, method: CheckMethod, data: str, key: str, size: int) -> str:
+        """Text of a code made with a key: the number of its first `size` bytes."""
+        name, _, way = method.kind.partition("-")
+        digest = f", {quoted(way)}" if name == "hmac" else ""
+        return f"{self.function(f'{name}_code')}({data}, {key}{digest}, {size})"
 
     def fold(self, name: str, method: CheckMethod) -> Source:
         """The function of a check that the definition gives as an expression."""

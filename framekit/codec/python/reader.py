@@ -356,7 +356,8 @@ class BufferReader:
             self._compare_check(check, scope, local, is_slice)
 
     def _compare_check(self, check: Check, scope: Scope, local: str, is_slice: bool) -> None:
-        code = code_text(self.module, check, self.range_text(check, scope))
+        key = "" if check.key is None else self.function.writer(scope).text(check.key)
+        code = code_text(self.module, check, self.range_text(check, scope), key)
         found = forms.code_number(self.module, check, local) if is_slice else local
         self.function.wrong_if(f"{found} != {code}")
 

@@ -352,7 +352,7 @@ class Diagnosis:
             if cause == "check":
                 self.wrong_check(name, bad, told[1], told[2])
             else:
-                self.note(cause, name, bad, "wrapped content", hex_text(raw[places[-1] :][:2]))
+                self.note(cause, name, bad, told[1] if told[1:] else "wrapped content", hex_text(raw[places[-1] :][:2]))
         whole = self.data, self.at, self.end, self.places
         self.places = [self.wire(start + place) for place in places]
         self.data, self.at, self.end = plain, 0, len(plain)
@@ -591,16 +591,18 @@ class Diagnosis:
         if found != right:
             self.note_at(self.starts[name], cause, name, str(right), str(found), refuse)
 
-    def check(self, name: str, size: int, code: Ask, digits: bool = False, verify: bool = True) -> None:
+    def check(
+        self, name: str, size: int, code: Ask, digits: bool = False, verify: bool = True, keyed: bool = False
+    ) -> None:
         """A check code over what was read before it; `digits` may be in upper or lower case."""
         start = self.begin(name)
         self.show(name, start, self.take(name, size))
         end, self.at = self.at, start
-        self.verify(name, code, digits, verify)
+        self.verify(name, code, digits, verify, keyed)
         self.at = end
 
-    def verify(self, name: str, code: Ask, digits: bool = False, verify: bool = True) -> None:
-        """Compares a check code that was read with the bytes it should be."""
+    def verify(self, name: str, code: Ask, digits: bool = False, verify: bool = True, keyed: bool = False) -> None:
+        """Compares a check code that was read with the bytes it should be; those made with a key are not shown."""
         data, start, end = self.bounds[name]
         found = data[start:end]
         try:
@@ -612,7 +614,8 @@ class Diagnosis:
             return
         if found == wanted or (digits and found.upper() == wanted.upper()):
             return
-        self.wrong_check(name, start, hex_text(wanted), hex_text(found), verify)
+        expected = "the code made with the key" if keyed else hex_text(wanted)
+        self.wrong_check(name, start, expected, hex_text(found), verify)
 
     def wrong_check(self, name: str, place: int, expected: str, found: str, verify: bool = True) -> None:
         """A check code is not right; unless that is verified, it is only told."""

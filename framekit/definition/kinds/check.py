@@ -6,10 +6,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, Self
 
+from framekit.definition.ciphers import not_installed, wrong_size
 from framekit.definition.expression import Expression
-from framekit.definition.keys import FLAG, NUMBER, Form, KeyReading, here, key, keys, ref, words
+from framekit.definition.keys import EXPRESSION, FLAG, NUMBER, Form, KeyReading, here, key, keys, ref, words
 from framekit.definition.kinds.base import Contents, Given, References, Segment
 from framekit.definition.model.checks import CheckMethod
+from framekit.definition.model.macs import MACS
 from framekit.definition.problems import Position, Problem, plural
 from framekit.definition.tree import Mapping, Node
 from framekit.definition.wire_types import DIGITS, EVERY_BYTE, FieldType, Sizes, exactly, load_type
@@ -134,6 +136,8 @@ class Check(Segment):
         "ends", FLAG, "yes: a wrong code ends the frame at once, whatever its length says; default: no.", default=False
     )
 
+    key: Expression | None = key("key", EXPRESSION, "The key of a code that is made with one: bytes.", default=None)
+
     def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
         return exactly(self.size)
 
@@ -161,6 +165,11 @@ class Check(Segment):
         """What it covers beside segments."""
         return tuple(one for one in self.covers or () if isinstance(one, Added))
 
+    @property
+    def code_size(self) -> int:
+        """Bytes of the code that stand on the wire, of one that is made with a key."""
+        return self.size // (2 if self.form in ("hex", "HEX", "nibbles") else 1)
+
     def with_names(self, change: Callable[[tuple[str, ...]], tuple[str, ...]]) -> Self:
         """The same check, where other segments stand for those that it names."""
         covers = self.covers
@@ -173,11 +182,14 @@ class Check(Segment):
         yield from Segment.given(self)
         for one in self.added:
             yield one.value, "bytes" if one.type is None else "number", None
+        yield self.key, "bytes", None
 
     def needed(self) -> Iterator[tuple[str, Expression]]:
         yield from Segment.needed(self)
         for one in self.added:
             yield "check code", one.value
+        if self.key is not None:
+            yield "key", self.key
 
     def resolved(self, references: References) -> Segment:
         found = self.with_names(lambda names: references.written_out(names, self.at))
@@ -201,11 +213,15 @@ class Check(Segment):
     def check(self) -> Iterator[Problem]:
         """A code has the places its digits need."""
         bits = {"raw": 8, "hex": 4, "HEX": 4, "nibbles": 4}.get(self.form)
-        if bits is not None and self.size * bits < self.method.width:
+        if self.method.is_keyed:
+            yield from self._keyed()
+        elif self.key is not None:
+            yield Problem(self.key.at, f"{self.method.name} takes no key", "leave key out")
+        elif bits is not None and self.size * bits < self.method.width:
             what = f"a code of {self.method.width} bits does not fit into {plural(self.size, 'byte')}"
             todo = "leave size out" if self.form == "raw" else "each digit holds 4 bits: leave size out"
             yield Problem(self.at, what, todo)
-        if self.form == "dec" and 10**self.size <= (1 << self.method.width) - 1:
+        if self.form == "dec" and not self.method.is_keyed and 10**self.size <= (1 << self.method.width) - 1:
             what = f"a code of {self.method.width} bits does not fit into {self.size} decimal digits"
             yield Problem(self.at, what, "leave size out")
         if self.name in self.names:
@@ -216,3 +232,20 @@ class Check(Segment):
         if self.wire and self.covers is None:
             what = "without over: a check code counts what stands on the wire already"
             yield Problem(self.at, what, "leave wire out, or say in over: what it covers")
+
+    def _keyed(self) -> Iterator[Problem]:
+        """A code made with a key has one, and stands there as bytes or digits of them, the first ones if not all."""
+        name, mac = self.method.kind, MACS[self.method.kind]
+        if mac.is_extra:
+            yield from not_installed(self.at, name)
+        if self.key is None:
+            yield Problem(self.at, f"{name} needs a key", "add key: bytes, or the name of a parameter")
+        elif mac.key_sizes:
+            yield from wrong_size("the key", self.key, mac.key_sizes, "AES takes keys of 16, 24 or 32 bytes")
+        if self.form == "dec":
+            yield Problem(self.at, f"{name} has no decimal digits", "take as: raw, hex, HEX or nibbles")
+        elif self.form != "raw" and self.size % 2:
+            yield Problem(self.at, "two digits stand for each byte of a code made with a key", "give an even size")
+        elif not 1 <= self.code_size <= mac.size:
+            what = f"{name} has {plural(mac.size, 'byte')}, and {plural(self.code_size, 'byte')} are to stand there"
+            yield Problem(self.at, what, "correct size, or leave it out")

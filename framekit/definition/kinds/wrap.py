@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
-from framekit.definition.codings import CODING, Coding, Doubled, Hex, Plain
+from framekit.definition.coding import Coding
+from framekit.definition.codings import CODING, Doubled, Hex, Plain
 from framekit.definition.expression import Expression, Number
 from framekit.definition.keys import EXPRESSION, NUMBER, Form, KeyReading, key, keys, ref
 from framekit.definition.kinds.base import (
@@ -132,6 +133,12 @@ class Wrap(Segment):
         yield from Segment.given(self)
         yield self.most if isinstance(self.most, Expression) else None, "number", None
         yield self.insert, "any", None
+        for _, value in self.coding.expressions:
+            yield value, "bytes", None
+
+    def needed(self) -> Iterator[tuple[str, Expression]]:
+        yield from Segment.needed(self)
+        yield from self.coding.expressions
 
     def check(self) -> Iterator[Problem]:
         yield from self.coding.check()

@@ -11,8 +11,9 @@ from typing import Literal, get_args
 
 from framekit.definition.brought import bring_word
 from framekit.definition.expression import Expression
+from framekit.definition.model.macs import MACS
 
-CHECK_KINDS = {"sum", "word_sum", "xor", "sum7", "xor7", "or", "multiply", "crc", "fold"}
+CHECK_KINDS = {"sum", "word_sum", "xor", "sum7", "xor7", "or", "multiply", "crc", "fold", *MACS}
 Complement = Literal["ones", "twos"]
 WIDEST = 128
 """Bits of the widest check code that is accepted."""
@@ -32,6 +33,7 @@ class CheckMethod:
     - `or`: bytes are combined by OR. `multiply`: bytes are multiplied (ready methods start at 1).
     - `crc`: polynomial division with the catalogue's parameters; `initial` is its init: the register before the first
       byte, highest power in the highest bit whatever `refin` says.
+    - one of `MACS`: a code made with a key, which the check gives.
     - `fold`: `expression` over `acc` and `byte` gives the next `acc`; compilers give it its meaning.
 
     `poly`, `refin`, `refout`, `xorout` are for `crc` only, `expression` for `fold` only.
@@ -55,11 +57,23 @@ class CheckMethod:
         """Bytes the code takes when it is sent as a plain number."""
         return (self.width + 7) // 8
 
+    @property
+    def is_keyed(self) -> bool:
+        """Whether it takes a key."""
+        return self.kind in MACS
+
+    @property
+    def is_of_bytes(self) -> bool:
+        """Whether bytes are all it takes."""
+        return self.kind != "fold" and not self.is_keyed
+
     def fault(self) -> str | None:
         """What is wrong with the parameters, in one sentence; None if nothing is."""
         if self.kind not in CHECK_KINDS:
             return f"'{self.kind}' is no kind of check"
-        if not 1 <= self.width <= WIDEST:
+        if self.is_keyed and self != CheckMethod(name=self.name, kind=self.kind, width=8 * MACS[self.kind].size):
+            return f"{self.kind} takes nothing but a key"
+        if not 1 <= self.width <= WIDEST and not self.is_keyed:
             return f"a check code of {self.width} bits is not possible: 1 to {WIDEST} are"
         if self.complement not in (None, *get_args(Complement)):
             return f"the complement is 'ones' or 'twos', not '{self.complement}'"
@@ -156,6 +170,7 @@ def ready_methods() -> Mapping[str, CheckMethod]:
     methods = {method.name: method for method in SIMPLE}
     methods.update((alias, methods[name]) for alias, name in SIMPLE_ALIASES.items())
     methods.update(ADDED)
+    methods.update((name, CheckMethod(name=name, kind=name, width=8 * mac.size)) for name, mac in MACS.items())
     for entry in crc_catalogue():
         methods.update((name, entry.method) for name in (entry.method.name, *entry.aliases))
     return MappingProxyType(methods)

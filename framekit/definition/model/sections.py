@@ -219,10 +219,17 @@ def _items(reading: KeyReading) -> str | None:
 
 def _formula(reading: KeyReading) -> Expression | None:
     found, formula = reading.found, reading.keys.get("is")
-    if found["default"] is None and formula is None and found["type"] != "list":
+    if found["default"] is None and formula is None and found["type"] != "list" and "secret" not in reading.keys:
         what = f"parameter '{found['name']}' has no default"
         reading.reader.warn(found["at"], what, "every run will have to give it")
     return reading.reader.maybe(reading.reader.expression, formula)
+
+
+def _secret(reading: KeyReading, node: Node) -> bool:
+    """Keys and passwords: values whose faults can be told without showing them."""
+    if reading.found["type"] not in ("bytes", "text"):
+        reading.reader.note(node.at, "secret keeps keys and passwords", "take type: bytes or text, or leave secret out")
+    return reading.reader.flag(node)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -230,6 +237,7 @@ class Parameter:
     """A named setting. `is_` is a formula that always gives its value. `items`: what a list holds, None for anything.
 
     `type` is one of `PARAMETER_TYPES`. `limits` of a list are those of each item; `size`: bytes are that many.
+    `secret`: nothing shows its value.
     """
 
     name: str
@@ -246,6 +254,7 @@ class Parameter:
     limits: tuple[int, int] | None = key("range", RANGE, default=None)
     doc: str = key("doc", TEXT, default="")
     size: int | None = key("size", _size_in_bytes("parameter"), default=None)
+    secret: bool = key("secret", Form(FLAG.schema, _secret), default=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -255,6 +264,7 @@ class Argument(Parameter):
     type: str = key("type", TEXT, default="number")
     is_: Expression | None = None
     size: int | None = None
+    secret: bool = False
 
 
 def _variable_type(reading: KeyReading) -> str:

@@ -1,0 +1,114 @@
+"""Content enciphered and deciphered, by the library `cryptography`; `codec/python/codings.py` names the functions.
+
+It is imported where it is used, so that framekit works without it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from framekit.codec.stuffing import Opened
+from framekit.codec.support import Unfit
+
+
+def cipher_of(cipher: str, key: Any, iv: Any) -> Any:
+    """The cipher of the library. Raises ValueError, which shows no key."""
+    from cryptography.hazmat.primitives.ciphers import Cipher, algorithms, modes
+
+    key, iv = bytes_given(key, "key"), bytes_given(iv, "iv")
+    if len(key) not in (16, 24, 32):
+        raise Unfit(f"a key of {len(key)} bytes is none of 16, 24 or 32")
+    mode = {"aes-cbc": modes.CBC, "aes-ctr": modes.CTR, "aes-gcm": modes.GCM}[cipher]
+    if not (8 <= len(iv) <= 128 if cipher == "aes-gcm" else len(iv) == 16):
+        raise Unfit(f"an iv of {len(iv)} bytes is none for {cipher}")
+    return Cipher(algorithms.AES(key), mode(iv))
+
+
+def bytes_given(value: Any, name: str) -> bytes:
+    """A value that has to be bytes. Raises ValueError, which does not show it."""
+    if not isinstance(value, (bytes, bytearray)):
+        raise Unfit(f"{name} is not known" if value is None else f"the value for {name} is no bytes")
+    return bytes(value)
+
+
+def padded(data: bytes, pad: str) -> bytes:
+    """Content filled up to whole blocks. Raises ValueError for content that is not filled up and should be."""
+    rest = 16 - len(data) % 16
+    if pad == "none":
+        if rest != 16:
+            raise Unfit(f"{len(data)} bytes are no whole blocks of 16")
+        return data
+    return data + (bytes((rest,)) * rest if pad == "pkcs7" else b"\x80" + bytes(rest - 1))
+
+
+def unpadded(data: bytes, pad: str) -> bytes:
+    """The content again. Raises ValueError where it is not filled up as it should be."""
+    if pad == "none":
+        return data
+    plain = data[: -data[-1]] if pad == "pkcs7" and data else data.rstrip(b"\0")[:-1]
+    if not data or padded(plain, pad) != data:
+        raise Unfit("the content is not filled up as the padding says")
+    return plain
+
+
+def with_tag(cipher: str, data: bytes, key: Any, iv: Any, also: Any) -> tuple[bytes, bytes]:
+    """Content enciphered, and its whole tag."""
+    run = cipher_of(cipher, key, iv).encryptor()
+    run.authenticate_additional_data(bytes_given(also, "also"))
+    return run.update(data) + run.finalize(), run.tag
+
+
+def encipher(data: bytes | bytearray, cipher: str, pad: str, tag: int, key: Any, iv: Any, also: Any = b"") -> bytes:
+    """Content as it stands on the wire. Raises ValueError."""
+    if tag:
+        wire, whole = with_tag(cipher, bytes(data), key, iv, also)
+        return wire + whole[:tag]
+    run = cipher_of(cipher, key, iv).encryptor()
+    plain = padded(bytes(data), pad) if cipher == "aes-cbc" else bytes(data)
+    return bytes(run.update(plain) + run.finalize())
+
+
+def opened(
+    raw: bytes, cipher: str, pad: str, tag: int, key: Any, iv: Any, also: Any = b""
+) -> tuple[bytes, bytes, bytes]:
+    """The content, the tag that should stand behind it, and the one that does. Raises ValueError."""
+    wire, found = (raw[:-tag], raw[-tag:]) if tag else (raw, b"")
+    if tag and len(raw) < tag:
+        raise Unfit(f"{len(raw)} bytes have no room for a tag of {tag}")
+    if cipher == "aes-cbc" and (len(raw) % 16 or (pad != "none" and not raw)):
+        raise Unfit(f"{len(raw)} bytes are no whole blocks of 16")
+    run = cipher_of(cipher, key, iv).decryptor()
+    if not tag:
+        return unpadded(bytes(run.update(wire) + run.finalize()), pad), b"", b""
+    plain = bytes(run.update(wire))
+    return plain, with_tag(cipher, plain, key, iv, also)[1][:tag], found
+
+
+def decipher(data: bytes | bytearray, cipher: str, pad: str, tag: int, key: Any, iv: Any, also: Any = b"") -> bytes:
+    """The content again. Raises ValueError for a wrong tag or padding, and for no whole blocks."""
+    from hmac import compare_digest
+
+    plain, wanted, found = opened(bytes(data), cipher, pad, tag, key, iv, also)
+    if not compare_digest(wanted, found):
+        raise Unfit("the tag is wrong")
+    return plain
+
+
+def open_ciphered(raw: bytes, cipher: str, pad: str, tag: int, given: Callable[[], tuple[Any, ...]]) -> Opened:
+    """The same with care; content with a wrong tag is content all the same. `given`: key, iv, `also`."""
+    try:
+        values = given()
+        cipher_of(cipher, *values[:2])
+        bytes_given(b"".join(values[2:]), "also")
+    except (ValueError, LookupError, TypeError, ArithmeticError, AttributeError):
+        return b"", [0], "value", "a key and an iv that fit"
+    try:
+        plain, wanted, found = opened(raw, cipher, pad, tag, *values)
+    except ValueError:
+        return b"", [0], "constant"
+    if wanted != found:
+        bad = len(raw) - tag
+        places = [*range(len(plain)), len(raw), bad]
+        return plain, places, "check", "the tag made with the key", found.hex(" ").upper()
+    return plain, [*range(len(plain)), len(raw)], ""

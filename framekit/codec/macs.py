@@ -1,0 +1,27 @@
+"""Codes made with a key: HMAC by the standard library, AES-CMAC by the library `cryptography`, which is an extra."""
+
+from __future__ import annotations
+
+import hmac
+from typing import Any
+
+from framekit.codec.ciphers import bytes_given
+from framekit.codec.support import Unfit
+
+
+def hmac_code(data: bytes | bytearray, key: Any, digest: str, size: int) -> int:
+    """The number of the first `size` bytes of the HMAC (RFC 2104). Raises ValueError for a key that is no bytes."""
+    return int.from_bytes(hmac.digest(bytes_given(key, "key"), data, digest)[:size], "big")
+
+
+def cmac_code(data: bytes | bytearray, key: Any, size: int) -> int:
+    """The number of the first `size` bytes of the AES-CMAC (RFC 4493). Raises ValueError for a wrong key."""
+    from cryptography.hazmat.primitives.ciphers.algorithms import AES
+    from cryptography.hazmat.primitives.cmac import CMAC
+
+    key = bytes_given(key, "key")
+    if len(key) not in (16, 24, 32):
+        raise Unfit(f"a key of {len(key)} bytes is none of 16, 24 or 32")
+    run = CMAC(AES(key))
+    run.update(bytes(data))
+    return int.from_bytes(run.finalize()[:size], "big")
