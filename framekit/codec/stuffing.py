@@ -1,8 +1,8 @@
 """Content of a wrap to the wire and back: `stuff_…` and others make what stands on the wire, `unstuff_…` the content.
 
 `open_…` reads with care: the content, where each of its bytes stands, and the cause where something is wrong; the last
-place is that of the fault. Behind the cause of a wrong check code stand the right one and the one there is, behind another cause
-may stand what was expected. Generated code carries these functions along as they stand.
+place is that of the fault. Behind the cause of a wrong check code stand the right one and the one there is; behind
+another cause may stand what was expected. Generated code carries these functions along as they stand.
 """
 
 from __future__ import annotations
