@@ -411,7 +411,8 @@ SEGMENTS = [
     ("{repeat: x, times: 2, of: u7}", "27: 'u7' is not a type, in frame 'A' – did you mean 'u8'?"),
     (
         "{wrap: base64, of: []}",
-        "8: 'base64' is not a wrap (hex, cobs, none, {escape: …}, {after: …}, {block: …}, {short: …} or {cipher: …}), in frame 'A'",
+        "8: 'base64' is not a wrap (hex, cobs, none, {escape: …}, {after: …}, {block: …}, {short: …} or "
+        "{cipher: …}), in frame 'A'",
     ),
     ("{wrap: {escpe: DLE}, of: []}", "9: unknown key 'escpe' in a wrap of frame 'A' – did you mean 'escape'?"),
     (
