@@ -142,7 +142,7 @@ class Candidates:
         elif length == 0:
             result = NO
         elif length == self._lost:
-            result = self._without_end(info, position, end)
+            result = self._without_end(info, end - position)
         else:
             result = Unfinished(length == self._quiet, end - position, before)
         self.said[info.name] = result
@@ -273,20 +273,23 @@ class Candidates:
         started, ended = stream.times_of(place, place + len(raw) if raw else place + 1)
         return BadFrame(info.name, raw, stream.offset, started, ended, explain)
 
-    def _without_end(self, info: FrameInfo, start: int, end: int) -> Bad:
-        """A frame whose end is lost. Most begin in noise and are not told: how it is bad is worked out on demand."""
+    def _without_end(self, info: FrameInfo, size: int) -> Bad:
+        """A frame at the current place whose end is lost, as `size` bytes show.
+
+        Most begin in noise and are not told: how it is bad is worked out on demand. The buffer may have let used bytes
+        go by then, so that the place has another index.
+        """
         whole: list[Bad] = []
-        stream, base = self._stream, self._stream.base
 
         def bad() -> Bad:
             if not whole:
-                moved = stream.base - base  # bytes that the buffer has let go since
-                whole.append(self._shortest_without_end(info, start - moved, end - moved))
+                place = self._stream.position
+                whole.append(self._shortest_without_end(info, place, place + size))
             return whole[0]
 
         def open_at(size: int) -> bool:
-            here = start + base - stream.base
-            return self._length(info, here, here + size) == self._quiet
+            place = self._stream.position
+            return self._length(info, place, place + size) == self._quiet
 
         return Bad(lambda: bad().bad, lambda: bad().size, False, open_at)
 

@@ -134,6 +134,7 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
              bad={"07": "value"}),
         Case("an offset", "- {field: a, type: u8, plus: 0x20}", {"a": 7}, "27"),
         Case("a scale", "- {field: a, type: i16, scale: 0.1}", {"a": Decimal("-12.5")}, "FF 83"),
+        Case("a scale of seven places", "- {field: a, type: i32, scale: 0.0000001}", {"a": Decimal("-12.3456789")}, "F8 A4 32 EB"),
         Case("a scale and an offset", "- {field: a, type: u8, scale: 0.5, offset: -40}", {"a": Decimal("87.5")}, "FF"),
         Case("a scale of digits", "- {field: a, type: decimal, size: 4, scale: 0.01}", {"a": Decimal("-0.50")}, _text("-050")),
         Case("a list of scaled numbers", "- {repeat: a, times: 2, of: i16, scale: 0.1}",

@@ -182,6 +182,19 @@ def test_layouts_are_codecs_of_their_own() -> None:
     assert "hanging" not in codec.layouts, "its check covers what is not in it"
 
 
+def test_a_layout_with_a_list_that_knows_its_last_item_is_a_codec_of_its_own() -> None:
+    chain = small_protocol(
+        "[{repeat: a, until: more == 0, of: [{bits: {more: 7, v: 0-6}, of: u8, is: {more: not last}}]}]"
+    )
+    frame = chain.frames["f"]
+    codec = compile_protocol(
+        replace(chain, layouts={"chain": Layout(name="chain", segments=frame.segments, at=frame.at)})
+    )
+    encode, decode = codec.layouts["chain"]
+    assert encode({"a": [{"v": 1}, {"v": 2}]}, {}) == b"\x81\x02"
+    assert decode(b"\x81\x02", {}) == {"a": [{"more": 1, "v": 1}, {"more": 0, "v": 2}]}
+
+
 def test_many_bits_are_broken_too() -> None:
     names = [f"a_rather_long_name_{number}" for number in range(11)]
     bits = " | ".join(f"{name} << {place}" for place, name in enumerate(names))

@@ -332,6 +332,27 @@ def test_cutting_changes_nothing_where_an_end_is_found_and_silence_is_waited_for
     assert feed(receiver_of(MAYBE_MORE), [data[at : at + 1] for at in range(len(data))], ("note",)) == whole
 
 
+LOST_AND_LONG = """
+protocol: lost
+frames:
+  good:  {body: [{const: CC}, {data: data, size: 2}]}
+  short: {body: [{const: AA}, {field: size, type: u8, range: 0..9}, {data: data, size: size}]}
+  long:  {body: [{const: AA}, {data: data, size: 6}, {check: sum8}]}
+receiver: {gap: 50 ms, quiet: 4 chars}
+"""
+
+
+def test_a_frame_whose_end_is_lost_is_compared_where_it_stands_after_the_buffer_has_moved() -> None:
+    """`short` is known as bad early; `long` is bad some bytes later, when what stood before them has been let go."""
+    data = bytes.fromhex("CC 01 02" * 20 + "AA FF 01 02 03 04 05 06 CC 07 08")
+    names = ("good", "short", "long")
+    whole = feed(receiver_of(LOST_AND_LONG), [data], names)
+    assert [item[:2] for item in whole[20:]] == [("bad", "long"), ("noise", data[60:68]), ("frame", "good")]
+    for cut in range(len(data)):
+        assert feed(receiver_of(LOST_AND_LONG), cut_at(data, [cut]), names) == whole
+    assert feed(receiver_of(LOST_AND_LONG), [data[at : at + 1] for at in range(len(data))], names) == whole
+
+
 @given(LETTER_STREAM, st.sampled_from([("set",), ("get", "ack"), ALL]))
 def test_every_byte_becomes_something_exactly_once(data: bytes, names: tuple[str, ...]) -> None:
     receiver = receiver_of(LETTERS)

@@ -35,7 +35,7 @@ ALL = (*LINKS, *SNP, *PLCS, *INSTRUMENTS)
 LATER = 900 * MS
 """After less time than this clients usually ask again."""
 
-WHOLE = {"ccm-peer": {b"\x05"}, "iec62056-21-client": {b"/?!\r\n"}}
+WHOLE = {"ccm-peer": {b"\x05"}}
 """Stray bytes that are a request: what follows it is answered as the protocol says, the next one as if alone."""
 
 
