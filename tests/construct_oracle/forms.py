@@ -12,7 +12,16 @@ from functools import lru_cache
 from typing import Any
 
 import construct
-from construct import Adapter, Bytes, BytesInteger, Construct, GreedyBytes, NullTerminated, Transformed
+from construct import (
+    Adapter,
+    Bytes,
+    BytesInteger,
+    Construct,
+    GreedyBytes,
+    Transformed,
+    stream_read,
+    stream_write,
+)  # fmt: skip
 
 from framekit.codec import support
 from framekit.definition.decimals import DecimalForm, Scale
@@ -206,11 +215,29 @@ class DecimalText(Adapter):
         return (front.lstrip("0").rjust(form.digits, "0") if point else front.rjust(form.digits, "0")) + point + behind
 
 
+class UpTo(Construct):
+    """Bytes up to `end`, wherever it stands (`NullTerminated` looks only at whole multiples of its size)."""
+
+    def __init__(self, end: bytes) -> None:
+        super().__init__()
+        self.end = end
+
+    def _parse(self, stream: Any, context: Any, path: str) -> bytes:
+        found = b""
+        while not found.endswith(self.end):
+            found += stream_read(stream, 1, path)
+        return found[: -len(self.end)]
+
+    def _build(self, obj: bytes, stream: Any, context: Any, path: str) -> bytes:
+        stream_write(stream, obj + self.end, len(obj) + len(self.end), path)
+        return obj
+
+
 class TerminatedText(Adapter):
     """Latin-1 text up to the bytes `end`, which are read with it. Builds both; raises FormError for `end` inside."""
 
     def __init__(self, end: bytes) -> None:
-        super().__init__(NullTerminated(GreedyBytes, term=end))
+        super().__init__(UpTo(end))
         self.end = end
 
     def _decode(self, obj: bytes, context: Any, path: str) -> str:

@@ -522,6 +522,8 @@ class EncodeWriter(FunctionWriter):
         beyond = ""
         if given.in_cases is None and len(free) > given.needed:  # to ask for them takes half the time of the call
             beyond = f" and not {self.module.among(free, self.title)}({given.text})"
+        if not given.needed:  # of nothing else than a mapping is known yet that it is one
+            return f"{given.text} != {{}}{beyond}"
         return f"len({given.text}) != {given.needed}{beyond}"
 
     def conditions_of(self, given: Given) -> list[tuple[str, tuple[str, ...]]]:
