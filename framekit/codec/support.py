@@ -359,8 +359,12 @@ def unscaled(value: Any, factor: int, offset: int, places: int, least: int | Non
 
 def find_stop(data: bytes | bytearray, stops: bytes, at: int, end: int) -> int:
     """The place of the first of some bytes, -1 if none is there before `end`."""
-    found = re.compile(b"[" + re.escape(stops) + b"]").search(data, at, end)
-    return -1 if found is None else found.start()
+    found = -1
+    for stop in stops:
+        place = data.find(stop, at, end)
+        if place >= 0:
+            found = end = place
+    return found
 
 
 def index_stop(data: bytes | bytearray, stops: bytes, at: int) -> int:

