@@ -25,7 +25,7 @@ SIZE = 6_000
 MOST = 15
 """Calls of functions for each byte of random noise: the dearest of the shipped protocols needs 9, but for these."""
 MOST_OF = {"m-bus": 24}
-"""Random bytes hold many frames of five bytes, and records whose fault is looked for: 18 in large pieces, 23.6 in small."""
+"""Random bytes hold many frames of five bytes and records whose fault is looked for: 18 in large pieces, 23.6 in small."""
 
 
 @cache
@@ -106,7 +106,7 @@ def test_frames_that_silence_ends_hold_nothing_up_for_longer_than_their_greatest
 PARTS = 4
 """The worst bytes are tried in so many tests."""
 WORST, WORST_IN_SMALL_PIECES = 36, 46
-"""Calls for each byte of the worst bytes that `benchmarks/noise.py` has found: the dearest need 27 and 41, but for these."""
+"""Calls for each byte of the worst bytes that `benchmarks/noise.py` has found; all but these need 27 and 41 at most."""
 WORST_OF, SMALL_OF = {"nmea0183": 46}, {"nmea0183": 64}
 """A damaged sentence of 14 bytes is tried as each of twelve, text by text: 45.5, and 63.3 in small pieces."""
 
