@@ -663,7 +663,8 @@ class Receiver:
     def _pass_fill(self, found: list[Arrival]) -> bool:
         """Passes over delimiters that begin no frame: others follow them, or nothing does yet. Whether there are any.
 
-        The last one begins a frame when something follows (`append`). Noise that ends here comes to `found`.
+        The last one begins a frame when something follows (`append`), and noise may go on with that frame; noise
+        surely ends before another one, and comes to `found`.
         """
         stream, delimiter = self.stream, self._delimiter
         buffer, place = stream.buffer, stream.position
@@ -672,10 +673,10 @@ class Receiver:
             place += 1
         if place == stream.position or self._skipping:
             return False
-        if self._noise.data:
+        self._is_open = place == end
+        if self._noise.data and place - stream.position > self._is_open:
             found.append(self._noise.take())
         self._move(place - stream.position)
-        self._is_open = place == end
         return True
 
     def _look(self, frames: ExpectedFrames) -> Arrival | Again | None:

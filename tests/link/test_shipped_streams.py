@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from random import Random
 from typing import Any
@@ -37,8 +38,10 @@ def loaded(name: str) -> tuple[Any, Any, list[bytes]]:
     return protocol, compile_protocol(protocol), [data for data in samples if data]
 
 
-def receiver(name: str) -> Receiver:
+def receiver(name: str, resync: str = "") -> Receiver:
     protocol, codec, _ = loaded(name)
+    if resync:
+        protocol = replace(protocol, receiver=replace(protocol.receiver, resync=resync))
     names = Names({"request": None, "buffer": b""}, Scope(protocol, line=default_line(protocol)))
     return Receiver(codec, protocol, names)
 
@@ -75,6 +78,32 @@ def test_cutting_changes_nothing(name: str, data: st.DataObject) -> None:
     whole = feed(receiver(name), [stream], expected, others)
     assert feed(receiver(name), cut_at(stream, places), expected, others) == whole
     assert feed(receiver(name), [stream[at : at + 1] for at in range(len(stream))], expected, others) == whole
+
+
+@pytest.mark.parametrize("pieces", [[62], [61, 62, 63], [*range(1, 65)]])
+def test_noise_goes_on_behind_a_delimiter_that_comes_last(pieces: list[int]) -> None:
+    """Whether a delimiter fills a pause or begins a bad frame that is not told is known only from what follows."""
+    stream = bytes.fromhex(
+        "d0d07d5e7e7dd05e7d7ed17e5ed07e5ed1d1d0d15e95d1957d007d7ed1d17dd05ed0"
+        "7e00957dd095007dd0555ed0557e55d1d07d005e7ed1007e957ed07ed1"
+    )
+    whole = feed(receiver("shdlc"), [stream], (), receiver("shdlc").table.on_line)
+    assert whole[-1] == ("noise", b"~\xd0~\xd1", 59, True)
+    assert feed(receiver("shdlc"), cut_at(stream, pieces), (), receiver("shdlc").table.on_line) == whole
+
+
+@pytest.mark.parametrize("name", ["shdlc", "df1", "modbus-rtu"])
+@given(data=st.data())
+@settings(max_examples=40, deadline=None)
+def test_cutting_changes_nothing_where_the_first_bad_frame_ends_all(name: str, data: st.DataObject) -> None:
+    stream = data.draw(streams(name))
+    places = data.draw(st.lists(st.integers(0, 5000), max_size=8))
+    names = receiver(name).table.on_line
+    some = data.draw(st.integers(0, len(names)))
+    expected, others = names[:some], names[some:]
+    whole = feed(receiver(name, "never"), [stream], expected, others)
+    assert feed(receiver(name, "never"), cut_at(stream, places), expected, others) == whole
+    assert feed(receiver(name, "never"), [stream[at : at + 1] for at in range(len(stream))], expected, others) == whole
 
 
 def test_a_frame_stands_inside_another_only_where_that_one_has_begun() -> None:

@@ -716,7 +716,7 @@ class EncodeWriter(FunctionWriter):
                 if text != "0":
                     parts.append(f"{text} << {part.low}" if part.low else text)
             return " | ".join(parts) or "0"
-        return forms.wire_of(segment, scope.entries[segment.name].text)
+        return forms.wire_of(segment, self.local_of(segment, scope))
 
     def data_text(self, data: Data, scope: Scope) -> str:
         """Text of the bytes of data on the wire."""
