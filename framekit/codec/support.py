@@ -265,15 +265,15 @@ def exact_decimal(value: Any) -> Decimal:
 
 
 def build_decimal(
-    value: Any, size: int, decimals: int | None, sign: str, digits: int, fill: bytes, exponent: int
+    value: Any, size: int | None, decimals: int | None, sign: str, digits: int, fill: bytes, exponent: int
 ) -> bytes:
-    """A number as decimal text; `size` 0: as long as it takes, up to 256 characters; nothing is no text at all.
+    """A number as decimal text; `size` None: as long as it takes, up to 256 characters; nothing is no text at all.
 
     `decimals` digits behind the point (None: as many as the value has), at least `digits` before it; `fill` stands in
     front, zeros behind the sign. `sign`: `minus`, `always`, `space` or `never`. With digits of an `exponent` one digit
     stands before the point. Raises ValueError for what such a text cannot say.
     """
-    if value is None and not size:
+    if value is None and size is None:
         return b""
     whole = exact_decimal(value).as_tuple()
     negative, figures, power = whole.sign, whole.digits, int(whole.exponent)
@@ -302,12 +302,10 @@ def build_decimal(
     if negative and sign == "never":
         raise Unfit(f"{value} is negative, and has no sign")
     signed = "-" if negative else {"always": "+", "space": " "}.get(sign, "")
-    room = size - len(signed) - len(text)
-    if size and room < 0:
-        raise Unfit(f"{value} does not fit into {size} characters")
-    if not size and room < -256:
-        raise Unfit(f"{value} has too many digits")
-    if not size:
+    room = (256 if size is None else size) - len(signed) - len(text)
+    if room < 0:
+        raise Unfit(f"{value} has too many digits" if size is None else f"{value} does not fit into {size} characters")
+    if size is None:
         return (signed + text).encode("ascii")
     if fill == b"0":
         return (signed + "0" * room + text).encode("ascii")
@@ -330,7 +328,7 @@ def parse_decimal(
     shown = plain.decode("ascii")
     is_whole = decimals == 0 and not exponent and shown.lstrip("+-").isdigit()
     number = int(shown) if is_whole else Decimal(shown)
-    if build_decimal(number, len(text) if fixed else 0, decimals, sign, digits, fill, exponent) != text:
+    if build_decimal(number, len(text) if fixed else None, decimals, sign, digits, fill, exponent) != text:
         raise Unfit(f"{bytes(text)!r} is not written as such numbers are")
     return number
 

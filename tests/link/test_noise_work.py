@@ -25,7 +25,7 @@ SIZE = 6_000
 MOST = 15
 """Calls of functions for each byte of random noise: the dearest of the shipped protocols needs 9, but for these."""
 MOST_OF = {"m-bus": 24}
-"""Random bytes hold many frames of five bytes and records whose fault is looked for: 18 in large pieces, 23.6 in small."""
+"""Random bytes hold many frames of five bytes, and records whose fault is looked for: 18; in small pieces 23.6."""
 
 
 @cache

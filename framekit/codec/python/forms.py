@@ -191,7 +191,7 @@ def _parse_decimal(functions: Functions, type_: FieldType, raw: str) -> str:
 
 def _build_decimal(functions: Functions, type_: FieldType, wire: str, size: str) -> str:
     end = "" if type_.end is None else f" + {bytes_literal(type_.end)}"
-    size = size if type_.size is not None else "0"
+    size = size if type_.size is not None else "None"
     return f"{functions.function('build_decimal')}({wire}, {size}, {_form_arguments(type_)}){end}"
 
 
