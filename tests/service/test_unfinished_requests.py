@@ -29,6 +29,8 @@ INSTRUMENTS = (
     Link("shdlc", format="8N1", service="version"),
     Link("dynamixel", format="8N1", service="ping"),
     Link("iec62056-21", format="7E1", speed=300, station="", me="", service="readout"),
+    Link("dnp3-link", format="8N1", station=1024, service="link_status"),
+    Link("bacnet-mstp", format="8N1", station=5, service="poll"),
     Link("scpi", format=None, station=None, service="identify"),
 )
 ALL = (*LINKS, *SNP, *PLCS, *INSTRUMENTS)
