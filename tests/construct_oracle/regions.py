@@ -89,11 +89,16 @@ class WrapConstruct(SegmentConstruct):
                     self.segment.coding,
                     *(filling.compute(one, self.label) for _, one in self.segment.coding.expressions),
                 )
-                stream.write(enciphered(self.segment.coding, plain, *values))
+                wire = enciphered(self.segment.coding, plain, *values)
             except (TypeError, ValueError) as error:
                 if isinstance(error, ConstructEncodeError):
                     raise
                 raise filling.error(self.label, f"'{self.label}' cannot be enciphered") from None
+            size = self.segment.size
+            told = isinstance(size, Expression) and size.text.startswith("plain:")  # else a length is worked out of it
+            if told and filling.compute(size, self.label) != len(wire):
+                raise filling.error(self.label, f"'{self.label}' takes {len(wire)} bytes")
+            stream.write(wire)
             return
         stream.write(self.to_wire(plain, writing.names))
 
