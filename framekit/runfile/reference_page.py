@@ -52,7 +52,7 @@ GUIDE = {
 """Sections of `docs/language.md` that explain a key of the first level; the others are in its first one."""
 
 
-class Part(NamedTuple):
+class PagePart(NamedTuple):
     """A mapping with keys of its own: what it is called, where it stands, the key of the first level it is under."""
 
     name: str
@@ -69,7 +69,7 @@ class Reference:
 
     def __init__(self, schemas: Schemas) -> None:
         self.schemas = schemas
-        self.parts: dict[int, Part] = {}
+        self.parts: dict[int, PagePart] = {}
         self.names: set[str] = set()
         self.root: Schema = schemas["protocol.schema.json"]
         self.collect(self.root, "protocol file", "the file", "")
@@ -95,7 +95,7 @@ class Reference:
                     known.places.append(path)
                 return
             name = self.name(schema, owner, path)
-            self.parts[id(schema)] = Part(name, schema, [path], top)
+            self.parts[id(schema)] = PagePart(name, schema, [path], top)
         for key, part in schema.get("properties", {}).items():
             self.collect(part, name, f"`{key}` of {self.link(name)}", top or key)
         for inside in ("additionalProperties", "items"):
@@ -151,7 +151,7 @@ class Reference:
             forms.insert(0, str(schema.get("x-expected") or schema.get("x-name") or "a text"))
         return " or ".join(dict.fromkeys(forms)) or str(schema.get("x-expected", "any value"))
 
-    def rows(self, part: Part) -> Iterator[str]:
+    def rows(self, part: PagePart) -> Iterator[str]:
         required = part.schema.get("required", ())
         for key, schema in part.schema["properties"].items():
             told = self.description(schema) + (" *required*" if key in required else "")
