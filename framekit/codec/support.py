@@ -253,9 +253,12 @@ def parse_oct(digits: bytes | bytearray) -> int:
 
 
 def exact_decimal(value: Any) -> Decimal:
-    """A number as it is written: a float is the shortest decimal that means it. Raises ValueError for others."""
+    """A number as it is written: a float is the shortest decimal that means it, a whole one without decimals.
+
+    Raises ValueError for others.
+    """
     if isinstance(value, float):
-        value = repr(value)
+        value = repr(value).removesuffix(".0")
     elif not isinstance(value, (int, Decimal)):
         raise Unfit(f"{value!r} is not a number")
     number = Decimal(value)

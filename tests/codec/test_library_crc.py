@@ -19,6 +19,9 @@ from tests.check_methods import from_crc
 
 BY_LIBRARY = [entry.method for entry in crc_catalogue() if library_crc(entry.method) is not None]
 
+OF_THEIR_OWN = {"mstp-header"}
+"""Codes of shipped frames that the library does not have: computed by a table."""
+
 
 def shipped_methods() -> Iterator[CheckMethod]:
     seen = set()
@@ -48,7 +51,7 @@ def test_every_crc_of_shipped_frames_is_the_librarys() -> None:
     methods = list(shipped_methods())
     assert methods
     for method in methods:
-        assert library_crc(method) is not None, method.name
+        assert library_crc(method) is not None or method.name in OF_THEIR_OWN, method.name
 
 
 def test_parameters_that_the_library_does_not_have_are_computed_by_a_table() -> None:

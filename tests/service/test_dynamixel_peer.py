@@ -29,6 +29,9 @@ GOOD = (sdk.COMM_SUCCESS, 0)
 
 def opened(path: str) -> tuple[Any, Any]:
     port, packets = sdk.PortHandler(path), sdk.PacketHandler(2.0)
+    sdk.port_handler.LATENCY_TIMER = (
+        5000  # ms: it waits for a reply by the clock on the wall, on a machine that may be busy
+    )
     assert port.openPort() and port.setBaudRate(57600)
     return port, packets
 

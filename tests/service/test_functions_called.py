@@ -210,7 +210,7 @@ def test_an_exchange_of_a_read_block_that_is_shown_to_a_monitor(
 
 
 CALLS_OF_A_READ = {
-    "mldp": (("%MW100", 1, "client", None), 104, 97),
+    "mldp": (("%MW100", 1, "client", None), 105, 97),
     "srtp": (("%R1", None, "client", None), 118, 127),
     "df1": (("N7:0", 1, "full", 0), 217, 252),
 }
