@@ -16,13 +16,19 @@ def cipher_of(cipher: str, key: Any, iv: Any) -> Any:
     """The cipher of the library. Raises ValueError, which shows no key."""
     from cryptography.hazmat.primitives.ciphers import Cipher, algorithms, modes
 
-    key, iv = bytes_given(key, "key"), bytes_given(iv, "iv")
-    if len(key) not in (16, 24, 32):
-        raise Unfit(f"a key of {len(key)} bytes is none of 16, 24 or 32")
+    key, iv = aes_key(key), bytes_given(iv, "iv")
     mode = {"aes-cbc": modes.CBC, "aes-ctr": modes.CTR, "aes-gcm": modes.GCM}[cipher]
     if not (8 <= len(iv) <= 128 if cipher == "aes-gcm" else len(iv) == 16):
         raise Unfit(f"an iv of {len(iv)} bytes is none for {cipher}")
     return Cipher(algorithms.AES(key), mode(iv))
+
+
+def aes_key(value: Any) -> bytes:
+    """A key of AES. Raises ValueError, which does not show it."""
+    key = bytes_given(value, "key")
+    if len(key) not in (16, 24, 32):
+        raise Unfit(f"a key of {len(key)} bytes is none of 16, 24 or 32")
+    return key
 
 
 def bytes_given(value: Any, name: str) -> bytes:

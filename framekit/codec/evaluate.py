@@ -90,7 +90,7 @@ def start_values(protocol: model.Protocol) -> dict[str, Any]:
     """Tables, and the start values of parameters and state that are constant."""
     known: dict[str, Any] = {name: RangeTable(table.entries, table.ranges) for name, table in protocol.tables.items()}
     for parameter in protocol.params.values():
-        if parameter.secret and parameter.default is None:  # not known as long as nobody gives it
+        if parameter.secret and parameter.default is None:  # not known until it is given
             known[parameter.name] = None
         if parameter.is_ is None:
             known |= _constant(parameter.name, parameter.default)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import hmac
 from typing import Any
 
-from framekit.codec.ciphers import bytes_given
-from framekit.codec.support import Unfit
+from framekit.codec.ciphers import aes_key, bytes_given
 
 
 def hmac_code(data: bytes | bytearray, key: Any, digest: str, size: int) -> int:
@@ -19,9 +18,6 @@ def cmac_code(data: bytes | bytearray, key: Any, size: int) -> int:
     from cryptography.hazmat.primitives.ciphers.algorithms import AES
     from cryptography.hazmat.primitives.cmac import CMAC
 
-    key = bytes_given(key, "key")
-    if len(key) not in (16, 24, 32):
-        raise Unfit(f"a key of {len(key)} bytes is none of 16, 24 or 32")
-    run = CMAC(AES(key))
+    run = CMAC(AES(aes_key(key)))
     run.update(bytes(data))
     return int.from_bytes(run.finalize()[:size], "big")

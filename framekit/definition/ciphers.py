@@ -21,25 +21,24 @@ BLOCK = 16
 """Bytes of a block of AES."""
 KEY_SIZES = (16, 24, 32)
 """Bytes that a key of AES may have."""
-IV_SIZES: Mapping[str, tuple[int, int]] = {"aes-cbc": (16, 16), "aes-ctr": (16, 16), "aes-gcm": (8, 128)}
-"""Fewest and most bytes of the initial value, by cipher."""
 Padding = Literal["none", "pkcs7", "iso7816"]
 PADDINGS: Mapping[str, Padding] = {"none": "none", "pkcs7": "pkcs7", "iso7816": "iso7816"}
 TAG_SIZES = (4, 16)
 LIBRARY = "cryptography"
 
 
-class _Options(NamedTuple):
-    """The keys that only some ciphers have."""
+class _Cipher(NamedTuple):
+    """Fewest and most bytes of the initial value, and which of the keys it has that only some ciphers have."""
 
+    iv: tuple[int, int]
     pads: bool = False
     tags: bool = False
 
 
-_OPTIONS: Mapping[str, _Options] = {
-    "aes-cbc": _Options(pads=True),
-    "aes-ctr": _Options(),
-    "aes-gcm": _Options(tags=True),
+CIPHERS: Mapping[str, _Cipher] = {
+    "aes-cbc": _Cipher((16, 16), pads=True),
+    "aes-ctr": _Cipher((16, 16)),
+    "aes-gcm": _Cipher((8, 128), tags=True),
 }
 
 
@@ -93,7 +92,7 @@ class Ciphered(Coding):
     def check(self) -> Iterator[Problem]:
         yield from not_installed(self.at, self.cipher)
         yield from wrong_size("the key", self.key, KEY_SIZES, "AES takes keys of 16, 24 or 32 bytes")
-        least, most = IV_SIZES[self.cipher]
+        least, most = CIPHERS[self.cipher].iv
         wanted = plural(least, "byte") if least == most else f"{least} to {most} bytes"
         yield from wrong_size("iv", self.iv, tuple(range(least, most + 1)), f"{self.cipher} takes {wanted}")
         if self.tag and not TAG_SIZES[0] <= self.tag <= TAG_SIZES[1]:
@@ -113,7 +112,7 @@ class Ciphered(Coding):
 
 CIPHER_KEYS: Schema = {
     "cipher": {
-        **words("a cipher", *IV_SIZES),
+        **words("a cipher", *CIPHERS),
         "description": "The content is enciphered by it.",
     },
     "key": {**EXPRESSION.schema, "description": "The key: bytes, mostly a parameter with secret: yes."},
@@ -134,8 +133,8 @@ CIPHER_KEYS: Schema = {
 def load_cipher(reading: KeyReading, node: Keys) -> Ciphered:
     """The cipher that `wrap` names. Raises Broken."""
     reader = reading.reader
-    cipher = reader.one_of(node.get("cipher"), {name: name for name in IV_SIZES}, "a cipher")
-    options = _OPTIONS[cipher]
+    cipher = reader.one_of(node.get("cipher"), {name: name for name in CIPHERS}, "a cipher")
+    options = CIPHERS[cipher]
     for name, is_there in (("pad", options.pads), ("tag", options.tags), ("also", options.tags)):
         given = node.get(name)
         if given is not None and not is_there:

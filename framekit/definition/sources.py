@@ -43,8 +43,13 @@ def shipped_definitions(pattern: str = "*.yaml") -> list[Path]:
 
 def find_definition(name: str, folder: Path) -> Path | None:
     """The file of a definition: `folder/NAME`, `folder/NAME.yaml`, or a shipped one; None if there is none."""
-    for place in (folder, *definition_folders()):
-        for candidate in (place / name, place / f"{name}.yaml"):
+    return _first_file(name, (folder, *definition_folders()), ".yaml")
+
+
+def _first_file(name: str, places: Iterable[Path], suffix: str) -> Path | None:
+    """The first file `NAME` or `NAME` + `suffix` inside one of the folders."""
+    for place in places:
+        for candidate in (place / name, place / f"{name}{suffix}"):
             if candidate.is_file() and candidate.resolve().is_relative_to(place.resolve()):
                 return candidate
     return None
@@ -170,10 +175,9 @@ def find_profile(name: str, folder: Path | None, at: Position, *, kind: str, suf
         what = f"'{name}' leaves the folder of the file that names it"
         raise DefinitionError([Problem(at, what, "name a profile beside it or a shipped one")])
     places = [place for place in (folder, *definition_folders()) if place is not None]
-    for place in places:
-        for candidate in (place / name, place / f"{name}{suffix}"):
-            if candidate.is_file() and candidate.resolve().is_relative_to(place.resolve()):
-                return candidate
+    found = _first_file(name, places, suffix)
+    if found is not None:
+        return found
     known = {path.name.removesuffix(suffix) for place in places for path in place.glob(f"*{suffix}")}
     todo = did_you_mean(name, known) or f"write {name}{suffix}"
     raise DefinitionError([Problem(at, f"there is no {kind} '{name}'", todo)])

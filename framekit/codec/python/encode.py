@@ -522,7 +522,7 @@ class EncodeWriter(FunctionWriter):
         beyond = ""
         if given.in_cases is None and len(free) > given.needed:  # to ask for them takes half the time of the call
             beyond = f" and not {self.module.among(free, self.title)}({given.text})"
-        if not given.needed:  # of nothing else than a mapping is known yet that it is one
+        if not given.needed:  # no value was read of it, so it may be no mapping
             return f"{given.text} != {{}}{beyond}"
         return f"len({given.text}) != {given.needed}{beyond}"
 

@@ -340,7 +340,7 @@ class _LeftForOthers:
     """What ends before one of several bytes (`end: [2C, 2A]`) needs something behind it that begins with one of them.
 
     What is always there need only be able to: its value is given. What comes where something else is absent has to be a
-    constant, as nobody who gives values sees that it counts.
+    constant, because the values that are given do not show that it counts.
     """
 
     def __init__(self, protocol: Protocol) -> None:
