@@ -46,7 +46,7 @@ services:
 """
 
 
-def answers(text: str, request: str, own: int = 2) -> list[bytes]:
+def answers(text: str, request: str, own: int | None = 2) -> list[bytes]:
     """What a device of this station sends when these bytes come."""
     protocol, codec = compiled(text)
     side = Side(text, "server", own=own, server=MemoryServer(protocol, codec, DeviceMemory(memory_of(protocol)[0])))
@@ -90,3 +90,65 @@ roles: {server: {lanes: {main: {listen: work}}}}
 """
     with pytest.raises(DefinitionError, match="6:58: only frames have a station – leave station out"):
         load_protocol_text(text)
+
+
+CHANNELS = """\
+protocol: channels
+extends: standard
+station: {type: none}
+params: {device_id: {type: bytes, size: 3, default: 00 00 01}, asker: {type: number, from: client, default: 9}}
+groups:
+  request: {from: client, head: [{const: STX}, {field: kind, type: u8}, {field: device, type: bytes, size: 3}]}
+  reply: {from: server, head: [{const: ACK}, {field: device, type: bytes, size: 3}]}
+frames:
+  READ: {group: request, where: {kind: 1}, body: [{field: source, type: u8}, {field: register, type: u8}]}
+  HELLO: {group: request, where: {kind: 2}, body: []}
+  STOP: {group: request, where: {kind: 3}, body: []}
+  VALUE: {group: reply, body: [{data: values, size: 2}]}
+areas: {R: {unit: word, size: 100}}
+addresses: [{form: "{area}{start:dec}"}]
+services:
+  read:
+    - {areas: [R], request: {READ: {device: device_id, source: asker, register: start}}, limit: {count: 1},
+       reply: {VALUE: {device: device_id, values: data}}, back: {count: 1}}
+  hello: [{request: {HELLO: {device: device_id}}, reply: {VALUE: {device: device_id, values: "h'0101'"}}},
+    {request: {HELLO: {device: "h'000000'"}}, client_only: yes,
+       reply: {VALUE: {device: device_id, values: "h'0202'"}}}]
+  stop: [{request: {STOP: {}}, server_only: yes, reply: {VALUE: {device: device_id, values: "h'0303'"}}}]
+"""
+
+
+@pytest.mark.parametrize(
+    ("own", "other"),
+    [
+        ("02 01 000001 07 05", "02 01 000002 07 05"),  # whoever asks: only the client has `asker`
+        ("02 02 000001", "02 02 000002"),
+        ("02 02 000000", "02 02 000003"),  # a value for all is another way to fill the field
+        ("02 03 000001", "02 03 000002"),  # what nothing builds shares the field
+    ],
+)
+def test_a_parameter_in_a_request_is_that_of_the_device(own: str, other: str) -> None:
+    """A request that tells another value is for another device: it is ignored, not answered."""
+    [answer] = answers(CHANNELS, own, own=None)
+    assert answer[:3] == bytes.fromhex("06 0000")
+    assert answers(CHANNELS, other, own=None) == []
+
+
+def test_check_tells_a_parameter_that_is_not_compared() -> None:
+    text = (
+        CHANNELS
+        + """\
+sequences:
+  answer:
+    local: {request: frame}
+    steps:
+      - {step: idle, receive: [{frame: request, set: {request: it}, then: next}]}
+      - {step: reply, serve: {request: request}, send: reply, then: end}
+"""
+    )
+    [warning] = [str(one) for one in load_protocol_text(text).warnings if "parameter" in one.what]
+    assert "'device' of a request is not compared with the device's parameter 'device_id'" in warning
+    assert "add station: own (or when: it.device == device_id)" in warning
+    assert "add from: client" in warning
+    compared = text.replace("frame: request, set", "frame: request, when: it.device == device_id, set")
+    assert not [one for one in load_protocol_text(compared).warnings if "parameter" in one.what]

@@ -300,7 +300,7 @@ def _known_names(protocol: Protocol, row: ServiceRow) -> set[str]:
     known = {*OFFERED, *NOT_COMPARED, "memory", *row.back, *row.back_each, *(argument.name for argument in row.takes)}
     known |= protocol.params.keys() | protocol.state.keys() | protocol.tables.keys()
     for form in protocol.addresses:
-        known |= form.results.keys() | {part.name for part in parts_in(form)}
+        known |= form.names
     return known
 
 
@@ -353,6 +353,53 @@ def _stations(protocol: Protocol) -> Iterator[Problem]:
                 todo = "station: own" if plain else f"when: it.{field_name} == …"
                 todo = f"add {todo} to the row that receives it"
                 yield Problem(value.at, what + "device answers every station", todo, warning=True)
+
+
+def _settings(protocol: Protocol) -> Iterator[Problem]:
+    """Requests with a parameter of the device that it does not compare: it answers what is meant for another one."""
+    compared = {name for name, one in protocol.params.items() if one.is_compared}
+    listening = [name for role in protocol.roles.values() for name in role.listens]
+    sequences = protocol.called_from(listening)
+    if not compared or not any(step.serve for one in sequences for step in one.steps):
+        return
+    taken = {frame for row in parts_of(sequences, Row) for frame in row.frames}
+    read = _attributes_in(sequences)
+    of_places = {name for form in protocol.addresses for name in form.names}
+    told: set[tuple[str, str]] = set()
+    for row in (row for rows in protocol.services.values() for row in rows if not row.client_only):
+        frame = None if row.request is None else protocol.frames.get(row.request.frame)
+        if row.request is None or frame is None or frame.name not in taken:
+            continue
+        hidden = of_places if row.service in ("read", "write") else {argument.name for argument in row.takes}
+        own = compared - hidden
+        seen = read | _attributes_in([row.back, row.back_each, row.when, row.refuse, row.serve])
+        ruled = {name for rule in expressions_of(frame) for name in names_in(rule.root)}
+        for field_name, value in _leaves_of(row.request):
+            found = inverse_steps(value)
+            if found is None or found[0] not in own - ruled or field_name in seen or (field_name, found[0]) in told:
+                continue
+            told.add((field_name, found[0]))
+            what = f"'{field_name}' of a request is not compared with the device's parameter '{found[0]}', so a device"
+            todo = (
+                f"add station: own (or when: it.{field_name} == {value}) to the row that receives it; or, if only the "
+            )
+            todo += "client has this parameter, add from: client to it"
+            yield Problem(value.at, f"{what} answers requests to others", todo, warning=True)
+
+
+def _attributes_in(values: Any) -> set[str]:
+    """What stands behind a dot in expressions."""
+    nodes = (node for one in expressions_of(values) for node in walk(one.root))
+    return {node.name for node in nodes if isinstance(node, Attribute)}
+
+
+def _leaves_of(made: FrameOf | LayoutOf | RecordOf) -> Iterator[tuple[str, Expression]]:
+    """Fields and the expressions that fill them, those of records and layouts inside too."""
+    for name, value in made.fields.items():
+        if isinstance(value, Expression):
+            yield name, value
+        elif isinstance(value, (LayoutOf, RecordOf)):
+            yield from _leaves_of(value)
 
 
 def _validates_itself(frame: Frame) -> bool:
@@ -521,7 +568,7 @@ def check_services(protocol: Protocol, broken: Collection[str] = ()) -> list[Pro
             found += _limits_too_high(protocol, row)
             found += check_request_matching(protocol, row)
         found += _dead(rows)
-    found += _stations(protocol)
+    found += [*_stations(protocol), *_settings(protocol)]
     told = {problem.at for problem in found}
     found += [problem for problem in check_unserved(protocol) if problem.at not in told]
     return [*found, *_areas(protocol, broken), *_codes(protocol), *_errors(protocol, broken)]

@@ -3,7 +3,7 @@ protocol by name or path, or from a text; a simulated device from its file."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -58,7 +58,6 @@ class ProtocolLoader:
         sessions = self._each("sessions", lambda one: self._named(Session, one))
         services = ServiceLoader(self.values)
         rows = {name: services.rows(owned.entry) for name, owned in self.space.section("services").items()}
-        sequences = self._compared(sequences, frames, rows)
         areas, forms = self._areas()
         errors = self._errors(services)
         refusals = self._refusals(services)
@@ -67,6 +66,7 @@ class ProtocolLoader:
         layouts = self._layouts(parts, areas)
         line, receiver = self._section(Line, "line"), self._section(Receiver, "receiver")
         parameters, state, tables = self._variables([*parts, layouts, line, receiver], frames)
+        sequences = self._compared(sequences, frames, rows, parameters, forms)
         resolve = NumberNames(self.reader, frames, state)
         return Protocol(
             **self._head(),
@@ -98,12 +98,19 @@ class ProtocolLoader:
         sequences: dict[str, Sequence],
         frames: Mapping[str, Frame],
         services: Mapping[str, tuple[ServiceRow, ...]],
+        parameters: Mapping[str, Parameter],
+        forms: Iterable[AddressForm],
     ) -> dict[str, Sequence]:
         """The sequences with their rows' `station:` carried out."""
-        requests = (row.request for rows in services.values() for row in rows if row.request is not None)
-        built = (*requests, *parts_of(sequences, FrameOf))
+        of_places = {name for form in forms for name in form.names}
+        built: list[tuple[FrameOf, set[str]]] = []
+        for row in (row for found in services.values() for row in found):
+            names = of_places if row.service in ("read", "write") else {argument.name for argument in row.takes}
+            built += [(made, names) for made in (row.request,) if made is not None]
+        for one in sequences.values():
+            built += [(made, {*one.takes, *one.local}) for made in parts_of(one, FrameOf)]
         shared = (*self.space.section("params"), *self.space.section("tables"))
-        stations = Stations.derived(frames, built, shared)
+        stations = Stations.derived(frames, built, shared, parameters)
         return {name: stations.compared(self.reader, sequence) for name, sequence in sequences.items()}
 
     def _head(self) -> dict[str, Any]:

@@ -5,13 +5,14 @@ service row the frames it sends and takes. `station:` becomes a condition: the s
 
 Which field of a frame is its station follows from what fills it: services and sequences that build the frame say
 `{frame: {field: station}}`, or an expression over `station`, parameters, tables and numbers. No field's name means
-anything, except where nothing builds a frame: there a field called `station` is one.
+anything, except where nothing builds a frame: there a field called `station` is one. Fields that a parameter fills
+(`{frame: {device: device_id}}`) are compared in the same place, but for parameters that only the client has.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, TypeVar
 
@@ -26,13 +27,15 @@ from framekit.definition.expression import (
     Number,
     Text,
     both,
+    inverse_steps,
+    is_constant,
     names_in,
 )
 from framekit.definition.kinds.base import Segment
 from framekit.definition.load.reader import Reader
 from framekit.definition.model.frames import Frame, by_value_name, field_names, flat
 from framekit.definition.model.procedure import Row, Sequence
-from framekit.definition.model.sections import StateVariable
+from framekit.definition.model.sections import Parameter, StateVariable
 from framekit.definition.model.services import ServiceRow
 from framekit.definition.model.values import FrameOf, RecordOf, Value
 from framekit.definition.problems import Position, did_you_mean
@@ -205,19 +208,34 @@ class Stations:
     """Where frames carry their station.
 
     `ways`: frame → every way in which something fills its station. `given`: frame → all fields that something fills.
+    `settings`: frame → fields that parameters fill, with everything that is in them.
     """
 
     ways: Mapping[str, tuple[Way, ...]]
     given: Mapping[str, set[str]]
+    settings: Mapping[str, Mapping[Path, tuple[Expression, ...]]]
 
     @classmethod
-    def derived(cls, frames: Mapping[str, Frame], built: Iterable[FrameOf], shared: Iterable[str]) -> Stations:
-        """`shared`: what an expression may read beside `station`, as both sides have it."""
+    def derived(
+        cls,
+        frames: Mapping[str, Frame],
+        built: Iterable[tuple[FrameOf, Collection[str]]],
+        shared: Iterable[str],
+        parameters: Mapping[str, Parameter],
+    ) -> Stations:
+        """`built`: constructors, each with the names that mean something else there (arguments, variables).
+
+        `shared`: what an expression may read beside `station`, as both sides have it.
+        """
         known = {STATION, *shared}
         constructors: dict[str, list[dict[Path, Expression]]] = {}
         given: dict[str, set[str]] = {}
-        for made in (one for one in built if one.frame in frames):
+        everything: dict[str, dict[Path, list[Expression | None]]] = {}
+        for made, hidden in (one for one in built if one[0].frame in frames):
             fields = dict(_filled(made.fields, frames[made.frame].segments))
+            for path, value in fields.items():
+                told = names_in(value.root) <= known - {STATION} - set(hidden)
+                everything.setdefault(made.frame, {}).setdefault(path, []).append(value if told else None)
             filled = {path: value for path, value in fields.items() if names_in(value.root) <= known}
             constructors.setdefault(made.frame, []).append(filled)
             given.setdefault(made.frame, set()).update(made.fields)
@@ -225,7 +243,8 @@ class Stations:
         for name, frame in frames.items():
             if name not in given and STATION in field_names(frame.segments):
                 ways[name] = ((((STATION,), Expression(STATION, Name(frame.at, STATION))),),)
-        return cls(ways, given)
+        compared = {name for name, one in parameters.items() if one.is_compared}
+        return cls(ways, given, {name: _settings(found, compared) for name, found in everything.items()})
 
     def compared(self, reader: Reader, sequence: Sequence) -> Sequence:
         """The sequence with what each `station:` comes to in the `when` of its row."""
@@ -244,7 +263,21 @@ class Stations:
             field = ways[0][0][0][0]
             others = [name for name in row.frames if name not in names and field in self.given.get(name, ())]
             when = both(_condition(ways, others, station), when)
+        for path, values, names in self._settings_of(row):
+            others = [name for name in row.frames if name not in names and path[0] in self.given.get(name, ())]
+            ways = tuple(((path, value),) for value in values)
+            when = both(_condition(ways, others, station), when)
         return replace(row, when=when)
+
+    def _settings_of(self, row: Row) -> Iterator[tuple[Path, tuple[Expression, ...], list[str]]]:
+        """Fields that parameters fill, what is in them, and the frames of the row where it is so."""
+        found: dict[tuple[Path, tuple[str, ...]], tuple[tuple[Expression, ...], list[str]]] = {}
+        for name in row.frames:
+            for path, values in self.settings.get(name, {}).items():
+                texts = tuple(value.text for value in values)
+                found.setdefault((path, texts), (values, []))[1].append(name)
+        for (path, _), (values, names) in found.items():
+            yield path, values, names
 
 
 def _filled(given: Mapping[str, Value], segments: tuple[Segment, ...]) -> Iterator[tuple[Path, Expression]]:
@@ -261,6 +294,25 @@ def _ways(constructors: list[dict[Path, Expression]]) -> tuple[Way, ...]:
     paths = {path for filled in constructors for path, value in filled.items() if STATION in names_in(value.root)}
     found = [tuple((path, filled[path]) for path in sorted(paths & filled.keys())) for filled in constructors]
     return tuple({_texts([way]): way for way in found if way}.values())
+
+
+def _settings(
+    filled: Mapping[Path, list[Expression | None]], compared: Collection[str]
+) -> dict[Path, tuple[Expression, ...]]:
+    """Fields that hold a parameter which both sides have, or else a constant, whatever builds the frame."""
+    found: dict[Path, tuple[Expression, ...]] = {}
+    for path, values in filled.items():
+        known = {value.text: value for value in values if value is not None}
+        named = [value for value in known.values() if tells_setting(value, compared)]
+        if named and None not in values and all(value in named or is_constant(value) for value in known.values()):
+            found[path] = tuple(known.values())
+    return found
+
+
+def tells_setting(value: Expression, parameters: Collection[str]) -> bool:
+    """Whether a field with this value tells one of these parameters."""
+    told = inverse_steps(value)
+    return told is not None and told[0] in parameters
 
 
 def _texts(ways: Iterable[Way]) -> tuple[tuple[Path, str], ...]:

@@ -232,12 +232,16 @@ def _secret(reading: KeyReading, node: Node) -> bool:
     return reading.reader.flag(node)
 
 
+def _of_client(reading: KeyReading, node: Node) -> bool:
+    return reading.reader.one_of(node, {"client": True}, "a side of a parameter")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Parameter:
     """A named setting. `is_` is a formula that always gives its value. `items`: what a list holds, None for anything.
 
     `type` is one of `PARAMETER_TYPES`. `limits` of a list are those of each item; `size`: bytes are that many.
-    `secret`: nothing shows its value.
+    `secret`: nothing shows its value. `of_client`: only the client has it; a server takes it from the request.
     """
 
     name: str
@@ -255,6 +259,12 @@ class Parameter:
     doc: str = key("doc", TEXT, default="")
     size: int | None = key("size", _size_in_bytes("parameter"), default=None)
     secret: bool = key("secret", Form(FLAG.schema, _secret), default=False)
+    of_client: bool = key("from", Form(words("a side of a parameter", "client"), _of_client), default=False)
+
+    @property
+    def is_compared(self) -> bool:
+        """Whether a server ignores a request that tells another value: what both sides have, and no time or list."""
+        return self.type in ("number", "text", "bytes") and self.is_ is None and not self.of_client
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -265,6 +275,7 @@ class Argument(Parameter):
     is_: Expression | None = None
     size: int | None = None
     secret: bool = False
+    of_client: bool = False
 
 
 def _variable_type(reading: KeyReading) -> str:

@@ -307,6 +307,12 @@ class AddressForm:
             ordered += ready
         return ordered
 
+    @property
+    def names(self) -> set[str]:
+        """What the form tells of an address beside its area and unit."""
+        inside = [one for part in self.parts for one in (part.parts if isinstance(part, Maybe) else (part,))]
+        return {*self.results, *(one.name for one in inside if isinstance(one, Part))}
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limit:
