@@ -220,7 +220,7 @@ class Exchange:
         params, given = self.params, self.request
         self.names = Names(params, scope, scope.formulas_for(params)) if params else scope
         if given is not None:
-            given = FrameValue(given.frame, given.fields.copy(), given.raw, given.refusal)
+            given = FrameValue(given.frame, given.fields.copy(), given.raw, given.refusal, given.declared, given.unset)
         self.request = self.asked = given
         self.reply = self.reply_buffer = self.refusal = self.last_sent = self.answering = self.last_taken = None
         self.raw = b""

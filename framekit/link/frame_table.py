@@ -19,7 +19,7 @@ from framekit.codec.python.choices import Leaf, Switch, fixed_bytes, in_order, t
 from framekit.definition.codings import Hex
 from framekit.definition.expression import Expression, Name, names_in
 from framekit.definition.model import protocol as model
-from framekit.definition.model.frames import Frame, StaticSizes, by_value_name, everything, parts_of
+from framekit.definition.model.frames import Frame, StaticSizes, by_value_name, certain, everything, parts_of
 from framekit.definition.model.segments import Bits, BitsPart, Check, Const, Data, Field, Inner, Length, Segment, Wrap
 from framekit.link.values import CODEC_ERRORS, EVALUATION_ERRORS, Evaluate, FrameValue, Names, compile_expression, plain
 
@@ -57,13 +57,15 @@ class FrameInfo:
     its check code, where there is one; what fails it is bad, never refused. The table of all frames sets `make`.
     `carries`: frames that may be put into this one when `insert` holds. `value_names`: its fields. `sizes`: what
     `extent` says by one byte. `quick`: how a frame that is good is read by it. `usual`: fields that replies repeat, and
-    the names that give them where the frame does not.
+    the names that give them where the frame does not. `optional`: fields that need not be given, and their defaults;
+    `may_lack`: their names.
     """
 
     __slots__ = (
         "_diagnose", "announces", "behind", "carries", "computed", "decode", "echo",
         "encode", "extent", "first", "flat", "frame", "guesses", "inner", "insert", "intact", "known", "make",
-        "measure", "most", "name", "numbers", "on_line", "quick", "refuse", "shape", "sizes", "usual", "value_names",
+        "may_lack", "measure", "most", "name", "numbers", "on_line", "optional", "quick", "refuse", "shape", "sizes",
+        "usual", "value_names",
     )  # fmt: skip
 
     def __init__(self, frame: Frame, codec: FrameCodec) -> None:
@@ -94,7 +96,15 @@ class FrameInfo:
         self.value_names = frozenset(by_value_name(frame.segments))
         self.echo = tuple((name, _plain_name(item), compile_expression(item)) for name, item in frame.echo.items())
         self.announces = tuple((name, compile_expression(item)) for name, item in frame.announces.items())
+        self.optional = optional_of(frame)
+        self.may_lack = frozenset(self.optional)
         self.usual: dict[str, str] = {}
+
+    def unset(self, names: Names, fields: Mapping[str, Any], name: str) -> Any:
+        """What one of `optional` that was not given comes to. Raises EVALUATION_ERRORS."""
+        evaluate = self.optional[name]
+        value = None if evaluate is None else evaluate(Names(fields, names))
+        return self.numbers.get(name, {}).get(value, value) if type(value) is str else value
 
     def misread(self, raw: bytes, names: Mapping[str, Any]) -> FrameError:
         """What `decode` raises for a frame that is not `intact`."""
@@ -370,7 +380,11 @@ class FrameTable:
 
     def made(self, name: str, fields: dict[str, Any], names: Names) -> FrameValue:
         """A frame value from a constructor's fields: constants and `is` are known at once."""
-        return FrameValue(name, self.completed(self.infos[name], fields, names))
+        info = self.infos[name]
+        found = self.completed(info, fields, names)
+        if info.optional.keys() <= found.keys():
+            return FrameValue(name, found)
+        return FrameValue(name, found, None, None, info.may_lack, partial(info.unset, names))
 
     @staticmethod
     def completed(info: FrameInfo, fields: dict[str, Any], names: Names) -> dict[str, Any]:
@@ -501,6 +515,30 @@ def echoed(plain_name: str | None, evaluate: Evaluate, request: FrameValue, name
     if plain_name is not None:
         return request.field(plain_name)
     return evaluate(Names({**request.complete(), "request": request}, names))
+
+
+def optional_of(frame: Frame) -> dict[str, Evaluate | None]:
+    """The fields that need not be given and that nothing else is worked out for; their defaults, None where they are
+    nothing then. What repeats a field of the request is known when it has been repeated."""
+    found: dict[str, Evaluate | None] = {}
+    for segment, there in certain(frame.segments):
+        if isinstance(segment, Field):
+            others = (segment.is_, segment.build, segment.constants)
+            if all(one is None for one in others) and segment.name not in frame.echo:
+                default = segment.default
+                if default is not None or segment.when is not None or not there:
+                    found[segment.name] = None if default is None else compile_expression(default)
+        elif isinstance(segment, Bits):
+            left = [part for part in segment.parts if part.is_ is None and part.build is None and not part.constants]
+            zero = _zero if segment.when is None and there else None
+            found.update((part.name, zero) for part in left if part.name not in frame.echo)
+        elif segment.when is not None or not there:
+            found.update((name, None) for name in segment.wanted_names if name not in frame.echo)
+    return found
+
+
+def _zero(_: Names) -> int:
+    return 0
 
 
 def usual_of(frame: Frame, wanted: Collection[str | None]) -> dict[str, str]:

@@ -17,25 +17,36 @@ from framekit.definition.expression import Expression, Name, Node, Undone, inver
 
 NO_FIELDS: frozenset[str] = frozenset()
 
+Unset = Callable[[Mapping[str, Any], str], Any]
+"""What a field that was not given comes to, by the others and its name. Raises EVALUATION_ERRORS."""
+
 
 class FrameValue:
     """A frame as a value: received (`raw`, perhaps `refusal`), or made by a constructor and not yet sent.
 
     `fields` are the values a codec decodes or is to encode. What is computed when a frame is built stands beside them
     once it has been sent; `pending` reads it at the first use of what `known` has not. `'name' in value` asks for a
-    field. `declared`: all fields that a received frame may have; one that is absent is nothing in expressions.
+    field. `declared`: the fields that it may be without: all of a received frame, of a made one those that need not be
+    given. What one that is absent comes to in expressions `unset` says, of one that was made; else it is nothing.
     """
 
-    __slots__ = ("declared", "fields", "frame", "known", "pending", "raw", "refusal")
+    __slots__ = ("declared", "fields", "frame", "known", "pending", "raw", "refusal", "unset")
 
     def __init__(
-        self, frame: str, fields: dict[str, Any], raw: bytes | None = None, refusal: int | None = None
+        self,
+        frame: str,
+        fields: dict[str, Any],
+        raw: bytes | None = None,
+        refusal: int | None = None,
+        declared: frozenset[str] = NO_FIELDS,
+        unset: Unset | None = None,
     ) -> None:
         self.frame = frame
         self.fields = fields
         self.raw = raw
         self.refusal = refusal
-        self.declared: frozenset[str] = NO_FIELDS
+        self.declared = declared
+        self.unset = unset
         self.pending: Callable[[], dict[str, Any]] | None = None
         self.known: dict[str, Any] | None = None
 
@@ -72,9 +83,7 @@ class FrameValue:
 
     def copy(self) -> FrameValue:
         """The same frame with fields of its own, to be changed and sent."""
-        made = FrameValue(self.frame, dict(self.fields), self.raw, self.refusal)
-        made.declared = self.declared
-        return made
+        return FrameValue(self.frame, dict(self.fields), self.raw, self.refusal, self.declared, self.unset)
 
     def __contains__(self, name: object) -> bool:
         return name in self.fields or ((self.pending is not None or self.known is not None) and name in self.complete())
@@ -86,7 +95,7 @@ class FrameValue:
 def attribute(value: Any, name: str) -> Any:
     """`value.name` of the language. A list has its items' attributes. Raises KeyError for what cannot be there.
 
-    A field that a received frame may have and has not is None.
+    A field that a received frame may have and has not is None; one that a made frame was not given is its default.
     """
     if type(value) is FrameValue:
         if name in value.fields:
@@ -96,7 +105,7 @@ def attribute(value: Any, name: str) -> Any:
         if name == "refusal" and name not in value:
             return value.refusal or 0
         if name in value.declared and name not in value:
-            return None
+            return None if value.unset is None else value.unset(value.fields, name)
         return value.field(name)
     if type(value) is dict or isinstance(value, Mapping):
         return value[name]

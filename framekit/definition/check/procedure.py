@@ -11,7 +11,7 @@ from framekit.definition.kinds.base import constant_number
 from framekit.definition.model.frames import parts_of
 from framekit.definition.model.procedure import Action, CallOf, Lane, LineChange, Role, Row, Sequence, Session, Step
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.values import FrameOf, Value
+from framekit.definition.model.values import FrameOf, RecordOf, Value
 from framekit.definition.problems import Position, Problem, did_you_mean, parted
 from framekit.definition.times import MOST_SPEED, parse_format
 
@@ -44,6 +44,7 @@ class _ActionChecker:
     def step(self, step: Step) -> None:
         self._puts(step.put, step.places.get("put", step.at))
         self._sent(step.send, step.places.get("send", step.at))
+        self._is_frame(step.deliver)
         self._keys(step)
         self._handlers(step)
         if step.retries is not None:
@@ -119,6 +120,7 @@ class _ActionChecker:
             self._queue(action.take, places.get("take", action.at))
         self._puts(action.put, places.get("put", action.at))
         self._sent(action.send, places.get("send", action.at))
+        self._is_frame(action.deliver)
         if isinstance(action, Row):
             self._row(action)
 
@@ -146,10 +148,23 @@ class _ActionChecker:
             self._note(at, what, "put line: and receive: into a step of their own, and name the step that sends")
 
     def _sent(self, value: Value | None, at: Position) -> None:
+        self._is_frame(value)
         frame = self.protocol.frames.get(value.frame) if isinstance(value, FrameOf) else None
         if frame is not None and frame.inner:
             what = f"'{frame.name}' cannot be sent by itself: it stands inside other frames"
             self._note(at, what, "send a frame that carries it")
+
+    def _is_frame(self, value: Value | None) -> None:
+        """What is sent or delivered is a frame: its kind, where an expression gives it, is looked at elsewhere."""
+        if value is None or isinstance(value, (Expression, FrameOf)):
+            return
+        name = next(iter(value.fields), "") if isinstance(value, RecordOf) and len(value.fields) == 1 else ""
+        if name in self.protocol.frames:
+            what = f"the frame '{name}' is made of its fields, not of bytes"
+            self._note(value.at, what, f"write {{{name}: {{field: value}}}}")
+        elif name not in self.broken:
+            todo = "write the name of a frame, a variable, or {FRAME: {field: value}}"
+            self._note(value.at, "this is no frame, and only a frame can be sent or delivered", todo)
 
     def _at_least_zero(self, expression: Expression, key: str) -> None:
         if _is_negative(expression):

@@ -578,7 +578,8 @@ class _Kinds:
         for part in (step, step.parts, step.serve, step.line):
             self._keys(checker, part)
         self._settings(checker, step)
-        self._made(checker, [step.send, step.deliver, step.put, step.call, [] if step.ask is None else step.ask.fields])
+        self._sent(checker, step)
+        self._made(checker, [step.put, step.call, [] if step.ask is None else step.ask.fields])
         for row in step.receive or ():
             self._row(row, local)
         self._actions(checker, [step.branch, dict(step.handlers)])
@@ -609,7 +610,16 @@ class _Kinds:
             for expression, _ in action.store:
                 checker.wants(expression, "bytes")
             self._settings(checker, action)
-            self._made(checker, [action.send, action.deliver, action.put])
+            self._sent(checker, action)
+            self._made(checker, [action.put])
+
+    def _sent(self, checker: KindChecker, part: Step | Action) -> None:
+        """Only frames are sent and delivered."""
+        for value in (part.send, part.deliver):
+            if isinstance(value, Expression):
+                checker.wants(value, "frame")
+            elif value is not None:
+                self._made(checker, [value])
 
     def _settings(self, checker: KindChecker, holder: Step | Action) -> None:
         """What `set` puts into a variable is of its kind."""

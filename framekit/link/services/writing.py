@@ -7,7 +7,7 @@ expression emitter only.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import lru_cache
+from functools import lru_cache, partial
 from types import CodeType
 from typing import Any
 
@@ -95,6 +95,7 @@ class ValueWriter:
                 "Names": Names,
                 "attribute": attribute,
                 "frame_made": shared.table.made,
+                "partial": partial,
                 "plain": plain,
                 "read_as": read_as,
                 "said": said,
@@ -158,7 +159,11 @@ class ValueWriter:
             return f"frame_made({frame.frame!r}, {self._record(frame.fields, level)}, {self.names(level)})"
         items = {name: self.value(value, level) for name, value in frame.fields.items()}
         items |= {name: self.constant(value) for name, value in {**info.known, **settled}.items() if name not in items}
-        return f"FrameValue({frame.frame!r}, {{{', '.join(f'{name!r}: {text}' for name, text in items.items())}}})"
+        made = f"{frame.frame!r}, {{{', '.join(f'{name!r}: {text}' for name, text in items.items())}}}"
+        if not info.optional.keys() <= items.keys():
+            unset = f"partial({self.constant(info.unset)}, {self.names(level)})"
+            made += f", None, None, {self.constant(info.may_lack)}, {unset}"
+        return f"FrameValue({made})"
 
     def repeats(self, value: Value) -> bool:
         """Whether a frame, or one inside it, repeats something of the request that is not given."""
