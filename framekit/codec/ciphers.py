@@ -6,6 +6,7 @@ It is imported where it is used, so that framekit works without it.
 from __future__ import annotations
 
 from collections.abc import Callable
+from hmac import compare_digest
 from typing import Any
 
 from framekit.codec.stuffing import Opened
@@ -93,8 +94,6 @@ def opened(
 
 def decipher(data: bytes | bytearray, cipher: str, pad: str, tag: int, key: Any, iv: Any, also: Any = b"") -> bytes:
     """The content again. Raises ValueError for a wrong tag or padding, and for no whole blocks."""
-    from hmac import compare_digest
-
     plain, wanted, found = opened(bytes(data), cipher, pad, tag, key, iv, also)
     if not compare_digest(wanted, found):
         raise Unfit("the tag is wrong")
@@ -113,7 +112,7 @@ def open_ciphered(raw: bytes, cipher: str, pad: str, tag: int, given: Callable[[
         plain, wanted, found = opened(raw, cipher, pad, tag, *values)
     except ValueError:
         return b"", [0], "constant"
-    if wanted != found:
+    if not compare_digest(wanted, found):
         bad = len(raw) - tag
         places = [*range(len(plain)), len(raw), bad]
         return plain, places, "check", "the tag made with the key", found.hex(" ").upper()

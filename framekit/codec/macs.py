@@ -13,6 +13,11 @@ def hmac_code(data: bytes | bytearray, key: Any, digest: str, size: int) -> int:
     return int.from_bytes(hmac.digest(bytes_given(key, "key"), data, digest)[:size], "big")
 
 
+def is_same_code(found: int, wanted: int, size: int) -> bool:
+    """Whether two codes of `size` bytes are the same; the time it takes tells nothing of how far they are."""
+    return hmac.compare_digest(found.to_bytes(size, "big"), wanted.to_bytes(size, "big"))
+
+
 def cmac_code(data: bytes | bytearray, key: Any, size: int) -> int:
     """The number of the first `size` bytes of the AES-CMAC (RFC 4493). Raises ValueError for a wrong key."""
     from cryptography.hazmat.primitives.ciphers.algorithms import AES

@@ -38,7 +38,7 @@ class Case:
         return bytes.fromhex(self.data)
 
 
-KEYS = "params:\n  k: {type: bytes, size: 16, default: \"h'2B7E151628AED2A6ABF7158809CF4F3C'\", secret: yes}\n"
+KEYS = "params:\n  k: {type: bytes, size: 16, default: \"h'2B7E151628AED2A6ABF7158809CF4F3C'\"}\n"
 """The key of the examples of NIST SP 800-38A, F."""
 
 

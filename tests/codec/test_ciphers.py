@@ -259,3 +259,33 @@ def test_generated_modules_carry_ciphers_along() -> None:
     wire = module["encode_f"]({"iv": bytes(16), "d": b"a"}, {"k": SECRET})
     assert module["decode_f"](wire, {"k": SECRET})["d"] == b"a"
     assert "import framekit" not in text and "from framekit" not in text
+
+
+@pytest.mark.parametrize("form", ["", ", as: hex", ", as: nibbles, order: little"])
+@pytest.mark.parametrize("ends", ["", ", ends: yes"])
+def test_codes_made_with_a_key_are_compared_in_constant_time(
+    form: str, ends: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Wherever one is compared (read, measured, diagnosed) the function for it does it, which sees the whole code."""
+    import hmac
+
+    body = f"{{data: d, size: 2}}, {{check: cmac-aes, key: k, size: 8{form}{ends}}}, {{data: e, size: 2}}"
+    codec = compiled(body, "python", TOP)
+    names = {"k": SECRET}
+    wire = codec.encode("f", {"d": b"ab", "e": b"cd"}, names)
+    seen: list[tuple[int, bool]] = []
+    compare = hmac.compare_digest
+
+    def counted(found: bytes, wanted: bytes) -> bool:
+        seen.append((len(found), compare(found, wanted)))
+        return seen[-1][1]
+
+    monkeypatch.setattr("hmac.compare_digest", counted)
+    assert codec.decode("f", wire, names) == {"d": b"ab", "e": b"cd"}
+    assert seen == [(8 // (2 if form else 1), True)]
+    if ends:
+        codec.measure("f", wire, 0, len(wire), names, 0)
+        assert len(seen) == 2
+    with pytest.raises(FrameError):
+        codec.decode("f", wire[:2] + bytes((wire[2] ^ 1,)) + wire[3:], names)
+    assert (8 // (2 if form else 1), False) in seen

@@ -59,7 +59,7 @@ class CheckKind(SegmentKind[Check]):
             code = forms.code_text(m.module, segment, _measured(m, segment, scope), key)
             m.may_fail = m.may_fail or bool(segment.added or key) or segment.form != "raw"
             found = forms.code_number(m.module, segment, between("data", m.place, end))
-            with m.out.block(f"if {found} != {code}:"):
+            with m.out.block(f"if {forms.wrong_code(m.module, segment, found, code)}:"):
                 m.add("return LOST")
         m.skip(str(segment.size))
 

@@ -410,6 +410,14 @@ def code_number(module: Module, check: Check, raw: str) -> str:
     return digits_number(module, 16, little, raw)
 
 
+def wrong_code(module: Module, check: Check, found: str, code: str) -> str:
+    """Text of the condition that a check code is wrong; both are texts of numbers. Those made with a key are compared
+    in constant time."""
+    if not check.method.is_keyed:
+        return f"{found} != {code}"
+    return f"not {module.function('is_same_code')}({found}, {code}, {check.code_size})"
+
+
 def added_text(functions: Functions, added: Added, value: str) -> str:
     """Text of bytes that count in a check code and are not on the wire; `value` is the text of their expression."""
     if added.type is None:

@@ -359,7 +359,7 @@ class BufferReader:
         key = "" if check.key is None else self.function.writer(scope).text(check.key)
         code = code_text(self.module, check, self.range_text(check, scope), key)
         found = forms.code_number(self.module, check, local) if is_slice else local
-        self.function.wrong_if(f"{found} != {code}")
+        self.function.wrong_if(forms.wrong_code(self.module, check, found, code))
 
     def residue(self, check: Check) -> int | None:
         """What the code over everything up to the check's own end must be; None where it has to be compared."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from hmac import compare_digest
 from typing import Any
 
 from framekit.codec.errors import FrameError
@@ -612,7 +613,7 @@ class Diagnosis:
                 self.note("value", name, start, "values it can be worked out from", "none")
                 self.notes.unchecked = True
             return
-        if found == wanted or (digits and found.upper() == wanted.upper()):
+        if compare_digest(*((found.upper(), wanted.upper()) if digits else (found, wanted))):
             return
         expected = "the code made with the key" if keyed else hex_text(wanted)
         self.wrong_check(name, start, expected, hex_text(found), verify)

@@ -11,7 +11,7 @@ from framekit.definition.check.names import NameChecker
 from framekit.definition.check.procedure import check_procedure
 from framekit.definition.check.services import check_forms, check_services
 from framekit.definition.check.typed import check_kinds
-from framekit.definition.expression import Bytes, Expression, List, Name, Number, Text
+from framekit.definition.expression import Bytes, Expression, List, Name, Number, Text, is_constant
 from framekit.definition.kinds.base import constant_number
 from framekit.definition.model.frames import Frame, bytes_of, parts_of
 from framekit.definition.model.procedure import Sequence
@@ -169,6 +169,8 @@ def _parameter(parameter: Parameter) -> Iterator[Problem]:
         yield Problem(parameter.at, f"a {parameter.type} has no range", todo)
     if parameter.type == "choice" and not parameter.choices:
         yield Problem(parameter.at, f"'{name}' has nothing to choose from", "add of: [words]")
+    if parameter.secret and parameter.type in ("bytes", "text"):
+        yield from _not_told(parameter)
     if default is None:
         return
     if parameter.type == "choice":
@@ -177,6 +179,14 @@ def _parameter(parameter: Parameter) -> Iterator[Problem]:
     if parameter.size is not None and isinstance(default.root, Bytes) and len(default.root.value) != parameter.size:
         what = f"the default of '{name}' has {plural(len(default.root.value), 'byte')}, not {parameter.size}"
         yield Problem(default.at, what, "correct one of them")
+
+
+def _not_told(parameter: Parameter) -> Iterator[Problem]:
+    """A secret value that the definition itself tells is none: it stands in generated code too."""
+    written = parameter.default or parameter.is_
+    if written is not None and (parameter.default is not None or is_constant(written)):
+        what = f"'{parameter.name}' is secret, and its value stands here and in generated code"
+        yield Problem(written.at, what, "leave it out: runs and devices give it")
 
 
 def _choice(parameter: Parameter, default: Expression) -> Iterator[Problem]:
