@@ -23,7 +23,7 @@ HEADED = (
 )
 
 
-MANUAL = Path(__file__).parents[2] / "docs" / "language.md"
+MANUAL = Path(__file__).parents[2] / "docs" / "language" / "checks.md"
 
 
 def codec_of(body: str, more: str = "") -> Codec:
@@ -191,7 +191,7 @@ def test_two_checks_that_cover_each_other_are_refused() -> None:
 
 
 def test_the_table_of_the_manual() -> None:
-    """docs/language.md, section 4: what a check counts, with the bytes."""
+    """docs/language/checks.md: what a check counts, with the bytes."""
     rows = re.findall(r"^\| `(\[\{.*check.*\])` \| `([0-9A-F ]+)` \|", MANUAL.read_text(encoding="utf-8"), re.MULTILINE)
     rows = [row for row in rows if "key:" not in row[0]]  # codes made with a key are tried in test_ciphers.py
     assert len(rows) == 10

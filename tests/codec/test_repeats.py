@@ -20,7 +20,7 @@ from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import EncodeError, FrameError
 from framekit.definition.load import load_protocol_text
 
-MANUAL = Path(__file__).parents[2] / "docs" / "language.md"
+MANUAL = Path(__file__).parents[2] / "docs" / "language" / "lists.md"
 ROW = re.compile(r"^\| `(\{repeat: a, .*?\})`(?::[^|]*)? \| `(\[.*?\])` \| `([0-9A-F ]+)` \|$", re.MULTILINE)
 CHAIN = "[{const: 7E}, {repeat: a, until: more == 0, of: [{bits: {more: 7, v: 0-6}, of: u8}]}, {const: 7F}]"
 
@@ -236,8 +236,8 @@ def test_records_of_a_meter_in_a_stream() -> None:
 
 # ---- a tree of tag, length, value ---------------------------------------------------------------------------------
 
-TREE = next(block for block in MANUAL.read_text("utf-8").split("```") if block.startswith("yaml\nlayouts:\n  tlv:"))
-TREE = "protocol: tree\n" + TREE.removeprefix("yaml\n").replace("body: [", "body: [{const: 54}, ")
+TREE = next(block for block in MANUAL.read_text("utf-8").split("```") if "# file: tree.yaml" in block)
+TREE = TREE.removeprefix("yaml\n")
 
 
 def leaf(tag: int, value: bytes) -> dict[str, Any]:

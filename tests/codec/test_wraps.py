@@ -28,7 +28,7 @@ from framekit.definition.wire_types import exactly
 from framekit.link.receiver import Receiver
 from framekit.link.scope import Scope
 
-MANUAL = Path(__file__).parents[2] / "docs" / "language.md"
+MANUAL = Path(__file__).parents[2] / "docs" / "language" / "wraps.md"
 AT = Position("test", 1, 1)
 HDLC = Escaped(AT, 0x7D, tuple((byte, byte ^ 0x20) for byte in (0x7E, 0x7D, 0x11, 0x13)), 0x20)
 SLIP = Escaped(AT, 0xDB, ((0xC0, 0xDC), (0xDB, 0xDD)))
@@ -126,7 +126,7 @@ TABLE = re.compile(r"^\| `(hex|cobs|\{.*?\})` \| `([0-9A-F ]+)`.*\|(.*)\|$", re.
 
 
 def test_the_table_of_the_manual() -> None:
-    """docs/language.md, section 4: the same content by each coding, and the bytes that never stand in it."""
+    """docs/language/wraps.md: the same content by each coding, and the bytes that never stand in it."""
     rows = TABLE.findall(MANUAL.read_text(encoding="utf-8"))
     assert len(rows) == 8
     for wrap, wire, never in rows:

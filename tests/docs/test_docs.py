@@ -12,33 +12,15 @@ import shutil
 import subprocess
 import sys
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from docs.pages import PAGES, ROOT, snippets
 from spread import spread
 
 from framekit.cli.main import main
 from framekit.transport import schemes
 from framekit.transport.schemes import SCHEMES
-
-ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", ROOT / "examples" / "README.md", *sorted((ROOT / "docs").glob("**/*.md"))]
-FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-
-
-@dataclass(frozen=True)
-class Snippet:
-    """One fenced block of a page."""
-
-    kind: str
-    text: str
-    line: int
-
-
-def snippets(page: Path) -> list[Snippet]:
-    text = page.read_text(encoding="utf-8")
-    return [Snippet(found[1], found[2], text.count("\n", 0, found.start()) + 1) for found in FENCE.finditer(text)]
 
 
 @pytest.mark.parametrize("page", spread(PAGES, 2), ids=lambda page: str(page.relative_to(ROOT)))
@@ -52,8 +34,8 @@ def test_page(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
         if snippet.kind == "console":
             for command, expected in commands(snippet.text):
                 assert_shown(carry_out(command, capsys), expected, f"{where}: {command}")
-        elif snippet.text.startswith("# file: "):
-            (folder / snippet.text.split("\n", 1)[0].removeprefix("# file: ").strip()).write_text(snippet.text, "utf-8")
+        elif snippet.file is not None:
+            (folder / snippet.file).write_text(snippet.text, "utf-8")
         elif snippet.kind == "python":
             exec(compile(snippet.text, where, "exec"), {"__name__": "snippet"})
         assert snippet.kind in ("console", "yaml", "python", "text", "mermaid"), f"{where}: what is {snippet.kind}?"

@@ -1,0 +1,76 @@
+"""Which keys of the schema stand in executed examples: those of the guide, and the cases of segments."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import yaml
+from docs.pages import GUIDE, snippets
+from segment_cases import SECTIONS
+
+from framekit.runfile.reference_page import PagePart, Reference, Schema
+
+Key = tuple[str, str]
+"""A part of the reference page and a key of it."""
+SHARED = {"segment_name", "when", "refuse", "number_order", "digit_case"}
+"""Definitions of the schema that are one key of many segments."""
+
+
+def examples() -> Iterator[dict[str, Any]]:
+    """Every protocol file that the guide shows, and that the cases of segments are tried in."""
+    texts = [snippet.text for page in GUIDE for snippet in snippets(page) if snippet.file]
+    texts += [case.yaml for cases in SECTIONS.values() for case in cases]
+    for text in texts:
+        found = yaml.load(text, yaml.BaseLoader)
+        if "protocol" in found or "application" in found:
+            yield found
+
+
+class Used:
+    """The keys that values have, told by the names that the reference page gives the parts of the schema."""
+
+    def __init__(self, reference: Reference) -> None:
+        self.reference = reference
+        self.keys: set[Key] = set()
+
+    def all_keys(self) -> set[Key]:
+        """Every key there is; `doc` is for people and shows nothing."""
+        return {
+            self.key_of(part, key)
+            for part in self.reference.parts.values()
+            for key in part.schema["properties"]
+            if key != "doc"
+        }
+
+    def key_of(self, part: PagePart, key: str) -> Key:
+        """A key that many parts have, described once in the schema, is one key."""
+        shared = str(part.schema["properties"][key].get("$ref", "")).partition("#/$defs/")[2]
+        return ("any segment" if shared in SHARED else part.name, key)
+
+    def visit(self, schema: Schema, value: object) -> None:
+        """Notes the keys of a value, and of what is in it."""
+        if "$ref" in schema:
+            self.visit(self.reference.target(schema["$ref"]), value)
+        elif isinstance(value, dict):
+            self.visit_mapping(schema, value)
+        elif isinstance(value, list):
+            for item in value:
+                self.visit(schema.get("items", {}), item)
+
+    def visit_mapping(self, schema: Schema, value: Mapping[str, object]) -> None:
+        for kind, part in schema.get("dependentSchemas", {}).items():
+            if kind in value:
+                self.visit(part, value)
+        if "then" in schema and "properties" not in schema:  # a handler is an action, or a list of them
+            self.visit(schema["then"], value)
+        known = schema.get("properties", {})
+        part = self.reference.parts.get(id(schema))
+        others = schema.get("additionalProperties")
+        for key, inside in value.items():
+            if key in known:
+                if part is not None:
+                    self.keys.add(self.key_of(part, key))
+                self.visit(known[key], inside)
+            elif isinstance(others, dict):
+                self.visit(others, inside)

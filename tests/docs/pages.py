@@ -1,0 +1,62 @@
+"""The pages of the documentation as tests read them: their snippets, sentences, headings and links."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+PAGES = [ROOT / "README.md", ROOT / "examples" / "README.md", *sorted(DOCS.glob("**/*.md"))]
+GUIDE = [DOCS / "language.md", *sorted((DOCS / "language").glob("*.md"))]
+"""The guide to the language: pages that people read from top to bottom."""
+FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+FILE = "# file: "
+
+
+@dataclass(frozen=True)
+class Snippet:
+    """One fenced block of a page."""
+
+    kind: str
+    text: str
+    line: int
+
+    @property
+    def file(self) -> str | None:
+        """The name of the file that the block is, if it says one."""
+        first = self.text.split("\n", 1)[0]
+        return first.removeprefix(FILE).strip() if first.startswith(FILE) else None
+
+
+def snippets(page: Path) -> list[Snippet]:
+    text = page.read_text(encoding="utf-8")
+    return [Snippet(found[1], found[2], text.count("\n", 0, found.start()) + 1) for found in FENCE.finditer(text)]
+
+
+def anchors(page: Path) -> set[str]:
+    """Where links into a page may lead: its headings as GitHub makes anchors of them."""
+    titles = re.findall(r"^#+ (.*)$", FENCE.sub("", page.read_text("utf-8")), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
+
+
+def links(page: Path) -> Iterator[tuple[str, str]]:
+    """The links of a page to files of the project: the file as written, and the heading."""
+    text = re.sub(r"`[^`\n]*`", "", FENCE.sub("", page.read_text("utf-8")))
+    for target in re.findall(r"\]\(([^)\s]+)\)", text):
+        if not re.match(r"[a-z]+:", target):
+            file, _, heading = target.partition("#")
+            yield file, heading
+
+
+def sentences(page: Path) -> Iterator[str]:
+    """The sentences of a page, those in lists and tables too; an example in backquotes is one word."""
+    text = FENCE.sub("\n\n", page.read_text("utf-8"))
+    text = re.sub(r"`[^`\n]*`", "CODE", text)
+    text = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", text)
+    for block in re.split(r"\n\s*\n|\n(?=\s*(?:[-*#]|\d+\.) )|\||\n(?=#)", text):
+        for sentence in re.split(r"(?<=[.!?:])[*)]*\s", " ".join(block.split())):
+            if sentence.strip():
+                yield sentence.strip()
