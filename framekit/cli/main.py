@@ -108,11 +108,19 @@ def build_parser(only: str | None = None) -> Parser:
     return parser
 
 
+def _parsed(parser: Parser, words: Sequence[str]) -> tuple[argparse.Namespace, list[str]]:
+    """What the words say, and those that have no place. Options may stand between the names of a verb, too."""
+    parsed, unknown = parser.parse_known_args(words)
+    if unknown and not any(word.startswith("-") for word in unknown):
+        return parser.verbs[parsed.verb].parse_known_intermixed_args(words[1:], argparse.Namespace(verb=parsed.verb))
+    return parsed, unknown
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of the console script; returns the exit status."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     parser = build_parser(words[0] if words and words[0] in VERBS else "")
-    parsed, unknown = parser.parse_known_args(words)
+    parsed, unknown = _parsed(parser, words)
     if unknown:
         parser.verbs[parsed.verb].refuse(unknown)
     try:

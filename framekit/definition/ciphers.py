@@ -13,14 +13,13 @@ from typing import Literal, NamedTuple
 from framekit.definition.coding import Coding
 from framekit.definition.expression import Binary, Bytes, Expression, Node, Number
 from framekit.definition.keys import EXPRESSION, NUMBER, KeyReading, Schema, words
+from framekit.definition.model.macs import AES_KEY_SIZES
 from framekit.definition.problems import Position, Problem, plural
 from framekit.definition.tree import Mapping as Keys
 from framekit.definition.wire_types import Sizes
 
 BLOCK = 16
 """Bytes of a block of AES."""
-KEY_SIZES = (16, 24, 32)
-"""Bytes that a key of AES may have."""
 Padding = Literal["none", "pkcs7", "iso7816"]
 PADDINGS: Mapping[str, Padding] = {"none": "none", "pkcs7": "pkcs7", "iso7816": "iso7816"}
 TAG_SIZES = (4, 16)
@@ -91,7 +90,7 @@ class Ciphered(Coding):
 
     def check(self) -> Iterator[Problem]:
         yield from not_installed(self.at, self.cipher)
-        yield from wrong_size("the key", self.key, KEY_SIZES, "AES takes keys of 16, 24 or 32 bytes")
+        yield from wrong_size("the key", self.key, AES_KEY_SIZES, "AES takes keys of 16, 24 or 32 bytes")
         least, most = CIPHERS[self.cipher].iv
         wanted = plural(least, "byte") if least == most else f"{least} to {most} bytes"
         yield from wrong_size("iv", self.iv, tuple(range(least, most + 1)), f"{self.cipher} takes {wanted}")

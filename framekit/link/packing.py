@@ -18,6 +18,9 @@ class PackingError(ValueError):
     """Data bytes that do not hold what was asked for."""
 
 
+WORDS = ("word", "dword", "lword")
+
+
 class Packer:
     """One unit in one packing. Counts and starts are in units.
 
@@ -30,7 +33,7 @@ class Packer:
         self.unit = unit
         self.bits = unit_bits(unit)
         self.bits_form = packing.bits
-        self.order = packing.order
+        self.order = "little" if packing.words and unit not in WORDS else packing.order
         self._swapped = self.bits // 8 if self.order == "big" and self.bits in (16, 32, 64) else 0
 
     def size(self, start: int, count: int) -> int:

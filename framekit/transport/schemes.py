@@ -249,6 +249,10 @@ def no_port(url: str) -> tuple[str, str]:
     name, known = scheme_name(url), [name for name in SCHEMES if name]
     if name == SIMULATED:
         return f"'{url}' is no port here", "simulated lines are for runs and for clients"
+    made = SCHEMES.get(name)
+    if made is not None and made.served and url != made.form:
+        todo = f"name the terminal itself: {url.partition(':')[2]}; a server makes a new one with {made.form}"
+        return f"'{url}' is no port", f"{todo} and tells its path"
     near = did_you_mean(name, [*known, SIMULATED]) if name not in known else ""
     ports = [SCHEMES[""].form, *forms(opened=True, listening=True), "sim:FILE"]
     listed = f"known are {', '.join(ports)}; a server can open {', '.join(forms(served=True))} too"

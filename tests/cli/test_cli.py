@@ -478,6 +478,19 @@ def test_vectors_that_are_missing_are_named_as_they_would_be_found(
 
 
 @pytest.mark.parametrize(
+    "words",
+    [
+        ("call", "scpi", "query", "header=*IDN?", "--port", "sim:scpi", "arguments="),
+        ("call", "--port", "sim:scpi", "scpi", "query", "header=*IDN?", "arguments="),
+        ("call", "scpi", "--port", "sim:scpi", "query", "header=*IDN?", "--frames", "arguments="),
+    ],
+)
+def test_options_stand_anywhere_between_names(capsys: pytest.CaptureFixture[str], words: tuple[str, ...]) -> None:
+    status, out, _ = call(capsys, *words)
+    assert (status, out) == (0, "text: framekit,SIMULATED,0,1.0\n")
+
+
+@pytest.mark.parametrize(
     ("words", "says"),
     [
         (

@@ -287,3 +287,32 @@ def test_keys_that_do_not_fit_together_are_refused(data: str, wrong: str) -> Non
     with pytest.raises(DefinitionError) as told:
         load_protocol_text(f"protocol: p\nframes: {{f: {{body: [{data}]}}}}\n", "small")
     assert wrong in str(told.value), str(told.value)
+
+
+COMMANDS = """
+protocol: commands
+groups:
+  request:
+    head: [{const: 02}, {length: n, type: u8, of: [k, body], plus: 2}, {field: k, type: u8}]
+    tail: [{check: sum8, over: [n, k, body]}]
+frames:
+  PING: {group: request, where: {k: 1}, body: []}
+  READ: {group: request, where: {k: 2}, body: [{field: at, type: u8}]}
+"""
+
+
+@pytest.mark.parametrize(
+    ("frame", "values", "data"), [("PING", {}, "02 03 01 04"), ("READ", {"at": 5}, "02 04 02 05 0B")]
+)
+def test_a_length_of_the_body_counts_an_empty_one(frame: str, values: dict[str, int], data: str) -> None:
+    protocol, wire = load_protocol_text(COMMANDS), bytes.fromhex(data)
+    for codec in (compile_protocol(protocol), compile_construct(protocol)):
+        assert codec.encode(frame, values) == wire
+        assert codec.decode(frame, wire)["n"] == wire[1]
+        with pytest.raises(FrameError):
+            codec.decode(frame, bytes((wire[0], wire[1] + 1)) + wire[2:])
+    stream = wire * 3
+    whole = feed(receiver_of(COMMANDS), [stream], tuple(protocol.frames))
+    assert [event[:2] for event in whole] == [("frame", frame)] * 3
+    parts = [stream[at : at + 1] for at in range(len(stream))]
+    assert feed(receiver_of(COMMANDS), parts, tuple(protocol.frames)) == whole

@@ -244,7 +244,7 @@ def test_a_row_for_servers_only_is_answered_and_never_asked() -> None:
     loop.memory.write("D", "word", 5, [0x1234])
     assert loop.do("read", "D5").values == [0x1234]
     assert loop.log[0][0] == bytes.fromhex("02 02 00 05 01")
-    assert loop.serve(FrameValue("short", {"address": 5})).reply.fields["values"] == b"\x34\x12"
+    assert loop.serve(FrameValue("short", {"address": 5})).reply.fields["values"] == b"\x12\x34"
     assert loop.serve(FrameValue("short", {"address": 999})).reply.fields["values"] == b"\x07"
     with pytest.raises(ServiceError, match="no service 'peek'"):
         loop.do("call", "peek")
@@ -292,7 +292,7 @@ def test_every_item_of_a_reply_has_the_names_of_its_own_place() -> None:
     loop.memory.write("D", "word", 60, [0x1234])
     loop.memory.write("C", "word", 3, [7])
     assert loop.do("read_variables", ["D60", "C3"]).values == [0x1234, 7]
-    assert loop.log[0][1] == bytes.fromhex("06 02 07 003C 3412 08 0003 0700")
+    assert loop.log[0][1] == bytes.fromhex("06 02 07 003C 1234 08 0003 0007")
     assert loop.troubles == []
 
 
@@ -302,7 +302,7 @@ def test_a_row_counts_in_its_own_unit_when_it_is_served() -> None:
     assert loop.do("read_variables", ["DD2", "CD0"]).values == [0x12345678, 0]
     assert loop.log[0][:2] == (
         bytes.fromhex("02 02 07 0004 08 0000"),
-        bytes.fromhex("06 02 07 0002 78563412 08 0000 00000000"),
+        bytes.fromhex("06 02 07 0002 12345678 08 0000 00000000"),
     )
 
 
@@ -687,3 +687,26 @@ def test_nothing_is_never_stored_and_arithmetic_with_it_is_a_fault(value: str) -
     loop.serve(loop.request(bytes.fromhex("01 01 05")))
     assert len(loop.troubles) == 1
     assert loop.device["more"] == 0
+
+
+@pytest.mark.parametrize(
+    ("order", "packing", "unit", "data"),
+    [
+        ("order: big", "", "word", "12 34 56 78 9A BC"),  # the words of data are numbers as all others
+        ("", "", "word", "12 34 56 78 9A BC"),
+        ("order: little", "", "word", "34 12 78 56 BC 9A"),
+        ("order: big", "packing: {order: little}", "word", "34 12 78 56 BC 9A"),
+        ("order: big", "packing: {bits: packed}", "word", "12 34 56 78 9A BC"),
+        ("order: big", "", "6 bytes", "34 12 78 56 BC 9A"),  # no number: it stands as it is
+        ("order: big", "packing: {order: big}", "6 bytes", "9A BC 56 78 12 34"),
+    ],
+)
+def test_words_have_the_byte_order_of_the_file(order: str, packing: str, unit: str, data: str) -> None:
+    text = TWO_WAYS.replace("areas:\n  D: {unit: word,", f"{order}\nareas:\n  D: {{unit: {unit},")
+    row = "request: {long: {address: start, count: count}}, "
+    assert row in text
+    loop = Loop(text.replace(row, row + packing + (", " if packing else "")))
+    loop.memory.write_bytes("D", 0, bytes.fromhex("34 12 78 56 BC 9A"))
+    count = 1 if unit == "6 bytes" else 3
+    request = FrameValue("long", {"address": 0, "count": count})
+    assert loop.serve(request).reply.fields["values"] == bytes.fromhex(data)

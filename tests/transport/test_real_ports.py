@@ -376,6 +376,10 @@ def test_kinds_of_ports_by_url() -> None:
         ("usbx://1", "'usbx://1' is no port – known are a device such as"),
         ("tpc://1.2.3.4:502", "'tpc://1.2.3.4:502' is no port – did you mean 'tcp'"),
         ("pty:", "sim:FILE; a server can open pty: too"),
+        (
+            "pty:/tmp/plc",
+            "'pty:/tmp/plc' is no port – name the terminal itself: /tmp/plc; a server makes a new one with",
+        ),
         ("sim:x.yaml", "'sim:x.yaml' is no port"),
         ("", "'' is no port"),
         ("plc.example:502", "write tcp://plc.example:502 for a connection to that host"),

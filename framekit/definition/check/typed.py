@@ -136,6 +136,10 @@ class KindChecker:
             todo = "multiply it by a unit, such as 1 ms, or make it a time"
         elif wanted == "number" and found == "time":
             todo = "write it without a unit"
+        elif wanted == "number" and found == "bytes" and not isinstance(expression.root, Bytes):
+            todo = _NUMBER_OF_BYTES
+        elif wanted == "number" and found == "text" and not isinstance(expression.root, Text):
+            todo = "number(TEXT, 10) makes a number of digits"
         elif wanted in ("text", "bytes") and found in ("text", "bytes"):
             todo = "write bytes as h'…' and text in quotes"
         else:
@@ -375,6 +379,12 @@ def _zero_time(first: Node, second: Node, left: Kind, right: Kind) -> bool:
     return {left, right} == {"number", "time"} and (_is_zero(first) or _is_zero(second))
 
 
+_NUMBER_OF_BYTES = (
+    "make it a field of a number, such as {field: NAME, type: u16} or f32, in the frame or in a layout: {LAYOUT: BYTES}"
+    " reads bytes as that; BYTES[0] is the number of one byte"
+)
+
+
 def _how_to_join(left: Kind, right: Kind, operator: str) -> str:
     if {left, right} == {"number", "time"}:
         return "give the number a unit, such as 50 ms"
@@ -382,7 +392,7 @@ def _how_to_join(left: Kind, right: Kind, operator: str) -> str:
         return "make a number of the text with number(…), or write the text as often as it stands there"
     if {left, right} == {"number", "text"}:
         return "make a text of the number with text(…), or a number of the text with number(…)"
-    return ""
+    return _NUMBER_OF_BYTES if {left, right} == {"number", "bytes"} else ""
 
 
 def _how_to_compare(operand: Node, left: Kind, right: Kind) -> str:
@@ -394,7 +404,7 @@ def _how_to_compare(operand: Node, left: Kind, right: Kind) -> str:
         return "leave the quotes out, or give the field values: with names"
     if {left, right} == {"bytes", "text"}:
         return "write bytes as h'…'"
-    return ""
+    return _NUMBER_OF_BYTES if {left, right} == {"number", "bytes"} else ""
 
 
 VARIABLE_KINDS: dict[str, Kind] = {

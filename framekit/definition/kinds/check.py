@@ -207,7 +207,7 @@ class Check(Segment):
         """The segment at one end of a range: by name, or by its offset in bytes from the start."""
         if name.isdigit():
             return references.at_offset(int(name), self.at, which)
-        written = references.written_out((name,), self.at)
+        written = references.written_out((name,), self.at, may_be_empty=False)
         return written[which] if written else ""
 
     def check(self) -> Iterator[Problem]:

@@ -272,6 +272,10 @@ class MissingSegments:
         self.found.clear()
 
 
+BODY = "body"
+"""What stands for the whole body of a frame."""
+
+
 def resolve_references(
     parts: Parts, aliases: dict[str, tuple[str, ...]], whose: str, missing: MissingSegments
 ) -> Parts:
@@ -282,8 +286,8 @@ def resolve_references(
     head, body, tail = parts
     names = {segment.name: segment for segment in flat(head + body + tail) if segment.name}
     meant = dict(aliases)
-    if "body" not in names:
-        meant.setdefault("body", tuple(segment.name for segment in body if segment.name))
+    if BODY not in names:
+        meant.setdefault(BODY, tuple(segment.name for segment in body if segment.name))
     for segment in names.values():
         meant |= {name: (segment.name or "",) for name in segment.value_names if name != segment.name}
     resolver = _Resolver(names, meant, whose, missing)
@@ -307,8 +311,8 @@ class _Resolver:
         """The segments of a record inside, where names stand for the same."""
         return resolve_references(((), segments, ()), dict(self.meant), self.whose, self.missing)[1]
 
-    def written_out(self, names: tuple[str, ...], at: Position) -> tuple[str, ...]:
-        """The segments on the wire that names stand for."""
+    def written_out(self, names: tuple[str, ...], at: Position, *, may_be_empty: bool = True) -> tuple[str, ...]:
+        """The segments on the wire that names stand for; none for a body without any, where that `may_be_empty`."""
         result: list[str] = []
         for name in names:
             meant = [name] if name in self.names else self.meant.get(name)
@@ -316,7 +320,7 @@ class _Resolver:
                 self.missing.add(at, name, self.whose, [*self.names, *self.meant])
                 continue
             on_wire = [one for one in meant if one not in self.names or any(leaves((self.names[one],)))]
-            if not on_wire:
+            if not on_wire and not (name == BODY and may_be_empty):
                 self.reader.note(at, f"'{name}' takes no bytes", "name segments that stand on the wire")
             result.extend(on_wire)
         return tuple(result)

@@ -17,6 +17,9 @@ class Mac(NamedTuple):
     is_extra: bool = False
 
 
+AES_KEY_SIZES = (16, 24, 32)
+"""Bytes that a key of AES may have. `aes_key` of `codec/ciphers.py`, which generated modules carry, says the same."""
+
 MACS: Mapping[str, Mac] = {
     "hmac-md5": Mac(16),
     "hmac-sha1": Mac(20),
@@ -24,6 +27,6 @@ MACS: Mapping[str, Mac] = {
     "hmac-sha256": Mac(32),
     "hmac-sha384": Mac(48),
     "hmac-sha512": Mac(64),
-    "cmac-aes": Mac(16, (16, 24, 32), is_extra=True),
+    "cmac-aes": Mac(16, AES_KEY_SIZES, is_extra=True),
 }
 """The codes by name."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from framekit.definition.expression import Expression, Text, inverse_steps, is_constant, names_in, walk
@@ -324,12 +324,16 @@ class Limit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Packing:
-    """How elements stand in the data bytes: byte order of one unit (as of fields), and the form of bits."""
+    """How elements stand in the data bytes: byte order of one unit (as of fields), and the form of bits.
+
+    `words`: the order is that of numbers in the file, so of words; elements of any other size stand as they are.
+    """
 
     order: Literal["big", "little", "BADC", "CDAB"] = keys(
         {"order": here("number_order")}, lambda r: given_order(r.reader, r.keys) or "little", default="little"
     )
     bits: Literal["packed", "aligned", "byte_each"] = key("bits", TEXT, default="packed")
+    words: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -423,6 +427,16 @@ def _back_each(reading: KeyReading) -> dict[str, Expression]:
     return found
 
 
+def _packing(reading: KeyReading) -> Packing:
+    """How `packing` says; the words of read and write have the byte order of the file, where it says none."""
+    node = reading.keys.get("packing")
+    found = Packing() if node is None else read_part(Packing, reading.loader, node)
+    if reading.found["service"] not in ("read", "write") or (isinstance(node, Keys) and "order" in node):
+        return found
+    order = reading.space.order(reading.found["at"].file)
+    return found if order == "little" else replace(found, order="big", words=True)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServiceRow:
     """One row of a service. Empty `areas` and `units` mean: any. `back_each` reads the items of a request's list."""
@@ -443,7 +457,7 @@ class ServiceRow:
     request: FrameOf | None = key("request", CONSTRUCTOR, default=None)
     buffer: Value | None = key("buffer", VALUE, default=None)
     reply: tuple[ReplyRow, ...] = key("reply", Form({}, _replies), default=())
-    packing: Packing = key("packing", mapping_of(Packing, {}), default=Packing())
+    packing: Packing = keys({"packing": {}}, _packing, default=Packing())
     gives: Mapping[str, Value] = key("gives", VALUES, factory=dict)
     run: Expression | None = key("run", Form(EXPRESSION.schema, _run), default=None)
     back: Mapping[str, Expression] = key(
