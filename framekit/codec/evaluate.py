@@ -116,5 +116,5 @@ def _constant(name: str, expression: Expression | None) -> dict[str, Any]:
 
 
 def _empty(variable: StateVariable) -> dict[str, Any]:
-    empty: dict[str, Any] = {"text": "", "bytes": b"", "list": [], "record": {}, "frame": None}
+    empty: dict[str, Any] = {"text": "", "bytes": b"", "list": [], "record": {}, "frame": None, "f32": 0.0, "f64": 0.0}
     return {variable.name: empty.get(variable.type, 0)}

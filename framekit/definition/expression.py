@@ -9,8 +9,10 @@ writer: it is the one place where the language's operators and functions get the
 from __future__ import annotations
 
 import re
+import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
+from decimal import Decimal
 from fractions import Fraction
 from typing import Protocol as Interface
 
@@ -31,6 +33,14 @@ class Number(Node):
 
     value: int
     is_time: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Real(Node):
+    """A number with a fraction, which stands alone: a float if `is_float`, else exact."""
+
+    value: Decimal
+    is_float: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -323,6 +333,12 @@ class _Emitter:
         match node:
             case Number(value=value):
                 return (str(value), ATOM) if value >= 0 else (str(value), SIGN)
+            case Real(value=value, is_float=is_float):
+                if is_float:
+                    return f"({float(value)!r})", ATOM
+                _, _, exponent = value.as_tuple()
+                places = max(0, -int(exponent))
+                return self.names.call("scaled", [str(int(value.scaleb(places))), "1", "0", str(places)]), ATOM
             case Text(value=value):
                 return repr(value), ATOM
             case Bytes(value=data):
@@ -483,6 +499,22 @@ def time_of(word: str, at: Position) -> Node:
     if unit.rstrip("s") + "s" in LINE_UNITS and unit not in UNITS:
         return LineTime(at, (count.numerator, count.denominator), unit.rstrip("s") + "s")
     return Number(at, int(count * UNITS[unit]), is_time=True)
+
+
+_FRACTION = re.compile(r"-?[0-9]{1,20}\.[0-9]{1,20}")
+
+
+def real_number(text: str, at: Position, float_bits: int = 0) -> Expression | None:
+    """`-0.5` as the constant that it is; None for everything else. In expressions numbers are whole.
+
+    `float_bits`: it becomes the nearest number with so many bits; 0: it is exact.
+    """
+    if not _FRACTION.fullmatch(text.strip()):
+        return None
+    value = Decimal(text.strip())
+    if float_bits == 32:
+        value = Decimal(struct.unpack("<f", struct.pack("<f", value))[0])
+    return Expression(text.strip(), Real(at, value, bool(float_bits)))
 
 
 _COMPARE = {"==", "!=", "<", "<=", ">", ">=", "in", "not in"}

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from decimal import Decimal
 from typing import Literal, get_args
 
 from framekit.definition.decimals import DECIMAL_KEYS, SCALE_KEYS, DecimalForm, Scale, load_form, load_scale
@@ -128,6 +129,26 @@ class FieldType:
     @property
     def is_whole_number(self) -> bool:
         return TYPE_KINDS[self.kind].whole
+
+    @property
+    def has_fractions(self) -> bool:
+        """Whether its values are numbers that may have a fraction."""
+        return self.value_kind == "number" and not self.is_whole_number
+
+    @property
+    def float_bits(self) -> int:
+        """The bits of a floating-point number; 0 for every other."""
+        size = self.fixed_size or 0
+        return {"float": 8 * size, "hex_float": 4 * size}.get(self.kind, 0)
+
+    def writes(self, value: Decimal) -> bool:
+        """Whether a number with a fraction is one that is written exactly."""
+        if self.scale is not None:
+            wire = value.scaleb(self.scale.places) - self.scale.offset
+            return wire % self.scale.factor == 0
+        if self.form is None or self.form.decimals is None or self.form.exponent:
+            return True
+        return value.scaleb(self.form.decimals) % 1 == 0
 
     @property
     def value_kind(self) -> ValueKind:

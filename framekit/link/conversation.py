@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from decimal import Decimal
 from typing import Any
 
 from framekit.codec.plain import PlainValues
@@ -35,6 +37,7 @@ from framekit.link.receiver import Receiver
 from framekit.link.scope import Scope
 from framekit.link.services.client import Client, TransferResult
 from framekit.link.values import EVALUATION_ERRORS, FrameValue, Names, compile_expression
+from framekit.link.variables import fit_of
 
 
 def run_frame_vector(vector: FrameVector, protocol: Protocol, codec: ProtocolCodec) -> list[str]:
@@ -218,7 +221,9 @@ def state_value(type_: str, value: Any) -> Any:
         return parse_time(value)
     if type_ == "bytes":
         return parse_bytes(value) if value.strip() else b""
-    return value if type_ in ("text", "record", "frame", "list") else parse_number(value)
+    if type_ in ("text", "record", "frame", "list"):
+        return value
+    return Decimal(value) if re.fullmatch(r"\s*-?[0-9]+\.[0-9]+\s*", value) else parse_number(value)
 
 
 def result_agrees(found: Any, wanted: Any) -> bool:
@@ -229,7 +234,14 @@ def result_agrees(found: Any, wanted: Any) -> bool:
         )
     if isinstance(wanted, (list, tuple)):
         return len(found) == len(wanted) and all(result_agrees(*pair) for pair in zip(found, wanted, strict=True))
-    return bool(found == state_value(_kind_of(found), wanted))
+    return same_number(found, state_value(_kind_of(found), wanted))
+
+
+def same_number(found: Any, wanted: Any) -> bool:
+    """Whether two values are the same; a float of 32 or 64 bits is the number that it is nearest to."""
+    if isinstance(found, float) and isinstance(wanted, Decimal):
+        return any(found == fit_of(type_)(wanted) for type_ in ("f32", "f64"))
+    return bool(found == wanted)
 
 
 def _kind_of(value: Any) -> str:
@@ -528,8 +540,9 @@ class _Player:
         for name, value in wanted.state.items():
             variable = scope.protocol.state.get(name)
             expected = value if variable is None else state_value(variable.type, value)
-            if scope.get(name) != expected:
-                self._note(None, f"{name} is {scope.get(name)!r} afterwards, expected {expected!r}")
+            if not same_number(scope.get(name), expected):
+                shown = str(expected) if isinstance(expected, Decimal) else repr(expected)
+                self._note(None, f"{name} is {scope.get(name)!r} afterwards, expected {shown}")
         for address, value in wanted.memory.items():
             numbers = [state_value("number", item) for item in (value if isinstance(value, list) else [value])]
             if self.side.read_memory is None:

@@ -7,6 +7,7 @@ here, nor where a given value comes from, nor the formulas that stand in for tho
 from __future__ import annotations
 
 import re
+import struct
 from collections.abc import Callable, Collection, Mapping
 from decimal import Decimal
 from typing import Any
@@ -24,6 +25,7 @@ from framekit.definition.times import NEVER, format_time, parse_time
 Fit = Callable[[Any], Any]
 """Makes a value fit its variable: numbers wrap at their width. Raises TypeError for a value of another kind."""
 
+_FLOATS = {"f32": "<f", "f64": "<d"}
 _INTEGER = re.compile(r"([ui])(8|16|24|32|40|48|56|64)")
 
 
@@ -39,6 +41,21 @@ def _signed(bits: int) -> Fit:
 
     def fit(value: Any) -> Any:
         return ((int(value) + half) & mask) - half if type(value) is not str else _refuse(value, "a number")
+
+    return fit
+
+
+def _float(type_: str) -> Fit:
+    """The number of that many bits that is nearest. Raises ValueError for one that is too large."""
+    form = _FLOATS[type_]
+
+    def fit(value: Any) -> Any:
+        if not isinstance(value, (int, float, Decimal)):
+            _refuse(value, "a number")
+        try:
+            return struct.unpack(form, struct.pack(form, value))[0]
+        except (OverflowError, struct.error):
+            raise ValueError(f"{value} does not fit into an {type_}") from None
 
     return fit
 
@@ -97,6 +114,8 @@ def fit_of(type_: str, names: Mapping[int, str] | None = None, size: int | None 
     """
     if size is not None:
         return _sized(size)
+    if type_ in _FLOATS:
+        return _float(type_)
     match = _INTEGER.fullmatch(type_)
     if match is None:
         return _FITS.get(type_, _anything)
@@ -110,6 +129,8 @@ def fit_of(type_: str, names: Mapping[int, str] | None = None, size: int | None 
 
 def empty_of(type_: str, size: int | None = None) -> Any:
     """What a variable of this type holds before anything is put into it; records and frames hold nothing."""
+    if type_ in _FLOATS:
+        return 0.0
     if _INTEGER.fullmatch(type_) or type_ in ("flag", "number", "decimal", "time"):
         return 0
     if type_ in ("text", "choice"):

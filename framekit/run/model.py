@@ -284,6 +284,7 @@ class ResultPlace:
     """Where a result of a call goes. `size`: the elements of a list, or bytes, that there is room for.
 
     `scale`: a number that is a time goes as so many nanoseconds each. `bits`: how much of the memory is its.
+    `float_bits`: each number goes as a floating-point number of so many bits; 0: as it is.
     """
 
     result: Expression
@@ -291,6 +292,7 @@ class ResultPlace:
     bits: int
     size: int | None = None
     scale: int = 1
+    float_bits: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

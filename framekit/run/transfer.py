@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from decimal import Decimal
 from functools import partial
 from itertools import pairwise
 from typing import Any, Generic, Literal, TypeVar
@@ -29,7 +30,7 @@ from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits
 from framekit.memory.views import as_signed, float_view
 from framekit.run.block_state import Failure, failure_of
 from framekit.run.commands import CommandBlocks, CommandEnd, ParamsOf
-from framekit.run.model import ArgumentPlace, Block, Merge, ResultPlace
+from framekit.run.model import ArgumentPlace, Block, Merge, OwnPlace, ResultPlace
 from framekit.run.own_memory import (
     FrameFields,
     FramePart,
@@ -375,10 +376,11 @@ LONGEST = 65536
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shape:
-    """What is known about a result. `size`: bytes of data or text that always has so many; `scale`: nanoseconds a
-    number counts; `item`: of a list; `parts`: of a record."""
+    """What is known about a result. `size`: bytes of data or text that always has so many; `is_real`: a number that may
+    have a fraction; `scale`: nanoseconds a number counts; `item`: of a list; `parts`: of a record."""
 
     kind: Literal["any", "number", "bytes", "text", "list", "record"] = "any"
+    is_real: bool = False
     size: int | None = None
     scale: int = 1
     item: Shape | None = None
@@ -514,7 +516,7 @@ def _of_type(type_: FieldType) -> Shape:
         return Shape(
             kind="text" if type_.kind == "ascii" else "bytes", size=type_.size if isinstance(type_.size, int) else None
         )
-    return Shape(kind="number")
+    return Shape(kind="number", is_real=type_.has_fractions)
 
 
 # ---- results into memory ----------------------------------------------------------------------------------
@@ -535,7 +537,7 @@ def result_pieces(block: Block, result: TransferResult) -> Iterator[Piece]:
 def _stored(place: ResultPlace, value: Any, packing: Packing) -> tuple[int, bytes]:
     """Bits and content, in memory's form; what is shorter than its room is filled with zeros."""
     address, name = place.place.address, str(place.result)
-    if isinstance(value, (int, float)):
+    if isinstance(value, (int, float, Decimal)):
         return _numbers(place, [value])
     if isinstance(value, (bytes, str)):
         text = isinstance(value, str)
@@ -546,7 +548,7 @@ def _stored(place: ResultPlace, value: Any, packing: Packing) -> tuple[int, byte
     elif isinstance(value, list) and all(isinstance(item, bytes) for item in value):
         bits, data = _bytes(place, b"".join(value), packing)
         room, what = _elements(place), f"{bits // address.unit_bits} elements"
-    elif isinstance(value, list) and all(isinstance(item, (int, float)) for item in value):
+    elif isinstance(value, list) and all(isinstance(item, (int, float, Decimal)) for item in value):
         bits, data = _numbers(place, value)
         room, what = _elements(place), f"{len(value)} elements"
     else:
@@ -559,20 +561,25 @@ def _stored(place: ResultPlace, value: Any, packing: Packing) -> tuple[int, byte
 
 
 def _elements(place: ResultPlace) -> int | None:
-    return None if place.size is None else place.size * place.place.address.unit_bits
+    return None if place.size is None else place.size * (place.float_bits or place.place.address.unit_bits)
 
 
-def _numbers(place: ResultPlace, values: Sequence[float]) -> tuple[int, bytes]:
+def _numbers(place: ResultPlace, values: Sequence[float | Decimal]) -> tuple[int, bytes]:
+    """Numbers with a fraction, and all that go to places of such, as floating-point numbers; others as they are."""
     address = place.place.address
     scaled: list[Any] = [value // place.scale if place.scale > 1 else value for value in values]
-    if any(isinstance(value, float) for value in scaled):
-        if address.unit_bits not in (32, 64):
-            raise ValueError(f"'{place.result}' is a floating-point number, and {place.place.text} is a {address.unit}")
-        return len(scaled) * address.unit_bits, float_view(address.unit).write(scaled)
-    try:
-        return len(scaled) * address.unit_bits, memory_of(scaled, address.unit)
-    except ValueError as error:
-        raise ValueError(f"'{place.result}' does not fit into {place.place.text}: {error}") from None
+    bits = place.float_bits
+    if not bits and any(isinstance(value, (float, Decimal)) for value in scaled):
+        bits = float_bits_of(address)
+        if bits != address.unit_bits:
+            raise ValueError(" – ".join(no_fraction(str(place.result), place.place)))
+    if not bits:
+        try:
+            return len(scaled) * address.unit_bits, memory_of(scaled, address.unit)
+        except ValueError as error:
+            raise ValueError(f"'{place.result}' does not fit into {place.place.text}: {error}") from None
+    view = float_view("lword" if bits == 64 else "dword")
+    return len(scaled) * bits, view.write([float(value) for value in scaled])
 
 
 def _bytes(place: ResultPlace, data: bytes, packing: Packing) -> tuple[int, bytes]:
@@ -580,6 +587,19 @@ def _bytes(place: ResultPlace, data: bytes, packing: Packing) -> tuple[int, byte
     packer = Packer(packing, place.place.address.unit)
     count = packer.count_in(0, len(data))
     return count * packer.bits, packer.to_memory(data, 0, count)
+
+
+def float_bits_of(address: Address) -> int:
+    """The bits of a floating-point number that stands there: one of 32 bits in two words; 0 where none can be."""
+    if address.type is not None and not address.type.startswith("float"):
+        return 0
+    return {16: 32, 32: 32, 64: 64}.get(address.unit_bits, 0)
+
+
+def no_fraction(result: str, place: OwnPlace) -> tuple[str, str]:
+    """Why a number with a fraction cannot go to a place, and what to do."""
+    what = f"'{result}' may have a fraction, and {place.text} is a {place.address.type or place.address.unit}"
+    return what, "name a double word, which holds it as a floating-point number"
 
 
 def _shown(value: Any) -> str:

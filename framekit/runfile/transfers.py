@@ -30,7 +30,18 @@ from framekit.memory.memory import MemoryValueError, unit_bits
 from framekit.memory.views import CountedTextView, NumberView, view_of
 from framekit.run.model import ArgumentPlace, Channel, OwnPlace, ResultPlace
 from framekit.run.own_memory import FramePart, fixed_bytes, may_overflow, mismatch, no_number, parts_of, takes_bytes
-from framekit.run.transfer import ANY, LONGEST, NoResultError, Shape, argument_bits, is_path, shape_at, shapes_of
+from framekit.run.transfer import (
+    ANY,
+    LONGEST,
+    NoResultError,
+    Shape,
+    argument_bits,
+    float_bits_of,
+    is_path,
+    no_fraction,
+    shape_at,
+    shapes_of,
+)
 from framekit.runfile.channels import Attempts, raw_value
 
 T = TypeVar("T")
@@ -512,6 +523,11 @@ class CallLoader:
             names = list(shape.parts or ())
             hint = f"name one of them, such as {entry.key.text}.{names[0]}" if names else ""
             raise reader.broken(entry.key.at, f"'{entry.key.text}' is a record of several values", hint)
+        float_bits = 0
+        if (shape.item or shape).is_real or (place.address.type or "").startswith("float"):
+            bits = float_bits = float_bits_of(place.address)
+            if not bits:
+                raise reader.broken(entry.value.at, *no_fraction(entry.key.text, place))
         if node is not None and shape.kind == "number":
             reader.note(node.key.at, f"'{entry.key.text}' is one number and has no size", "leave it out")
             size = None
@@ -523,7 +539,8 @@ class CallLoader:
             bits = 8 * size if shape.kind in ("bytes", "text") else bits * size
         self.places.room(entry.value, place.address, bits)
         item = shape.item or ANY
-        return ResultPlace(result=result, place=place, size=size, scale=max(shape.scale, item.scale), bits=bits)
+        scale = max(shape.scale, item.scale)
+        return ResultPlace(result=result, place=place, size=size, scale=scale, bits=bits, float_bits=float_bits)
 
     def _shape(self, service: str, known: list[dict[str, Shape]], result: Expression, entry: Entry) -> Shape:
         """What kind of value the rows give under this name. Raises Broken when none does."""

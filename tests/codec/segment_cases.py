@@ -124,6 +124,12 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
     ),
     "What a field may say": (
         Case("a default", "- {field: a, type: u8, default: 7}", {}, "07", {"a": 7}),
+        Case("defaults with a fraction",
+             "- {field: a, type: i16, scale: 0.1, default: -0.5}\n- {field: b, type: f32, default: 0.5}\n"
+             "- {field: c, type: u8}\n- {field: d, type: decimal, size: 4, decimals: 1, when: c == 1, default: 2.5}",
+             {"c": 2}, "FF FB 3F 00 00 00 02", {"a": Decimal("-0.5"), "b": 0.5, "d": Decimal("2.5")}),
+        Case("always a number with a fraction", "- {field: a, type: f32, is: 0.1}\n- {field: b, type: u8, scale: 0.5, is: 1.5}",
+             {}, "3D CC CC CD 03", {"a": 0.10000000149011612, "b": Decimal("1.5")}, {"3D CC CC CC 03": "value"}),
         Case("always computed", "- {field: a, type: u8}\n- {field: b, type: u8, is: a + 1}", {"a": 4}, "04 05", {"b": 5},
              {"04 06": "value"}),
         Case("computed unless given", "- {field: a, type: u8}\n- {field: b, type: u8, build: a * 2}", {"a": 4}, "04 08",

@@ -44,6 +44,8 @@ _UNARY: dict[str, Callable[[Any], Any]] = {"-": operator.neg, "~": operator.inve
 def evaluate(node: Node, lookup: Lookup) -> Any:
     """The value of `node` with names from `lookup`. Raises one of EVALUATION_ERRORS, or MissingName."""
     match node:
+        case syntax.Real(value=value, is_float=is_float):
+            return float(value) if is_float else value
         case syntax.Number(value=value) | syntax.Text(value=value) | syntax.Bytes(value=value):
             return value
         case syntax.Name(name=name):

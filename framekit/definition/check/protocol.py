@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from decimal import Decimal
 from typing import Any
 
 from framekit.definition.check.frames import check_frame
@@ -11,7 +12,7 @@ from framekit.definition.check.names import NameChecker
 from framekit.definition.check.procedure import check_procedure
 from framekit.definition.check.services import check_forms, check_services
 from framekit.definition.check.typed import check_kinds
-from framekit.definition.expression import Bytes, Expression, List, Name, Number, Text, is_constant
+from framekit.definition.expression import Bytes, Expression, List, Name, Number, Real, Text, is_constant
 from framekit.definition.kinds.base import constant_number
 from framekit.definition.model.frames import Frame, bytes_of, parts_of
 from framekit.definition.model.procedure import Sequence
@@ -203,14 +204,15 @@ def _in_range(parameter: Parameter, default: Expression) -> Iterator[Problem]:
         return
     low, high = parameter.limits
     for node in default.root.items if isinstance(default.root, List) else (default.root,):
-        if isinstance(node, Number) and not low <= node.value <= high:
+        if isinstance(node, (Number, Real)) and not low <= node.value <= high:
             value, least, most = (_shown(number, parameter) for number in (node.value, low, high))
             what = f"the default {value} of '{parameter.name}' is not in {least}..{most}"
             yield Problem(node.at, what, "correct one of them")
 
 
-def _shown(number: int, parameter: Parameter) -> str:
-    return format_time(number) if "time" in (parameter.type, parameter.items) else str(number)
+def _shown(number: int | Decimal, parameter: Parameter) -> str:
+    is_time = "time" in (parameter.type, parameter.items)
+    return format_time(int(number)) if is_time else str(number)
 
 
 def _variable(protocol: Protocol, variable: StateVariable) -> Iterator[Problem]:

@@ -26,6 +26,7 @@ from framekit.definition.expression import (
     Name,
     Node,
     Number,
+    Real,
     Slice,
     Text,
     Unary,
@@ -163,6 +164,8 @@ class KindChecker:
         match node:
             case Number(is_time=is_time):
                 return "time" if is_time else "number"
+            case Real():
+                return "number"
             case LineTime():
                 return "time"
             case Text():
@@ -437,7 +440,7 @@ def add_kind(found: dict[str, Kind], name: str, kind: Kind) -> None:
 
 def kind_of_variable(type_: str) -> Kind:
     """The kind of a parameter, argument or variable of that type."""
-    return "number" if type_[:1] in "ui" and type_[1:].isdigit() else VARIABLE_KINDS.get(type_, "any")
+    return "number" if type_[:1] in "uif" and type_[1:].isdigit() else VARIABLE_KINDS.get(type_, "any")
 
 
 def kind_of_state(variable: StateVariable) -> Kind:

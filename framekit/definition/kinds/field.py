@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from itertools import islice
 from typing import ClassVar
 
-from framekit.definition.expression import Bytes, Expression, Text
+from framekit.definition.expression import Bytes, Expression, Real, Text, real_number
 from framekit.definition.keys import (
     ADDRESS,
     IDENTIFIER,
@@ -61,6 +61,11 @@ def _given(reading: KeyReading, node: Node) -> Expression:
             return literal_bytes(scalar)
         except ValueError:
             return reader.expression(node)
+    type_ = reading.found["type"]
+    if type_.has_fractions:
+        real = real_number(scalar.text, scalar.at, type_.float_bits)
+        if real is not None:
+            return real
     return reader.expression_text(scalar.text or "''", scalar.at)
 
 
@@ -313,6 +318,10 @@ class Field(Segment):
         if self.limits is not None and self.type.form is not None and self.type.form.empty:
             what = f"'{self.name}' may be empty, and nothing is in no range"
             yield Problem(self.at, what, "leave empty or range out")
+        for given in (self.is_, self.build, self.default):
+            if given is not None and isinstance(given.root, Real) and not self.type.writes(given.root.value):
+                what = f"{given} does not fit: it is between two values of '{self.name}'"
+                yield Problem(given.at, what, "correct one of them")
         root = None if self.is_ is None else self.is_.root
         if isinstance(root, (Text, Bytes)):
             yield from self._size_of_constant(root.value)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from framekit.definition.expression import Bytes, Expression, List, Number, Text
+from framekit.definition.expression import Bytes, Expression, List, Number, Text, real_number
 from framekit.definition.keys import (
     BYTE,
     EXPRESSION,
@@ -33,6 +33,8 @@ from framekit.definition.tree import Node, Scalar, Sequence
 WITHOUT_NUMBER = re.compile(r"tcp(-listen)?://(\[[^\]]+\]|[^:/\[\]]+)/?")
 """A connection to a host, or a listener there, whose port number is not given."""
 ITEM_TYPES = ("time", "number", "flag", "text", "bytes")
+FLOAT_BITS = {"decimal": 0, "f32": 32, "f64": 64}
+"""Types of parameters, arguments and variables whose values may have a fraction; 0 for exact ones."""
 PARAMETER_TYPES = ("time", "number", "decimal", "flag", "choice", "text", "bytes", "list")
 
 # ---- defaults and initial values ----------------------------------------------------------------------------
@@ -56,6 +58,9 @@ def _literal(
         return Expression(text, Number(scalar.at, FLAGS[text.lower()]))
     if (type_ == "choice" and text in choices) or (type_ in ("text", "choice") and not text):
         return Expression(text, Text(scalar.at, text))
+    real = real_number(text, scalar.at, FLOAT_BITS[type_]) if type_ in FLOAT_BITS else None
+    if real is not None:
+        return real
     if type_ == "bytes":
         try:
             return literal_bytes(scalar) if text else Expression("", Bytes(scalar.at, b""))
@@ -301,7 +306,8 @@ def _layout(reading: KeyReading) -> str | None:
 class StateVariable:
     """A variable of the link. `keys` makes it a table with that range of keys; `layout` gives its records their shape.
 
-    `type` is one of u8…u64, i8…i64, flag, text, bytes, time, list, record, frame; `size`: that many bytes, no others.
+    `type` is one of u8…u64, i8…i64, f32, f64, flag, text, bytes, time, list, record, frame; `size`: that many bytes, no
+    others.
     `announced`: some frame announces it.
     """
 
