@@ -43,6 +43,8 @@ class Link:
     me: Any = 1
     service: str = ""
     """What is called, by protocols that read and write nothing by address."""
+    count: int = 4
+    """How many values one exchange reads or writes."""
 
     def __str__(self) -> str:
         return f"{self.protocol}-{self.asking}"
@@ -59,6 +61,7 @@ LINKS = [
     Link("df1", "full", "full", address="N7:0", own={"node": 1}),
     Link("srtp", format=None, address="R1", params={"allow": "writes"}),
     Link("df1", "master", "slave", address="N7:0", params={"normal_nodes": [3]}, own={"node": 9}),
+    Link("uss", address="P700", count=1),
 ]
 
 
@@ -102,7 +105,8 @@ class FaultWorld:
         self.driver = Driver(self.engine, FaultyPort(self.port, self.asking), self.clock)
         self.outcomes: list[str] = []
         self.wrong: list[str] = []
-        self.known: list[int | None] = [0, 0, 0, 0]
+        self.known: list[int | None] = [0] * link.count
+        self.before = [0] * link.count
         self.number = 0
         self.device.start()
         self.driver.start()
@@ -129,7 +133,7 @@ class FaultWorld:
             self.clock.run_for(100 * MS)
         self.number += 1
         write = self.number % 2 == 1
-        values = [(self.number * 251 + index * 4097) & 0x7FFF for index in range(4)]
+        values = [(self.number * 251 + index * 4097) & 0x7FFF for index in range(self.link.count)]
         keys: dict[str, Any] = {"station": self.link.station, "on_done": done.append}
 
         def start(now: int) -> Any:
@@ -137,7 +141,7 @@ class FaultWorld:
                 return self.client.call(self.link.service, now=now, **keys).commands
             if write:
                 return self.client.write(self.link.address, values, now=now, **keys).commands
-            return self.client.read(self.link.address, count=4, now=now, **keys).commands
+            return self.client.read(self.link.address, count=self.link.count, now=now, **keys).commands
 
         self.driver.do(start)
         end = self.clock.now() + 3600 * SECOND
@@ -149,9 +153,9 @@ class FaultWorld:
         if self.link.service:
             return outcome
         place = self.device.device.grammar.parse(self.link.address)
-        there = self.device.memory.read(place.area, place.unit, place.start, 4)
+        there = self.device.memory.read(place.area, place.unit, place.start, self.link.count)
         if write:
-            self.known = list(values) if done[0].ok else [None] * 4
+            self.known = list(values) if done[0].ok else [None] * self.link.count
             if done[0].ok and there != values:
                 self.wrong.append(f"{self.number}: written {values}, there is {there}")
             if not done[0].ok and there not in (values, self.before):
@@ -160,5 +164,3 @@ class FaultWorld:
             self.wrong.append(f"{self.number}: read {done[0].values}, there is {there}")
         self.before = there
         return outcome
-
-    before: list[int] = [0, 0, 0, 0]  # noqa: RUF012 - replaced, never changed

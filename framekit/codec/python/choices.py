@@ -111,7 +111,7 @@ def fixed_bytes(segments: tuple[Segment, ...], digits: bool = False) -> Iterator
                 yield from ((place + offset, _DIGITS[type_.base]) for offset in range(type_.fixed_size or 0))
             yield from _numbers_at(place, type_, numbers)
         elif isinstance(segment, Bits):
-            yield from _numbers_at(place, segment.type, _numbers_of_bits(segment))
+            yield from _bytes_of_bits(place, segment)
         size = None if any(parts_of(segment, Inner)) else static.present(segment).fixed
         if size is None:
             return
@@ -140,23 +140,30 @@ def _numbers_of(field: Field) -> list[int | str | bytes] | None:
     return [value + field.plus if isinstance(value, int) else value for value in allowed]
 
 
-def _numbers_of_bits(bits: Bits) -> list[int | str | bytes] | None:
-    width = 8 * (bits.type.fixed_size or 0)
-    if bits.type.kind != "int" or width > 16:
-        return None
-    fixed = {}
+def _bytes_of_bits(place: int, bits: Bits) -> Iterator[tuple[int, frozenset[int]]]:
+    """The bytes that fixed parts of a bit field leave: for each byte the parts that stand in it, and any other bits."""
+    size, type_ = bits.type.fixed_size or 0, bits.type
+    if type_.kind != "int" or type_.signed or type_.order not in ("big", "little") or not 0 < size <= 2:
+        return
+    fixed = []
     for part in bits.parts:
         number = constant_of(part.is_)
         constants = part.constants if part.constants is not None else None if number is None else (number,)
         if constants is not None:
-            fixed[part.low, (1 << part.high - part.low + 1) - 1] = constants
+            mask = (1 << part.high - part.low + 1) - 1
+            fixed.append((mask << part.low, [value << part.low for value in constants if 0 <= value <= mask]))
     if not fixed:
-        return None
-    return [
-        number
-        for number in range(1 << width)
-        if all(number >> low & mask in constants for (low, mask), constants in fixed.items())
-    ]
+        return
+    for offset in range(size):
+        low = 8 * (offset if type_.order == "little" else size - 1 - offset)
+        known, values = 0, {0}
+        for mask, numbers in fixed:
+            here = mask >> low & 0xFF
+            known |= here
+            values = {value | number >> low & 0xFF for value in values for number in numbers}
+        found = frozenset(byte for byte in range(256) if byte & known in values)
+        if len(found) <= _FEW:
+            yield place + offset, found
 
 
 def _numbers_at(
