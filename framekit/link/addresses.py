@@ -15,7 +15,7 @@ from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from framekit.definition.model.services import AddressForm, Area, Literally, Maybe, Part
+from framekit.definition.model.services import BASES, AddressForm, Area, Literally, Maybe, Part
 from framekit.definition.model.values import Constant, Table
 from framekit.definition.problems import Problem, did_you_mean
 from framekit.link.values import EVALUATION_ERRORS, Evaluate, Inverse, Names, compile_expression, inverse_of
@@ -100,7 +100,10 @@ class FormMatcher:
         """One pattern for the areas that share one, with the area names behind every text that may stand for them."""
         naming = [part for part in self.flat if isinstance(part, Part) and part.what in ("area", "column")]
         if not naming:
-            return [(self._compiled(self._pattern(self.fixed_area, "")), {"": [self.fixed_area]})]
+            try:
+                return [(self._compiled(self._pattern(self.fixed_area, "")), {"": [self.fixed_area]})]
+            except _MissingColumnError:
+                return []
         groups: dict[tuple[str, str], dict[str, list[str | None]]] = {}
         for name in [self.fixed_area] if self.fixed_area else self.areas:
             for text in self._area_texts(naming[0], name):
@@ -152,10 +155,18 @@ class FormMatcher:
         if part.what == "word":
             return f"(?P<p{number}>\\w+)"
         least, most = self._places(part, area)
-        return f"(?P<p{number}>{_DIGITS[part.base]}{{{least or 1},{most or _MOST_PLACES}}})"
+        return f"(?P<p{number}>{_DIGITS[self._base(part, area)]}{{{least or 1},{most or _MOST_PLACES}}})"
 
     def _places(self, part: Part, area: str | None) -> tuple[int | None, int | None]:
         return self._width(part.least, area), self._width(part.most, area)
+
+    def _base(self, part: Part, area: str | None) -> int:
+        if not isinstance(part.base, str):
+            return part.base
+        base = None if area is None else BASES.get(str(self.areas[area].columns.get(part.base)))
+        if base is None:
+            raise _MissingColumnError
+        return base
 
     def _width(self, width: int | str | None, area: str | None) -> int | None:
         if not isinstance(width, str):
@@ -174,11 +185,12 @@ class FormMatcher:
             match = pattern.fullmatch(text)
             if match is not None:
                 named = self._folded(match["area"]) if "area" in pattern.groupindex else ""
-                found.append((named, texts[named], self._values(match)))
+                found.append((named, texts[named], self._values(match, texts[named][0])))
         found.sort(key=lambda item: -len(item[0]))
         return ((area, parts) for _, areas, parts in found for area in areas)
 
-    def _values(self, match: re.Match[str]) -> Parts:
+    def _values(self, match: re.Match[str], area: str | None) -> Parts:
+        """What the parts of a text say; areas that share a pattern write their numbers in one way."""
         parts: Parts = {}
         for number, part in enumerate(self.flat):
             if isinstance(part, Part) and part.what in ("unit", "number", "word"):
@@ -186,7 +198,8 @@ class FormMatcher:
                 if part.what == "unit":
                     parts["unit"] = self._units_read[self._folded(text)]
                 else:
-                    parts[part.name] = int(text, part.base) if text and part.what == "number" else text
+                    is_number = text and part.what == "number"
+                    parts[part.name] = int(text, self._base(part, area)) if is_number else text
         return parts
 
     def evaluate(self, parts: Parts, names: Names) -> Parts:
@@ -266,10 +279,10 @@ class FormMatcher:
         if part.what == "word" or not isinstance(value, int):
             return value if isinstance(value, str) else None
         try:
-            least, most = self._places(part, area)
+            (least, most), base = self._places(part, area), self._base(part, area)
         except _MissingColumnError:
             return None
-        text = format(value, f"0{least or 1}{_FORMATS[part.base]}")
+        text = format(value, f"0{least or 1}{_FORMATS[base]}")
         return None if value < 0 or len(text) > (most or _MOST_PLACES) else text
 
 

@@ -13,6 +13,10 @@ from framekit.codec.support import span, swap
 from framekit.definition.model.services import Packing
 from framekit.memory.memory import UNSIGNED_CODES, MemoryValueError, pack_bits, unit_bits, unpack_bits
 
+_POINT_EACH = ("byte_each", "digit_each")
+"""Forms with a byte for each bit."""
+_DIGITS = bytes.maketrans(b"\0\1", b"01")
+
 
 class PackingError(ValueError):
     """Data bytes that do not hold what was asked for."""
@@ -40,16 +44,20 @@ class Packer:
         """Data bytes that `count` elements from `start` on take."""
         if self.bits > 1:
             return count * self.bits // 8
-        if self.bits_form == "byte_each":
+        if self.bits_form in _POINT_EACH:
             return count
+        if self.bits_form == "nibble_each":
+            return (count + 1) // 2
         return span(start, count) if self.bits_form == "aligned" else (count + 7) // 8
 
     def most(self, start: int, data_bytes: int) -> int:
         """How many elements from `start` on fit into so many data bytes."""
         if self.bits > 1:
             return data_bytes * 8 // self.bits
-        if self.bits_form == "byte_each":
+        if self.bits_form in _POINT_EACH:
             return data_bytes
+        if self.bits_form == "nibble_each":
+            return data_bytes * 2
         return max(0, data_bytes * 8 - (start % 8 if self.bits_form == "aligned" else 0))
 
     def count_in(self, start: int, data_bytes: int) -> int:
@@ -67,15 +75,20 @@ class Packer:
             return swap(memory, self._swapped) if self._swapped else self._ordered(memory)
         if self.bits == 8 or self.bits_form == "packed":
             return memory
-        if self.bits_form == "byte_each":
-            return bytes(unpack_bits(memory, count))
+        if self.bits_form in _POINT_EACH:
+            points = bytes(unpack_bits(memory, count))
+            return points.translate(_DIGITS) if self.bits_form == "digit_each" else points
+        if self.bits_form == "nibble_each":
+            points = bytes(unpack_bits(memory, count))
+            return bytes.fromhex(points.translate(_DIGITS).decode() + "0" * (count % 2))
         shifted = int.from_bytes(memory, "little") << start % 8
         return shifted.to_bytes(span(start, count), "little")
 
     def to_memory(self, data: bytes, start: int, count: int) -> bytes:
         """The elements in memory's form; bits that are none of them are 0.
 
-        Raises PackingError for data of another size than `size(start, count)`, and for a byte that is no bit.
+        Raises PackingError for data of another size than `size(start, count)`, and for a byte, nibble or digit that is
+        neither 0 nor 1.
         """
         wanted = count * self.bits // 8 if self.bits > 1 else self.size(start, count)
         if len(data) != wanted:
@@ -86,6 +99,10 @@ class Packer:
             return data
         if self.bits_form == "byte_each":
             return _packed(list(data))
+        if self.bits_form == "digit_each":
+            return _from_digits(data.decode("latin-1"))
+        if self.bits_form == "nibble_each":
+            return _from_digits(data.hex()[:count])  # after an odd number of points a nibble is filled up
         number = int.from_bytes(data, "little") >> (start % 8 if self.bits_form == "aligned" else 0)
         return (number & ((1 << count) - 1)).to_bytes((count + 7) // 8, "little")
 
@@ -171,3 +188,11 @@ def _packed(bits: Sequence[int]) -> bytes:
         return pack_bits(bits)
     except MemoryValueError as error:
         raise PackingError(str(error)) from None
+
+
+def _from_digits(digits: str) -> bytes:
+    """Bits in memory's form from their digits, the first one first."""
+    if digits.strip("01"):
+        wrong = next(digit for digit in digits if digit not in "01")
+        raise PackingError(f"{wrong!r} is not a bit – only 0 and 1 are")
+    return int(digits[::-1] or "0", 2).to_bytes((len(digits) + 7) // 8, "little")

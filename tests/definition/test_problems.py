@@ -50,7 +50,7 @@ services:
     ("right", "wrong", "told"),
     [
         ("group: ask", "group: aks", "there is no group 'aks'"),
-        ("start:dec", "start:dex", "'dex' is not a kind of number"),
+        ("start:dec", "start:dex", "'dex' is neither a kind of number nor a column of an area"),
         ("form:", "fomr:", "missing key 'form' in address form 1"),
     ],
 )

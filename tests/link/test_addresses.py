@@ -55,7 +55,22 @@ frames:
   any: {body: [{field: x, type: u8}]}
 """
 
-TEXTS = {"files": FILES, "registers": REGISTERS}
+BASES = """
+protocol: bases
+areas:
+  D: {unit: word, size: 1000, base: dec}
+  W: {unit: word, size: 1000, base: hex}
+  X: {unit: bit, size: 512, base: hex}
+  DX: {unit: bit, size: 512, base: oct}
+  NO: {unit: bit, size: 512}
+addresses:
+  - {form: "{area}{word:base:1-4}.{bit:hex:1}", unit: bit, start: word * 16 + bit}
+  - {form: "{area}{start:base:1-4}", case: any}
+frames:
+  any: {body: [{field: x, type: u8}]}
+"""
+
+TEXTS = {"files": FILES, "registers": REGISTERS, "bases": BASES}
 
 
 @cache
@@ -195,6 +210,25 @@ def test_files_elements_and_members(text: str, area: str, unit: str, start: int,
 )
 def test_numbers_that_begin_where_the_area_says(text: str, unit: str | None, found: tuple[str, str, int]) -> None:
     assert place("registers", text, unit) == found
+
+
+@pytest.mark.parametrize(
+    ("text", "area", "unit", "start"),
+    [
+        ("D100", "D", "word", 100), ("W1A", "W", "word", 0x1A), ("x1f", "X", "bit", 0x1F), ("DX17", "DX", "bit", 0o17),
+        ("D10.F", "D", "bit", 175), ("W10.F", "W", "bit", 271),
+    ],
+)  # fmt: skip
+def test_one_form_for_areas_that_count_in_other_bases(text: str, area: str, unit: str, start: int) -> None:
+    assert place("bases", text) == (area, unit, start)
+    if "." not in text:
+        assert grammar("bases").print(Address(area, unit, start)) == text.upper()
+
+
+@pytest.mark.parametrize("text", ["D1A", "DX8", "NO1", "X2G"])
+def test_digits_of_another_base_are_no_number(text: str) -> None:
+    with pytest.raises(AddressError, match="is not an address"):
+        place("bases", text)
 
 
 @pytest.mark.parametrize(

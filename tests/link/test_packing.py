@@ -49,6 +49,10 @@ def test_the_order_is_that_of_one_unit(unit: str, order: str, values: list[int],
         ("aligned", 6, [1, 1, 1], "C0 01"),
         ("aligned", 15, [1, 1], "80 01"),
         ("byte_each", 5, [1, 0, 1], "01 00 01"),
+        ("nibble_each", 5, [1, 0, 1, 1], "10 11"),
+        ("nibble_each", 5, [1, 0, 1], "10 10"),
+        ("nibble_each", 0, [], ""),
+        ("digit_each", 5, [1, 0, 1], "31 30 31"),
     ],
 )
 def test_the_forms_of_bits(bits: str, start: int, values: list[int], data: str) -> None:
@@ -58,6 +62,7 @@ def test_the_forms_of_bits(bits: str, start: int, values: list[int], data: str) 
 def test_padding_bits_of_an_answer_do_not_count() -> None:
     assert packer("bit", bits="aligned").to_memory(b"\xff", 2, 3) == b"\x07"
     assert packer("bit").to_memory(b"\xff", 0, 3) == b"\x07"
+    assert packer("bit", bits="nibble_each").to_memory(b"\x11\x1f", 0, 3) == b"\x07"
 
 
 def test_how_much_fits() -> None:
@@ -66,6 +71,8 @@ def test_how_much_fits() -> None:
     assert packer("bit", bits="aligned").most(5, 10) == 75
     assert packer("bit", bits="aligned").most(5, 0) == 0
     assert packer("bit", bits="byte_each").most(0, 10) == 10
+    assert packer("bit", bits="nibble_each").most(5, 10) == 20
+    assert packer("bit", bits="digit_each").most(5, 10) == 10
     assert packer("6 bytes").count_in(0, 18) == 3
     with pytest.raises(PackingError, match="no whole number"):
         packer("6 bytes").count_in(0, 20)
@@ -78,6 +85,12 @@ def test_how_much_fits() -> None:
         ("word", "packed", b"", 1),
         ("bit", "packed", b"\1\2", 8),
         ("bit", "byte_each", b"\2", 1),
+        ("bit", "nibble_each", b"\x20", 1),
+        ("bit", "nibble_each", b"\x12", 2),
+        ("bit", "nibble_each", b"\x10\x10", 2),
+        ("bit", "digit_each", b"2", 1),
+        ("bit", "digit_each", b"\1", 1),
+        ("bit", "digit_each", b"1 ", 2),
     ],
 )
 def test_data_that_do_not_hold_what_was_asked_are_refused(unit: str, bits: str, data: bytes, count: int) -> None:
@@ -94,8 +107,8 @@ def test_values_that_do_not_fit_are_refused(unit: str, value: int) -> None:
 
 
 @given(
-    st.sampled_from(UNITS), st.sampled_from(["big", "little"]), st.sampled_from(["packed", "aligned", "byte_each"]),
-    st.integers(0, 40), st.data(),
+    st.sampled_from(UNITS), st.sampled_from(["big", "little"]),
+    st.sampled_from(["packed", "aligned", "byte_each", "nibble_each", "digit_each"]), st.integers(0, 40), st.data(),
 )  # fmt: skip
 def test_there_and_back(unit: str, order: str, bits: str, start: int, data: st.DataObject) -> None:
     values = data.draw(st.lists(st.integers(0, (1 << unit_bits(unit)) - 1), max_size=40))

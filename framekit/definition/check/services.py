@@ -40,6 +40,7 @@ from framekit.definition.model.procedure import Action, Row, Sequence, Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Field
 from framekit.definition.model.services import (
+    BASES,
     COUNTED_STRING,
     NOT_COMPARED,
     NUMBER_BITS,
@@ -174,6 +175,8 @@ def _area(form: AddressForm, parts: tuple[Part, ...]) -> Iterator[Problem]:
 def _part(form: AddressForm, part: Part, areas: Mapping[str, Area], columns: set[str]) -> Iterator[Problem]:
     if part.what == "column" and part.name not in columns and areas:
         yield Problem(form.at, f"no area has a column '{part.name}'", did_you_mean(part.name, columns))
+    if isinstance(part.base, str):
+        yield from _base(form, part.base, areas)
     for width in (part.least, part.most):
         if isinstance(width, str) and width not in columns and areas:
             yield Problem(form.at, f"no area has a column '{width}' for a number of places", "write 4 or 1-3")
@@ -181,6 +184,23 @@ def _part(form: AddressForm, part: Part, areas: Mapping[str, Area], columns: set
             yield Problem(form.at, f"a number of {width} places cannot be", f"write 1 to {MOST_PLACES}")
     if isinstance(part.least, int) and isinstance(part.most, int) and part.least > part.most:
         yield Problem(form.at, f"{part.least}-{part.most} places cannot be", f"write {part.most}-{part.least}")
+
+
+def _base(form: AddressForm, base: str, areas: Mapping[str, Area]) -> Iterator[Problem]:
+    """A number that every area writes in its own way: the column says dec, hex or oct."""
+    having = [area for area in areas.values() if base in area.columns]
+    if not having:
+        what = f"'{base}' is neither a kind of number nor a column of an area"
+        yield Problem(form.at, what, did_you_mean(base, BASES))
+    elif isinstance(form.area, Expression):
+        what = f"the form \"{form.text}\" works out its area, so its numbers cannot be written as column '{base}' says"
+        yield Problem(form.at, what, "write {area} into it, area: NAME, or dec, hex or oct")
+    elif isinstance(form.area, str) and all(area.name != form.area for area in having):
+        yield Problem(form.at, f"area '{form.area}' has no column '{base}'", "write dec, hex or oct")
+    for area in having:
+        if area.columns[base] not in BASES:
+            what = f"{str(area.columns[base])!r} in the column '{base}' of area '{area.name}' is not a kind of number"
+            yield Problem(area.at, what, "write dec, hex or oct")
 
 
 def _unit(
@@ -667,6 +687,7 @@ def _row(protocol: Protocol, row: ServiceRow, broken: Collection[str]) -> Iterat
     yield from _data(row)
     yield from _lists(protocol, row)
     yield from _units(protocol, row)
+    yield from _points(protocol, row)
     sequences = {name for role in protocol.roles.values() for lane in role.lanes for name in lane.exchange}
     if row.run is not None and isinstance(row.run.root, Text) and sequences and row.run.root.value not in sequences:
         what = f"'{row.run.root.value}' is no exchange of any role"
@@ -684,6 +705,16 @@ def _units(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
         what = f"no address is counted in {listed(row.units)}: a client never comes to this row of {row.service}"
         todo = f"add a form with unit: {row.units[0]} to addresses, or server_only: yes"
         yield Problem(row.at, what, todo, warning=True)
+
+
+def _points(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
+    """The form of bits says something only where elements are bits."""
+    form = row.packing.bits
+    if form == "packed" or not row.units or "bit" in row.units or not all(map(is_unit, row.units)):
+        return
+    if row.serve is None and "unit" not in {*row.back, *row.back_each}:
+        what = f"bits: {form} has no effect: the elements of this {row.service} are never bits"
+        yield Problem(row.at, what, "leave it out, or add bit to units:")
 
 
 def _data(row: ServiceRow) -> Iterator[Problem]:

@@ -11,6 +11,7 @@ from framekit.definition.keys import read_part
 from framekit.definition.load.procedure import ValueLoader
 from framekit.definition.load.reader import Reader
 from framekit.definition.model.services import (
+    BASES,
     UNIT_BITS,
     AddressForm,
     BlockWork,
@@ -89,7 +90,6 @@ class ServiceLoader:
         return read_part(Errors, self, node)
 
 
-BASES = {"dec": 10, "hex": 16, "oct": 8}
 _WIDTH = re.compile(r"(?:(?P<least>\w+)-)?(?P<most>\w+)")
 
 
@@ -199,10 +199,11 @@ class _Parts:
             if name in ("area", "unit"):
                 return Part("area" if name == "area" else "unit", name)
             return Part("column", name.partition(".")[2]) if name.startswith("area.") else Part("word", name)
-        if words[1] not in BASES:
-            raise self._error(f"'{words[1]}' is not a kind of number", "write dec, hex or oct")
+        base = words[1].strip()
+        if not re.fullmatch(r"[A-Za-z_]\w*", base):
+            raise self._error(f"'{base}' is not a kind of number", "write dec, hex, oct, or a column of the areas")
         least, most = self._width(words[2] if len(words) > 2 else "")
-        return Part("number", name, BASES[words[1]], least, most)
+        return Part("number", name, BASES.get(base, base), least, most)
 
     def _width(self, text: str) -> tuple[int | str | None, int | str | None]:
         if not text:

@@ -256,17 +256,22 @@ class Literally:
     text: str
 
 
+BASES = {"dec": 10, "hex": 16, "oct": 8}
+"""How the numbers of addresses are written."""
+
+
 @dataclass(frozen=True, slots=True)
 class Part:
     """`{…}` of an address form.
 
     `what`: `area` (name), `column` (an area's column `name`), `unit` (a key of the units table), `number` or `word`.
-    Numbers have `base` and places `least`..`most`; a text instead of a number of places is a column of the area.
+    Numbers have `base` and places `least`..`most`; a text instead of one of these numbers is a column of the area,
+    which holds a number of places, or one of `BASES`.
     """
 
     what: Literal["area", "column", "unit", "number", "word"]
     name: str
-    base: int = 10
+    base: int | str = 10
     least: int | str | None = None
     most: int | str | None = None
 
@@ -326,13 +331,16 @@ class Limit:
 class Packing:
     """How elements stand in the data bytes: byte order of one unit (as of fields), and the form of bits.
 
+    A point is a byte (`byte_each`), four bits (`nibble_each`, the first in the high ones) or a digit of text
+    (`digit_each`); `packed` and `aligned` have eight in a byte.
+
     `words`: the order is that of numbers in the file, so of words; elements of any other size stand as they are.
     """
 
     order: Literal["big", "little", "BADC", "CDAB"] = keys(
         {"order": here("number_order")}, lambda r: given_order(r.reader, r.keys) or "little", default="little"
     )
-    bits: Literal["packed", "aligned", "byte_each"] = key("bits", TEXT, default="packed")
+    bits: Literal["packed", "aligned", "byte_each", "nibble_each", "digit_each"] = key("bits", TEXT, default="packed")
     words: bool = False
 
 

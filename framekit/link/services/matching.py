@@ -62,6 +62,10 @@ class DamagedBufferError(Exception):
         self.refuse: int | None = getattr(cause, "refuse", None)
 
 
+class DataError(MemoryRangeError):
+    """Data of a request are no values of what they are for: of another size, or a point that is neither on nor off."""
+
+
 class RefusedMatchError(Exception):
     """The request is refused with `code`."""
 
@@ -665,7 +669,10 @@ def wrong_place(
     """A request whose place is wrong: what is known of it by now, and what is wrong."""
     known = dict(variables.get(parts) or {}) if parts is not None else {}
     known.update((name, variables[variable]) for name, variable in history if variable in variables)
-    problem = error if isinstance(error, DeviceMemoryError) else MemoryRangeError(str(error))
+    if isinstance(error, DeviceMemoryError):
+        problem = error
+    else:
+        problem = DataError(str(error)) if isinstance(error, PackingError) else MemoryRangeError(str(error))
     return MatchedRow(Names(known, names), [], problem)
 
 

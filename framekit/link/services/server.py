@@ -23,6 +23,7 @@ from framekit.link.frame_table import ProtocolCodec
 from framekit.link.services.areas import Codes, DeviceAreas, codes_of
 from framekit.link.services.matching import (
     DamagedBufferError,
+    DataError,
     ElsewhereError,
     MatchedRow,
     Matching,
@@ -339,8 +340,8 @@ class MemoryServer:
         return self._memory_code(kind, names) if code is None else code
 
     def _memory_code(self, kind: str, names: Names) -> int:
-        """The code for `unknown`, `range`, `access` or `no_service`; the nearest one where the definition has none."""
-        for name in (kind, "unknown", "range", "access", "no_service"):
+        """The code for such a refusal; the nearest one where the definition has none."""
+        for name in (kind, *(("range",) if kind == "value" else ()), "unknown", "range", "access", "no_service"):
             if name in self._memory_codes:
                 return int(self._memory_codes[name](names))
         return NOTHING_SAID
@@ -357,6 +358,8 @@ def kind_of(error: DeviceMemoryError) -> str:
     """What the definition calls this refusal of the memory."""
     if isinstance(error, UnknownAreaError):
         return "unknown"
+    if isinstance(error, DataError):
+        return "value"
     return "access" if isinstance(error, AccessError) else "range"
 
 
