@@ -216,7 +216,7 @@ def state_value(type_: str, value: Any) -> Any:
     if not isinstance(value, str):
         return value
     if type_ == "flag":
-        return FLAGS.get(value.lower(), 1)
+        return FLAGS[value.lower()] if value.lower() in FLAGS else parse_number(value)
     if type_ == "time":
         return parse_time(value)
     if type_ == "bytes":
