@@ -14,12 +14,7 @@ from framekit.runfile.schema_files import read_files
 
 MOST_WORDS = 30
 WITHOUT_EXAMPLE: dict[str, str] = {
-    "action": "at_most because deliver else put send store take when",
-    "address form": "type unit wire",
-    "alignment": "bits",
-    "area": "about access layout memory type",
-    "argument": "default of range type",
-    "back section": "bits each memory start text unit when",
+    "action": "put store",
     "block section": "abort call every from host inspect into job late params read report session station then "
     "times write",
     "commands section": "done failed frame meaning most request status then waits",
@@ -27,35 +22,24 @@ WITHOUT_EXAMPLE: dict[str, str] = {
     "errors section": "detail names unanswered when",
     "keep_alive section": "after run",
     "lane": "at_once",
-    "limit": "bytes",
-    "line step": "format speed",
-    "parts": "of size",
     "place": "area code count data memory start text unit",
     "place in serve section in service row": "area code count data memory start unit",
     "protocol file": "commands conversions profile server sessions",
     "read section": "area as code count each memory start text unit",
-    "refusal": "code when",
-    "reply": "buffer when",
-    "reply in reply": "buffer when",
     "role": "session",
-    "row": "at_most because deliver else fail put queue room send station store take",
+    "row": "because deliver station take",
     "row in then section": "set store when",
-    "sequence": "always on_bad on_break on_closed on_exhausted on_fail on_noise on_other on_timeout",
-    "serve section": "buffer check",
     "serve section in service row": "as block drop each let read set span update write",
     "server section": "refuse",
-    "service row": "align areas buffer client_only name outside_session refuse run serve server_only takes "
-    "units variables when",
+    "service row": "outside_session serve",
     "session": "close keep_alive lost_by one_station open reconnect",
-    "step": "ask branch break call complete deliver flush gap into line on_break on_byte on_closed "
-    "on_fail on_other parts put session set then urgent wait with",
+    "step": "deliver on_break on_closed put",
     "table of names": "table when",
     "then section": "set store when",
-    "variables section": "max same",
-    "what back says of each item": "area bits count memory start text unit",
+    "what back says of each item": "memory",
 }
 """Keys of a part of the reference page that no example shows yet. Only take keys out of this list."""
-OLD = {"areas", "checker", "commands", "errors", "roles", "sequences", "services", "serving"}
+OLD = {"checker", "commands", "errors", "roles", "serving"}
 """Pages that are still to be written anew."""
 
 
