@@ -1,7 +1,7 @@
 """Frames that cannot be told apart where both are waited for: found by building one and reading it as the other.
 
 A receiver tries the frames of a receive matrix in the order of its rows. A frame whose every sample an earlier one
-takes is never found; that is an error. Reference, sections 6 and 14. Which bytes come on a line is not known here.
+takes is never found; that is an error. Guide: receiving, checker. Which bytes come on a line is not known here.
 """
 
 from __future__ import annotations

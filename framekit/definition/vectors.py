@@ -1,6 +1,6 @@
 """Test cases beside a definition: frames with their bytes, and conversations on virtual time; read, and checked.
 
-Language reference, section 15. What is in a case stays plain (text, lists, mappings) until a runner gives it a meaning.
+Guide: vectors. What is in a case stays plain (text, lists, mappings) until a runner gives it a meaning.
 """
 
 from __future__ import annotations

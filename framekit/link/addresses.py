@@ -3,7 +3,7 @@
 A form takes a text apart and writes an address in it; patterns are made once, one for all areas that have the same
 widths. The grammar takes forms, areas and tables, so it serves protocols and memory profiles alike; it knows neither.
 Places are counted in units over the whole area, from 0. At the end forms are tried out: what one prints has to mean the
-same place when it is read again, by any form. Language reference, sections 10 and 14.
+same place when it is read again, by any form. Guide: areas, checker.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The link engine of one side of a line: events in, commands out (language reference, sections 6 to 8).
+"""The link engine of one side of a line: events in, commands out (guide: receiving, sequences, roles).
 
 Sans-I/O: it has no clock, port or task. What falls on one instant is done in this order: what the driver reports, in
 the order of its calls (bytes before times that run out at that very instant); after each, everything that follows from

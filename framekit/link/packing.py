@@ -1,7 +1,7 @@
 """Elements of a transfer as they stand in the data bytes of a frame, and as device memory holds them.
 
 The form between both is memory's own: little-endian elements one after the other, bits packed with the first in bit 0.
-It knows no areas and no frames. Language reference, section 11 (packing).
+It knows no areas and no frames. Guide: services.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Bytes to frames: a scanner that finds expected frames, other frames, bad ones and noise in a stream.
 
-Language reference, section 6. Sans-I/O and pull-based: every `next` says which frames are expected. The result does
+Guide: receiving. Sans-I/O and pull-based: every `next` says which frames are expected. The result does
 not depend on how the stream is cut into pieces. At each place it measures the candidates that may begin there, decodes
 those that are whole, and reports what it found. It knows no sequences: which step takes a frame is not decided here.
 """

@@ -1,7 +1,7 @@
 """From bytes to the runs that wait: which frames are looked for now, and which run gets what the receiver finds.
 
 Lanes are asked in the order written, in a lane the older exchange first; the first row that fits takes a frame
-(language reference, section 8). Queue items, a break and a lost connection go the same way.
+(guide: roles). Queue items, a break and a lost connection go the same way.
 """
 
 from __future__ import annotations

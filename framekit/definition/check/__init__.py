@@ -1,4 +1,4 @@
-"""The checker: what can be known to be wrong before anything runs, from the model alone (reference, section 14)."""
+"""The checker: what can be known to be wrong before anything runs, from the model alone (guide: checker)."""
 
 from framekit.definition.check.protocol import check_protocol
 

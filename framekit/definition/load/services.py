@@ -1,4 +1,4 @@
-"""Services, addresses, errors, what a server refuses, and command blocks. Reference, sections 9 to 13."""
+"""Services, addresses, errors, what a server refuses, and command blocks. Guide: areas, services, serving."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Groups and frames with everything inherited and included put in place (language reference, section 5).
+"""Groups and frames with everything inherited and included put in place (guide: frames).
 
 Walks over a model: every segment of a list in order, what their values are called, every expression in a part. The
 segments say themselves what they hold (`blocks`, `inner_record`, `value_names`), whatever their kind. Static sizes of

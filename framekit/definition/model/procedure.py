@@ -1,4 +1,4 @@
-"""The link procedure: sequences, steps, rows, roles and sessions. Language reference, sections 7 and 8."""
+"""The link procedure: sequences, steps, rows, roles and sessions. Guide: sequences, roles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The segments of a frame: what stands on the wire, one class a kind. Language reference, section 4.
+"""The segments of a frame: what stands on the wire, one class a kind. Guide: segments.
 
 A new kind is a module of `definition/kinds`, and a row of the list below. Sizes are in bytes unless a docstring says
 otherwise.

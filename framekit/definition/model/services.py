@@ -1,4 +1,4 @@
-"""Areas, addresses, services and errors: what READ and WRITE become; command blocks. Reference, sections 9 to 13."""
+"""Areas, addresses, services and errors: what READ and WRITE become; command blocks. Guide: areas, services, serving, errors."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """What runs compiled sequences: the machine that all runs of an engine share, and what generated functions call.
 
-Everything that takes no time is done at once, then a run waits (language reference, section 7). A generated function
+Everything that takes no time is done at once, then a run waits (guide: sequences). A generated function
 gives the one that goes on, or None when its run waits. Nothing that a definition writes can raise out of the machine:
 what cannot be worked out ends the sequence, and that is shown.
 """

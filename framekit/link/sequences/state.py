@@ -3,7 +3,7 @@
 Only state, the time limits of a waiting run, and small questions about both. What moves a run on is in `runtime`.
 
 A clock begins when the last bit of what the run sent has left. While a frame is arriving that fits so far, `within`
-stands still; if it turns out to be none, the time it took is given back (language reference, section 7).
+stands still; if it turns out to be none, the time it took is given back (guide: sequences).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Bit areas may lie on word memory and the reverse: offsets are bits over the whole area. Data are in memory's form. The
 words of a definition (area, memory, code or text, with unit, start and count) name places here and on the other side.
-Language reference, sections 9 and 12.
+Guide: areas, serving.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 Requests are made and replies are read by the rows of the definition; the link procedure is the engine's. A transfer is
 its exchanges one after the other: it succeeds or fails as a whole, a part that fails fails the rest. A read that
-depends on nothing but its own arguments and settings is planned once. Nothing is retried here. Language reference,
-sections 11 and 13.
+depends on nothing but its own arguments and settings is planned once. Nothing is retried here. Guide: services,
+errors.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Each row becomes one Python function, written when its frame is first served: fields are compared, names are local
 variables, what can be resolved is resolved. What names no place of its own, or works on state, goes on with a
 `MatchedRow`. What no name can be worked out of is passed over; `station` and `own` are not compared.
-Language reference, section 11.
+Guide: services, read backwards.
 """
 
 from __future__ import annotations

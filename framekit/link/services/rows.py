@@ -1,6 +1,6 @@
 """A service row prepared for both sides: what it mentions, which units it can carry, how its data are packed.
 
-Clients and servers read the same rows; neither's work is done here. Language reference, section 11.
+Clients and servers read the same rows; neither's work is done here. Guide: services.
 """
 
 from __future__ import annotations
@@ -380,7 +380,7 @@ class Planner:
     # ---- names --------------------------------------------------------------------------------------------
 
     def offered(self, plan: Plan, piece: Piece) -> dict[str, Any]:
-        """Everything section 11 offers for one piece of a plan. Raises AddressError."""
+        """The names that a row offers for one piece of a plan. Raises AddressError."""
         return self._offered(plan.facts, piece, plan.first, plan.total)
 
     def _offered(self, facts: RowFacts, piece: Piece, first: int, total: int) -> dict[str, Any]:

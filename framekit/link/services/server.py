@@ -2,8 +2,7 @@
 
 Order: the request's own refusal, the server's, the first row that matches, its refusals, area, range and access, the
 work, the reply. What is simply a transfer is done by one function a row (see `matching`), all else by `work`. Nothing
-from the wire raises out of here. Language reference, sections 12
-and 13.
+from the wire raises out of here. Guide: serving, errors.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 """The work of a row, compiled: what a request changes and reads beside a plain transfer, and the block or job that it
-asks a run to do. Commands of a run are the same blocks. Language reference, section 13.
+asks a run to do. Commands of a run are the same blocks. Guide: serving, commands.
 """
 
 from __future__ import annotations
