@@ -1,4 +1,4 @@
-"""Replies that may still come when the wait for them is over, and until when nothing else goes out (guide: late replies).
+"""Replies that may still come when the wait for them is over, and until when nothing else goes out (guide: sequences).
 
 A protocol without a number for each exchange cannot tell a late reply from the reply to the next request. So what was
 asked for and has not come is counted. While it is due, no other request goes out: not before it has come, or its time,

@@ -1,4 +1,4 @@
-"""Areas, addresses, services and errors: what READ and WRITE become; command blocks. Guide: areas, services, serving, errors."""
+"""Areas, addresses, services and errors: what READ and WRITE become; command blocks. Guide: areas, services, errors."""
 
 from __future__ import annotations
 
