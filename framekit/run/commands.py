@@ -701,7 +701,11 @@ class _Speaks:
             return f"a place that is not there ({error})"
 
     def own(self, given: Mapping[str, Any]) -> str:
-        """A place of the own memory."""
+        """A place of the own memory; an area that is named as the memory names it has no address to print."""
+        if "memory" in given:
+            unit, count = given.get("unit") or "element", given.get("count")
+            text = f"{unit} {given.get('start', 0)} of {given['memory']}"
+            return text if count in (None, 1) else f"{text} ({count} × {unit})"
         try:
             address = address_of(self.here, self.blocks.server.codes, given)
         except (DeviceMemoryError, AddressError) as error:
