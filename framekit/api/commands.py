@@ -87,7 +87,7 @@ class CommandMemory:
         try:
             place = self.grammar.parse(address)
             numbers = [parse_number(value) for value in values.split(",")]
-            self.memory.write(place.area, place.unit, place.start, numbers, force=True)
+            self.memory.area(place.area).write_from(place.first_bit, place.unit, numbers, force=True)
         except (ValueError, DeviceMemoryError) as error:
             raise RequestError(str(error)) from None
 

@@ -14,7 +14,7 @@ from framekit.api.errors import ReplyError, RequestError
 from framekit.api.values import Typed, Value, typed, values_given
 from framekit.link.addresses import AddressGrammar
 from framekit.link.packing import memory_of, values_of
-from framekit.memory.memory import ALL_BITS, Area, DeviceMemory, DeviceMemoryError, Watch, unit_bits
+from framekit.memory.memory import ALL_BITS, Area, DeviceMemory, DeviceMemoryError, Watch, ordered, unit_bits
 from framekit.memory.views import Order
 
 Do = Callable[[Callable[[], Any]], Any]
@@ -46,7 +46,9 @@ class Memory:
         def read() -> bytes:
             self._refresh()
             area = self._memory.area(self._grammar.parse(address).area)
-            return area.read_bytes(first // 8, bits // 8) if not (first | bits) % 8 else area.read_bits(first, bits)
+            if (first | bits) % 8:
+                return area.read_bits(first, bits)
+            return ordered(area.read_bytes(first // 8, bits // 8), area.order, unit_bits(unit) // 8)
 
         data: bytes = self._carry_out(read)
         try:
@@ -76,7 +78,7 @@ class Memory:
             if (first | bits) % 8:
                 area.write_bits(first, bits, data, force=True)
             else:
-                area.write_bytes(first // 8, data, force=True)
+                area.write_bytes(first // 8, ordered(data, area.order, unit_bits(unit) // 8), force=True)
 
         self._carry_out(write)
 

@@ -114,7 +114,8 @@ def make_side(case: Conversation, protocol: Protocol, codec: ProtocolCodec) -> S
     for text, value in case.memory.items():
         place = grammar.parse(text)
         values = value if isinstance(value, list) else [value]
-        memory.write(place.area, place.unit, place.start, [_number(item) for item in values], force=True)
+        numbers = [_number(item) for item in values]
+        memory.area(place.area).write_from(place.first_bit, place.unit, numbers, force=True)
     sides: dict[Engine, Client] = {}
 
     def client(engine: Engine) -> Client:
@@ -140,4 +141,4 @@ def _number(value: Any) -> int:
 
 def _read(memory: DeviceMemory, grammar: AddressGrammar, text: str, count: int) -> list[int]:
     place = grammar.parse(text)
-    return memory.read(place.area, place.unit, place.start, count)
+    return memory.area(place.area).read_from(place.first_bit, place.unit, count)

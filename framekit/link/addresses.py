@@ -222,9 +222,12 @@ class FormMatcher:
             return tuple(self.units.values())
         return (self.form.unit or self.areas[area].unit,)
 
-    def print(self, area: str, unit: str, start: int, parts: Mapping[str, Any], names: Names) -> str | None:
+    def print(self, area: str, unit: str, first_bit: int, parts: Mapping[str, Any], names: Names) -> str | None:
         """The text of a place; None if this form cannot show it."""
         if not self.can_print(area, unit):
+            return None
+        start, over = divmod(first_bit, unit_bits(self.form.counts or unit))
+        if over:
             return None
         known = dict(parts)
         if self.start_inverse is not None:
@@ -314,7 +317,8 @@ class AddressError(ValueError):
 class Address:
     """Element `start` of `area`, counted from 0 in `unit`. `parts` are the other things the text says, by name.
 
-    `type`: the type of number that such a place usually holds; None: one without sign.
+    `type`: the type of number that such a place usually holds; None: one without sign. `shift`: so many bits after
+    the start of this element the place begins, as a word at an odd byte does.
     """
 
     area: str
@@ -323,6 +327,7 @@ class Address:
     text: str = ""
     parts: Mapping[str, Any] = field(default_factory=dict, hash=False)
     type: str | None = None
+    shift: int = 0
 
     @property
     def unit_bits(self) -> int:
@@ -332,10 +337,11 @@ class Address:
     @property
     def first_bit(self) -> int:
         """Bits of the area before this place."""
-        return self.start * self.unit_bits
+        return self.start * self.unit_bits + self.shift
 
     def __str__(self) -> str:
-        return self.text or f"{self.unit} {self.start} of {self.area}"
+        shift = f" + {self.shift} bits" if self.shift else ""
+        return self.text or f"{self.unit} {self.start}{shift} of {self.area}"
 
 
 NOT_READ: Any = object()
@@ -403,8 +409,8 @@ class AddressGrammar:
 
     @staticmethod
     def _has(area: Area, address: Address, count: int) -> bool:
-        there = area.size * area.element_bits // address.unit_bits
-        return address.start >= 0 and address.start + count <= there
+        end = address.first_bit + count * address.unit_bits
+        return address.start >= 0 and end <= area.size * area.element_bits
 
     def _read(self, text: str) -> Address | None:
         """What a text means; the last ones are known, since a server is asked for the same places again and again."""
@@ -433,7 +439,10 @@ class AddressGrammar:
         unit = found.pop("unit", None) or form.form.unit or self.areas[area].unit
         unit_bits(unit)
         type_ = form.form.type or (self.areas[area].type if unit == self.areas[area].unit else None)
-        return Address(area, unit, found.pop("start"), text, found, type_)
+        start, shift = found.pop("start"), 0
+        if form.form.counts is not None:
+            start, shift = divmod(start * unit_bits(form.form.counts), unit_bits(unit))
+        return Address(area, unit, start, text, found, type_, shift)
 
     def _unknown(self, text: str) -> str:
         if text in self.areas:
@@ -463,7 +472,7 @@ class AddressGrammar:
         found = {}
         for name, area in self.areas.items():
             names = Names({"area": self.views[name]}, self._tables)
-            for text in (form.print(name, area.unit, 10, {}, names), form.sample(name)):
+            for text in (form.print(name, area.unit, 10 * area.element_bits, {}, names), form.sample(name)):
                 address = None if text is None or name in found else self._read(text)
                 with suppress(AddressError):
                     if text is not None and address is not None and self.serves(address):
@@ -505,7 +514,7 @@ class AddressGrammar:
         start, over = divmod(address.first_bit, width)
         if over:
             raise AddressError(f"{address} is not at the start of a {unit}")
-        return replace(address, unit=unit, start=start, type=None)
+        return replace(address, unit=unit, start=start, type=None, shift=0)
 
     def advance(self, address: Address, elements: int) -> Address:
         """The place `elements` further on, with the text of that; what else the address says stays."""
@@ -528,7 +537,7 @@ class AddressGrammar:
     def _written(self, address: Address) -> str | None:
         names = Names({"area": self.views[address.area]}, self._tables)
         for form in self._wire or self._forms:
-            text = form.print(address.area, address.unit, address.start, address.parts, names)
+            text = form.print(address.area, address.unit, address.first_bit, address.parts, names)
             if text is not None:
                 return text
         return None
@@ -578,7 +587,7 @@ def _texts(form: AddressForm, grammar: AddressGrammar) -> Iterator[tuple[Address
 
 
 def _agree(one: Address, other: Address) -> bool:
-    return (one.area, one.unit, one.start) == (other.area, other.unit, other.start)
+    return (one.area, one.unit, one.first_bit) == (other.area, other.unit, other.first_bit)
 
 
 def _problem(forms: Sequence[AddressForm], place: int, other: int, text: str, meant: Address, read: Address) -> Problem:

@@ -11,7 +11,7 @@ from struct import Struct
 
 from framekit.codec.support import span, swap
 from framekit.definition.model.services import Packing
-from framekit.memory.memory import UNSIGNED_CODES, MemoryValueError, pack_bits, unit_bits, unpack_bits
+from framekit.memory.memory import UNSIGNED_CODES, MemoryValueError, ordered, pack_bits, unit_bits, unpack_bits
 
 _POINT_EACH = ("byte_each", "digit_each")
 """Forms with a byte for each bit."""
@@ -72,7 +72,7 @@ class Packer:
     def to_data(self, memory: bytes, start: int, count: int) -> bytes:
         """The data bytes of elements in memory's form."""
         if self.bits > 8:
-            return swap(memory, self._swapped) if self._swapped else self._ordered(memory)
+            return swap(memory, self._swapped) if self._swapped else ordered(memory, self.order, self.bits // 8)
         if self.bits == 8 or self.bits_form == "packed":
             return memory
         if self.bits_form in _POINT_EACH:
@@ -94,7 +94,7 @@ class Packer:
         if len(data) != wanted:
             raise PackingError(f"{count} × {self.unit} take {wanted} bytes, not {len(data)}")
         if self.bits > 8:
-            return swap(data, self._swapped) if self._swapped else self._ordered(data)
+            return swap(data, self._swapped) if self._swapped else ordered(data, self.order, self.bits // 8)
         if self.bits == 8:
             return data
         if self.bits_form == "byte_each":
@@ -105,21 +105,6 @@ class Packer:
             return _from_digits(data.hex()[:count])  # after an odd number of points a nibble is filled up
         number = int.from_bytes(data, "little") >> (start % 8 if self.bits_form == "aligned" else 0)
         return (number & ((1 << count) - 1)).to_bytes((count + 7) // 8, "little")
-
-    def _ordered(self, data: bytes) -> bytes:
-        """From little-endian elements to the order on the wire, and back: every order is its own reverse."""
-        if self.order == "little":
-            return data
-        swapped = swap(data, 2) if self.order == "BADC" else data
-        if self.order == "CDAB":
-            return swap(data, 2)
-        return self._reversed(swapped)
-
-    def _reversed(self, data: bytes) -> bytes:
-        size = self.bits // 8
-        if size in (2, 4, 8):
-            return swap(data, size)
-        return b"".join([data[at : at + size][::-1] for at in range(0, len(data), size)])
 
 
 class Packers(dict[str, Packer]):
@@ -132,6 +117,13 @@ class Packers(dict[str, Packer]):
     def __missing__(self, unit: str) -> Packer:
         packer = self[unit] = Packer(self._packing, unit)
         return packer
+
+
+def in_unit(memory: bytes, order: str, one: str, other: str) -> bytes:
+    """Data of an area of this order, elements of a unit in memory's form, as elements of another unit."""
+    if order == "little" or one == other:
+        return memory
+    return ordered(ordered(memory, order, unit_bits(one) // 8), order, unit_bits(other) // 8)
 
 
 def cut_memory(memory: bytes, first_bit: int, bits: int) -> bytes:

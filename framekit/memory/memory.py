@@ -15,6 +15,7 @@ from functools import cache, partial, reduce
 from operator import or_
 from typing import Literal
 
+from framekit.codec.support import swap
 from framekit.definition.model.services import UNIT_BITS
 from framekit.definition.problems import no_such
 
@@ -79,6 +80,18 @@ def unpack_bits(data: bytes, count: int) -> list[int]:
     return [int(digit) for digit in reversed(f"{number:0{count}b}")]
 
 
+def ordered(data: bytes, order: str, size: int) -> bytes:
+    """Little-endian elements of `size` bytes in another order (as of fields), and back: each is its own reverse."""
+    if order == "little" or size < 2:
+        return data
+    swapped = swap(data, 2) if order == "BADC" and not size % 2 else data
+    if order == "CDAB" and not size % 2:
+        return swap(data, 2)
+    if size in (2, 4, 8):
+        return swap(swapped, size)
+    return b"".join([swapped[at : at + size][::-1] for at in range(0, len(swapped), size)])
+
+
 _PACK_WORD = struct.Struct("<H").pack
 _SINGLE = {bits: struct.Struct(f"<{code}") for bits, code in UNSIGNED_CODES.items()}
 
@@ -104,6 +117,7 @@ class Area:
         "aliases",
         "element_bits",
         "name",
+        "order",
         "size",
         "size_bits",
         "unit",
@@ -125,6 +139,7 @@ class Area:
         self.unit = unit if isinstance(unit, str) else f"{unit} bytes"
         self.size = size
         self.access = access
+        self.order = "little"
         self.aliases = tuple(aliases)
         self.size_bits = size * self.element_bits
         self._data = bytearray((self.size_bits + 7) // 8)
@@ -133,6 +148,10 @@ class Area:
 
     def __repr__(self) -> str:
         return f"<area {self.name}: {self.size} × {self.unit}, {self.access}>"
+
+    def anew(self) -> Area:
+        """The same area with nothing in it."""
+        return Area(self.name, size=self.size, unit=self.unit, access=self.access, aliases=self.aliases)
 
     @property
     def size_bytes(self) -> int:
@@ -224,6 +243,28 @@ class Area:
             self._put_bits(start, len(values), pack_bits(values))
             return
         self._store(start * bits // 8, _encode(values, bits))
+
+    # --- numbers that begin at any bit
+
+    def read_from(self, first_bit: int, unit: str | int, count: int = 1) -> list[int]:
+        """`count` unsigned values of `unit`, of which the first begins at bit `first_bit`."""
+        bits = unit_bits(unit)
+        start, shift = divmod(first_bit, bits)
+        if not shift:
+            return self.read(unit, start, count)
+        data, size = self.read_bits(first_bit, count * bits), bits // 8
+        data = ordered(data, self.order, size)
+        return [int.from_bytes(data[at : at + size], "little") for at in range(0, len(data), size)]
+
+    def write_from(self, first_bit: int, unit: str | int, values: Sequence[int], *, force: bool = False) -> None:
+        """Puts unsigned `values` of `unit`, the first at bit `first_bit`. Either all are written or none."""
+        bits = unit_bits(unit)
+        start, shift = divmod(first_bit, bits)
+        if not shift:
+            self.write(unit, start, values, force=force)
+            return
+        data = ordered(_encode(values, bits), self.order, bits // 8)
+        self.write_bits(first_bit, len(values) * bits, data, force=force)
 
     # --- bits, packed
 
@@ -333,6 +374,39 @@ class Area:
         asked = f"{unit} {start}" if count == 1 else f"{count} × {unit} from {start} on"
         has = f"{unit} 0 to {there - 1}" if there else f"no whole {unit}"
         return MemoryRangeError(f"{asked} is not in area {self.name}, which has {has}")
+
+
+class OrderedArea(Area):
+    """An area whose elements of several bytes do not begin with the low one: `order` is big, CDAB or BADC.
+
+    Bytes are as the device has them: byte 2 is the high byte of word 1, where the order is big.
+    """
+
+    __slots__ = ()
+
+    def __init__(self, name: str, *, size: int, unit: str | int = "word", order: str) -> None:
+        super().__init__(name, size=size, unit=unit)
+        self.order = order
+
+    def anew(self) -> OrderedArea:
+        return OrderedArea(self.name, size=self.size, unit=self.unit, order=self.order)
+
+    def read(self, unit: str | int, start: int, count: int = 1) -> list[int]:
+        bits = unit_bits(unit)
+        if bits <= 8:
+            return super().read(unit, start, count)
+        self._within(unit, bits, start, count)
+        size = bits // 8
+        data = ordered(self.read_bytes(start * size, count * size), self.order, size)
+        return [int.from_bytes(data[at : at + size], "little") for at in range(0, len(data), size)]
+
+    def write(self, unit: str | int, start: int, values: Sequence[int], *, force: bool = False) -> None:
+        bits = unit_bits(unit)
+        if bits <= 8:
+            super().write(unit, start, values, force=force)
+            return
+        self._within(unit, bits, start, len(values))
+        self.write_bytes(start * bits // 8, ordered(_encode(values, bits), self.order, bits // 8), force=force)
 
 
 def _encode(values: Sequence[int], bits: int) -> bytes:

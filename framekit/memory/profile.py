@@ -25,7 +25,7 @@ from framekit.definition.model.services import UNIT_BITS, AddressForm, Part
 from framekit.definition.model.services import Area as AreaModel
 from framekit.definition.model.values import Table
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar
-from framekit.definition.problems import NOWHERE, DefinitionError, Position, did_you_mean
+from framekit.definition.problems import NOWHERE, DefinitionError, Position, Problem, did_you_mean
 from framekit.definition.sources import find_profile
 from framekit.definition.times import NEVER
 from framekit.memory.memory import Area, DeviceMemory, unit_bits
@@ -229,6 +229,10 @@ def _profile(root: Mapping, documents: Documents, file: Path | None = None) -> M
     profile = ProfileLoader(reader, root).profile()
     if not reader.problems:
         reader.problems.extend(check_forms(profile.addresses, profile.areas, profile.tables))
+    for form in profile.addresses:
+        if form.counts is not None:
+            what = "places of a memory profile begin at whole elements, so counts: is not for it"
+            reader.problems.append(Problem(form.at, what, "leave it out; forms of a protocol may have it"))
     problems = documents.first_words(reader.problems, file)
     if any(not problem.warning for problem in problems):
         raise DefinitionError(problems)
@@ -323,6 +327,9 @@ class ProfileLoader:
             key = entry.key.text
             if key in _AREA_KEYS:
                 continue
+            if key == "order":
+                what = "the areas of a memory profile have no order: their words begin with the low byte"
+                self.reader.note(entry.key.at, what, "leave it out; areas of a protocol may have one")
             if difflib.get_close_matches(key, _AREA_KEYS, n=1, cutoff=0.75):
                 self.reader.note(entry.key.at, f"an area has no key '{key}'", did_you_mean(key, _AREA_KEYS))
             columns[key] = self.reader.cell(entry.value)

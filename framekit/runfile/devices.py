@@ -28,7 +28,7 @@ from framekit.definition.problems import DefinitionError, Position, Problem, did
 from framekit.definition.schema import kind_of
 from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.memory.memory import Area as MemoryArea
-from framekit.memory.memory import DeviceMemory
+from framekit.memory.memory import DeviceMemory, OrderedArea
 from framekit.memory.profile import ClockBit, FixedBit, MemoryProfile, load_profile, load_profile_node
 from framekit.run.model import FaultPlan, OwnPlace
 from framekit.run.own_memory import AnyAddresses, ProtocolAddresses, addresses_of
@@ -91,10 +91,7 @@ class Device:
 
     def create_memory(self) -> DeviceMemory:
         """A memory of its own with the start values in it."""
-        memory = DeviceMemory(
-            MemoryArea(area.name, size=area.size, unit=area.unit, access=area.access, aliases=area.aliases)
-            for area in self.areas
-        )
+        memory = DeviceMemory(area.anew() for area in self.areas)
         put_values(memory, self.initial)
         return memory
 
@@ -381,7 +378,7 @@ NO_FILE = Position("the command line", 0, 0)
 def put_values(memory: DeviceMemory, initial: tuple[tuple[OwnPlace, tuple[int, ...]], ...]) -> None:
     """Puts start values into a memory, also into areas that are read-only for others."""
     for place, values in initial:
-        memory.write(place.address.area, place.address.unit, place.address.start, values, force=True)
+        memory.area(place.address.area).write_from(place.address.first_bit, place.address.unit, values, force=True)
 
 
 def memory_of(
@@ -396,8 +393,14 @@ def memory_of(
         if area.layout is None:
             found.setdefault(area.memory, area)
     found |= sizes or {}
-    areas = (MemoryArea(name, size=area.size, unit=area.unit) for name, area in found.items() if area.size)
+    areas = (_memory_area(name, area) for name, area in found.items() if area.size)
     return tuple(areas), ProtocolAddresses(protocol, sizes)
+
+
+def _memory_area(name: str, area: Area) -> MemoryArea:
+    if area.order == "little":
+        return MemoryArea(name, size=area.size, unit=area.unit)
+    return OrderedArea(name, size=area.size, unit=area.unit, order=area.order)
 
 
 def check_places(protocol: Protocol, grammar: AddressGrammar) -> Iterator[Problem]:

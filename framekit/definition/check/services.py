@@ -134,6 +134,7 @@ def check_forms(
             yield from _part(form, part, areas, columns)
         yield from _unit(form, parts, areas, tables)
         yield from _type(form)
+        yield from _counts(form, tables)
         yield from _names(form, parts, columns, tables)
 
 
@@ -227,6 +228,24 @@ def _type(form: AddressForm) -> Iterator[Problem]:
         yield Problem(form.at, what, "say unit: too, or give the area the type")
     elif UNIT_BITS.get(form.unit) != NUMBER_BITS.get(form.type):
         yield Problem(form.at, f"a {form.type} is no {form.unit}", "give a type of that width")
+
+
+def _counts(form: AddressForm, tables: Mapping[str, Table]) -> Iterator[Problem]:
+    """Elements that begin at any byte, say, are whole numbers of bytes."""
+    if form.counts is None:
+        return
+    table = tables.get(form.units_table or "")
+    units = [form.unit] if form.unit else [str(unit) for unit in table.entries.values()] if table is not None else []
+    if not units:
+        yield Problem(form.at, f'the form "{form.text}" counts in a unit and has none of its own', "say unit: too")
+    elif form.counts not in UNIT_BITS:
+        yield Problem(form.at, f"'{form.counts}' is no unit to count in", did_you_mean(form.counts, UNIT_BITS))
+    elif all(unit == form.counts for unit in units):
+        yield Problem(form.at, f"counts: {form.counts} has no effect: the unit is {form.counts}", "leave it out")
+    for unit in units:
+        if UNIT_BITS.get(unit, 8) % UNIT_BITS.get(form.counts, 1):
+            what = f"a {unit} is no whole number of {form.counts} elements, in which this form counts"
+            yield Problem(form.at, what, "count in a smaller unit")
 
 
 def _names(

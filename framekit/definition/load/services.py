@@ -119,7 +119,7 @@ def _form(reader: Reader, keys: Mapping, areas: Collection[str], tables: Collect
         unit, table = None, unit
     else:
         table = None
-    named = ("form", "area", "unit", "type", "wire", "case", "doc")
+    named = ("form", "area", "unit", "type", "counts", "wire", "case", "doc")
     return AddressForm(
         text=form.text,
         parts=parts,
@@ -133,6 +133,7 @@ def _form(reader: Reader, keys: Mapping, areas: Collection[str], tables: Collect
         at=keys.at,
         type=reader.maybe(reader.text, keys.get("type")),
         any_case=keys.get("case") is not None,
+        counts=reader.maybe(reader.text, keys.get("counts")),
     )
 
 

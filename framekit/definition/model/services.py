@@ -231,7 +231,8 @@ class Area:
     """A memory area of a device. `codes`: unit → name on the wire, the first unit is the default one.
 
     `element_bits` is the width of the default unit; `columns` are the definition's own; `layout` makes a read-only area
-    of that layout; `memory` is the area of the device's memory; `type` is what an element usually holds.
+    of that layout; `memory` is the area of the device's memory; `type` is what an element usually holds. `order`: where
+    the bytes of elements larger than a byte stand, for what counts bytes; a word is the same whatever it is.
     """
 
     name: str
@@ -245,6 +246,9 @@ class Area:
         {"access": ref("access")}, lambda r: "read" if _text(r, "access") == "read" else "rw", default="rw"
     )
     layout: str | None = key("layout", LABEL, default=None)
+    order: Literal["big", "little", "BADC", "CDAB"] = keys(
+        {"order": here("number_order")}, lambda r: given_order(r.reader, r.keys) or "little", default="little"
+    )
     columns: Mapping[str, Constant] = keys({}, _columns, factory=dict)
     type: str | None = key("type", TEXT, default=None)
 
@@ -287,6 +291,7 @@ class Maybe:
 class AddressForm:
     """One way to write an address; `results` are the row's other keys, `unit` a unit or the name of a units table.
 
+    `counts`: the unit in which start counts, where an element may begin at any of these, as a word at an odd byte.
     `type`: what a place that is written so usually holds. `any_case`: small letters stand for capitals and the reverse.
     """
 
@@ -300,6 +305,7 @@ class AddressForm:
     at: Position
     type: str | None = None
     any_case: bool = False
+    counts: str | None = None
 
     def results_in_order(self) -> list[str]:
         """The names of the results, each after those it mentions; those of a circle are left out."""

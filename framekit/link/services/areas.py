@@ -17,7 +17,7 @@ from framekit.link.addresses import Address, AddressGrammar, code_of
 from framekit.link.frame_table import ProtocolCodec
 from framekit.link.packing import cut_memory
 from framekit.link.values import Names
-from framekit.memory.memory import AccessError, DeviceMemory, MemoryRangeError, UnknownAreaError, unit_bits
+from framekit.memory.memory import AccessError, DeviceMemory, MemoryRangeError, UnknownAreaError, ordered, unit_bits
 from framekit.memory.memory import Area as MemoryArea
 
 OWN = "own"
@@ -52,10 +52,12 @@ class AreaUnit:
 
     `read` and `write` want places that `check` has passed. `most`: elements that can be read without a check, 0 where
     that is not known before; these begin at bit `offset` of `there`. `build` gives the bytes of an area that is made of
-    state.
+    state. `is_plain`: its bytes are those of the memory, in that order.
     """
 
-    __slots__ = ("_device", "area", "bits", "build", "memory", "most", "name", "offset", "there", "unit")
+    __slots__ = (
+        "_device", "_order", "area", "bits", "build", "is_plain", "memory", "most", "name", "offset", "there", "unit",
+    )  # fmt: skip
 
     def __init__(
         self, model: Area | None, device: DeviceMemory, memory: str, unit: str, offset: int = 0,
@@ -70,6 +72,14 @@ class AreaUnit:
         self.there = there = device.area(memory) if memory in device else None
         self.offset = offset
         self.build = build
+        kept = "little" if there is None else there.order
+        self._order = kept if model is None else model.order
+        same = self._order == kept or (build is not None)
+        self.is_plain = (
+            self._order == kept == "little"
+            or (same and self.bits <= 8)
+            or (kept == "little" and build is None and self.bits == 16)
+        )
         self.most = 0
         if build is None and there is not None and offset <= there.size_bits:
             whole = there.size_bits - offset
@@ -101,6 +111,8 @@ class AreaUnit:
     def read(self, start: int, count: int, names: Names) -> bytes:
         """The elements in memory's form. `names` are what an area built from state is built of."""
         first, count = self.offset + start * self.bits, count * self.bits
+        if not self.is_plain:
+            return ordered(self._read(first, count, names), self._order, self.bits // 8)
         if self.build is not None:
             return cut_memory(self.build(names), first, count)
         there = self.present()
@@ -112,10 +124,41 @@ class AreaUnit:
         """Puts elements in memory's form."""
         first, count = self.offset + start * self.bits, count * self.bits
         there = self.present()
+        if not self.is_plain:
+            self._write(there, first, count, ordered(data, self._order, self.bits // 8))
+            return
         if first % 8 == 0 and count % 8 == 0:
             there.write_bytes(first // 8, data)
         else:
             there.write_bits(first, count, data)
+
+    def _read(self, first: int, bits: int, names: Names) -> bytes:
+        """So many bits as the device has them, whose memory may keep the bytes of a word in another order."""
+        if self.build is not None:
+            return cut_memory(self.build(names), first, bits)
+        there = self.present()
+        if there.order == self._order:
+            return there.read_bits(first, bits)
+        return cut_memory(self._words(there, first, bits), first % 16, bits)
+
+    def _words(self, there: MemoryArea, first: int, bits: int) -> bytes:
+        """The whole words that hold these bits, as the device has their bytes."""
+        word, end = first // 16, -(-(first + bits) // 16)
+        return self._turned(there, there.read_bits(word * 16, (end - word) * 16))
+
+    def _turned(self, there: MemoryArea, words: bytes) -> bytes:
+        """Words between memory and device."""
+        return ordered(ordered(words, there.order, 2), self._order, 2)
+
+    def _write(self, there: MemoryArea, first: int, bits: int, data: bytes) -> None:
+        if there.order == self._order:
+            there.write_bits(first, bits, data)
+            return
+        words = self._words(there, first, bits)
+        mask = ((1 << bits) - 1) << first % 16
+        number = int.from_bytes(words, "little") & ~mask | int.from_bytes(data, "little") << first % 16
+        whole = self._turned(there, number.to_bytes(len(words), "little"))
+        there.write_bits(first // 16 * 16, len(whole) * 8, whole)
 
 
 class DeviceAreas:
@@ -235,6 +278,8 @@ def span_of(areas: DeviceAreas, grammar: AddressGrammar, codes: Codes, given: Ma
         return areas.memory_span(str(given["memory"]), unit, start, count)
     if "text" in given:
         address = grammar.parse(str(given["text"]), unit, check=False)
+        if address.shift:
+            raise MemoryRangeError(f"{address} does not begin at a whole {address.unit}")
         return areas.span(address.area, address.unit, address.start + start, count)
     if "code" in given:
         area, own = _coded(codes, given["code"])

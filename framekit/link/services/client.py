@@ -24,7 +24,7 @@ from framekit.link.addresses import Address
 from framekit.link.construct_values import EACH, read_layout
 from framekit.link.events import Asked, Command, Exchange, Outcome
 from framekit.link.frame_table import ProtocolCodec
-from framekit.link.packing import PackingError, cut_memory, join_memory, memory_of, reader_of
+from framekit.link.packing import PackingError, cut_memory, in_unit, join_memory, memory_of, reader_of
 from framekit.link.scope import Scope
 from framekit.link.services.rows import (
     Piece,
@@ -425,22 +425,28 @@ class Prepared:
         return dict(zip(self.row.gives, self.row.give(known), strict=True))
 
 
+Wanted = tuple[str, int, str]
+"""What is to be read: unit, count, and the order of bytes in its area."""
+
+
 class TransferPlan:
-    """A whole transfer: its exchanges, and the units and counts of what is to be read.
+    """A whole transfer: its exchanges, and what is to be read.
 
     `sent`: what the exchanges send, unless `is_new_each_time`, so that it is made for every transfer.
     """
 
     __slots__ = ("_read", "exchanges", "is_new_each_time", "plans", "sent", "wanted")
 
-    def __init__(self, plans: Sequence[Plan], exchanges: Sequence[Prepared], wanted: Sequence[tuple[str, int]]) -> None:
+    def __init__(self, plans: Sequence[Plan], exchanges: Sequence[Prepared], wanted: Sequence[Wanted]) -> None:
         self.plans, self.exchanges, self.wanted = plans, exchanges, wanted
         self.sent = [one.made for one in exchanges]
         self.is_new_each_time = False
         self._read: Callable[[bytes], Iterable[int]] | None = None
         if len(wanted) == len(plans) == len(exchanges) == len(exchanges[0].pieces) == 1:
-            unit, count = wanted[0]
-            bits = plans[0].bits
+            unit, count, order = wanted[0]
+            bits, own = plans[0].bits, exchanges[0].pieces[0].address.unit
+            if order != "little" and unit != own:
+                return
             if not plans[0].skip and exchanges[0].pieces[0].bits == bits == count * unit_bits(unit):
                 self._read = reader_of(unit, count)
 
@@ -458,16 +464,24 @@ class TransferPlan:
         for plan in self.plans:
             pieces = [piece for exchange in plan.exchanges for piece in exchange]
             brought = data[place : place + len(pieces)]
-            whole = join_memory([(part, piece.bits) for part, piece in zip(brought, pieces, strict=True)])
+            areas = plan.facts.shared.protocol.areas
+            whole = join_memory(
+                [
+                    (in_unit(part, areas[piece.address.area].order, piece.address.unit, "byte"), piece.bits)
+                    for part, piece in zip(brought, pieces, strict=True)
+                ]
+            )
             parts.append((cut_memory(whole, plan.skip, plan.bits), plan.bits))  # what was read to be aligned goes
             place += len(pieces)
         whole, first = join_memory(parts), 0
         values: list[int] = []
-        for unit, count in self.wanted:
+        found: list[tuple[bytes, int]] = []
+        for unit, count, order in self.wanted:
             bits = count * unit_bits(unit)
-            values.extend(reader_of(unit, count)(cut_memory(whole, first, bits)))
+            found.append((in_unit(cut_memory(whole, first, bits), order, "byte", unit), bits))
+            values.extend(reader_of(unit, count)(found[-1][0]))
             first += bits
-        return TransferResult(True, values, whole)
+        return TransferResult(True, values, join_memory(found))
 
 
 class ReadyReads:
@@ -639,7 +653,7 @@ class Client:
             names = self._names(station, params)
             place, elements = self._place(address, unit, count)
             plan = self.planner.plan("read", Piece(place, elements), names)
-            ready = self._planned([plan], [(unit or place.unit, count)], names)
+            ready = self._planned([plan], [(unit or place.unit, count, self._order(place))], names)
             if key is not None:
                 self._ready.keep(key, ready)
         return Transfer(ready, self.engine, now, on_done)
@@ -651,7 +665,7 @@ class Client:
         """Writes the values to as many elements."""
         names = self._names(station, params)
         place, elements = self._place(address, unit, len(values))
-        piece = Piece(place, elements, memory_of(values, unit or place.unit))
+        piece = Piece(place, elements, self._data(place, unit, values))
         plan = self._planned([self.planner.plan("write", piece, names)], [], names)
         return Transfer(plan, self.engine, now, on_done)
 
@@ -663,7 +677,7 @@ class Client:
         names = self._names(station, params)
         pieces = [Piece(*self._place(address, unit, 1)) for address in addresses]
         plans = self.planner.plan_list("read", pieces, names)
-        wanted = [(unit or piece.address.unit, 1) for piece in pieces]
+        wanted = [(unit or piece.address.unit, 1, self._order(piece.address)) for piece in pieces]
         return Transfer(self._planned(plans, wanted, names), self.engine, now, on_done)
 
     def write_variables(
@@ -677,7 +691,7 @@ class Client:
         pieces = []
         for address, value in zip(addresses, values, strict=True):
             place, elements = self._place(address, unit, 1)
-            pieces.append(Piece(place, elements, memory_of([value], unit or place.unit)))
+            pieces.append(Piece(place, elements, self._data(place, unit, [value])))
         plans = self.planner.plan_list("write", pieces, names)
         return Transfer(self._planned(plans, [], names), self.engine, now, on_done)
 
@@ -688,8 +702,16 @@ class Client:
         names["station"] = self._default_station if station is None else station
         return names
 
-    def _planned(self, plans: Sequence[Plan], wanted: Sequence[tuple[str, int]], names: Names) -> TransferPlan:
-        """The exchanges of all plans; `wanted` are the units and counts to be read. Raises ServiceError."""
+    def _order(self, place: Address) -> str:
+        return self.grammar.areas[place.area].order
+
+    def _data(self, place: Address, unit: str | None, values: Sequence[int]) -> bytes:
+        """Values of a unit as elements of the place's own. Raises PackingError."""
+        given = unit or place.unit
+        return in_unit(memory_of(values, given), self._order(place), given, place.unit)
+
+    def _planned(self, plans: Sequence[Plan], wanted: Sequence[Wanted], names: Names) -> TransferPlan:
+        """The exchanges of all plans; `wanted` is what is to be read. Raises ServiceError."""
         given = given_in(names)
         exchanges = [self._prepared(plan, pieces, names, given) for plan in plans for pieces in plan.exchanges]
         return TransferPlan(plans, exchanges, wanted)

@@ -152,6 +152,8 @@ class Matching:
             address = self.facts.shared.grammar.parse(text, check=False)
         except AddressError as error:
             raise UnknownAreaError(str(error)) from None
+        if address.shift:
+            raise MemoryRangeError(f"{address} does not begin at a whole {address.unit}")
         if self.facts.row.areas and address.area not in self.facts.row.areas:
             raise ElsewhereError(True)
         return address
@@ -598,7 +600,7 @@ class RowWriter:
             self.out.add(f"{memory} = {place}.read({start}, {count}, {names})")
             self.out.add(f"{data} = packers[{place}.unit].to_data({memory}, {start}, {count})")
             return data
-        if fixed.most and fixed.bits % 8 == 0 and fixed.offset % 8 == 0:
+        if fixed.most and fixed.is_plain and fixed.bits % 8 == 0 and fixed.offset % 8 == 0:
             read, size, first = self.values.constant(fixed.present().read_bytes), fixed.bits // 8, fixed.offset // 8
             self.out.add(f"{memory} = {read}({f'{first} + ' if first else ''}{start} * {size}, {count} * {size})")
         else:

@@ -22,7 +22,7 @@ from framekit.definition.model.values import EachOf, FrameOf
 from framekit.definition.problems import did_you_mean, listed
 from framekit.link.addresses import Address, AddressGrammar, code_of
 from framekit.link.frame_table import ProtocolCodec, made_once, table_of
-from framekit.link.packing import Packers, cut_memory, values_of
+from framekit.link.packing import Packers, cut_memory, in_unit, values_of
 from framekit.link.values import EVALUATION_ERRORS, Evaluate, Names, bare_name, compile_expression, compile_optional
 from framekit.link.variables import ParameterError, given_value
 from framekit.memory.memory import unit_bits
@@ -245,17 +245,20 @@ class Planner:
 
     def _carried(self, piece: Piece) -> Iterator[tuple[Piece, int]]:
         """The range in its own unit, then in the area's, with the bits that stand before it in these."""
-        yield piece, 0
+        if not piece.address.shift:
+            yield piece, 0
         area = self.shared.protocol.areas[piece.address.area]
         first, end = piece.address.first_bit, piece.address.first_bit + piece.bits
         for unit in dict.fromkeys((area.unit, *area.codes)):
             width = unit_bits(unit)
-            if unit == piece.address.unit or (piece.data is not None and (first % width or end % width)):
+            own_unit = unit == piece.address.unit and not piece.address.shift
+            if own_unit or (piece.data is not None and (first % width or end % width)):
                 continue
             start = first // width
             count = -(-end // width) - start
             place = self._at(piece.address, unit, start)
-            yield Piece(place, count, piece.data, 0), first - start * width
+            data = None if piece.data is None else in_unit(piece.data, area.order, piece.address.unit, unit)
+            yield Piece(place, count, data, 0), first - start * width
 
     def _at(self, address: Address, unit: str, start: int) -> Address:
         moved = Address(address.area, unit, start, "", address.parts)
