@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from framekit.codec import support
-from framekit.codec.evaluate import ENGINE_FUNCTIONS
+from framekit.codec.evaluate import ENGINE_FUNCTIONS, MissingName
 from framekit.definition import expression as syntax
 from framekit.definition.expression import Node
 from framekit.definition.times import NEVER
@@ -41,6 +41,14 @@ _COMPARE: dict[str, Callable[[Any, Any], Any]] = {
 _UNARY: dict[str, Callable[[Any], Any]] = {"-": operator.neg, "~": operator.invert, "not": operator.not_}
 
 
+BYTES_OF = "bytes of "
+"""Begins the word (no name of the language) under which a lookup has the number of bytes of a frame inside."""
+
+
+def _is_frame(value: Any) -> bool:
+    return isinstance(value, Mapping) and not hasattr(value, "value_or_nothing")
+
+
 def evaluate(node: Node, lookup: Lookup) -> Any:
     """The value of `node` with names from `lookup`. Raises one of EVALUATION_ERRORS, or MissingName."""
     match node:
@@ -58,6 +66,11 @@ def evaluate(node: Node, lookup: Lookup) -> Any:
             first = None if start is None else evaluate(start, lookup)
             last = None if stop is None else evaluate(stop, lookup)
             return evaluate(value, lookup)[first:last]
+        case syntax.Call(function="len", arguments=(syntax.Name(name=name),)) if _is_frame(value := lookup(name)):
+            try:
+                return lookup(f"{BYTES_OF}{name}")
+            except (KeyError, MissingName):  # a table
+                return len(value)
         case syntax.Call(function=function, arguments=arguments):
             return _call(function, [evaluate(argument, lookup) for argument in arguments], lookup)
         case syntax.List(items=items):

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 from construct import Container
 
-from construct_oracle.evaluate import attribute, evaluate
+from construct_oracle.evaluate import BYTES_OF, attribute, evaluate
 from construct_oracle.faults import ConstructEncodeError
 from construct_oracle.names import Names
 from construct_oracle.state import Writing
@@ -215,6 +215,8 @@ class Filling(Mapping[str, Any]):
         """The expression's value; the name `own` means something outside this record. Raises EVALUATION_ERRORS too."""
 
         def lookup(name: str) -> Any:
+            if name.startswith(BYTES_OF):
+                return self.size_of_frame(name.removeprefix(BYTES_OF))
             if name in ITEM_WORDS.values():
                 return self.word(name)
             filling: Filling | None = self
@@ -282,6 +284,15 @@ class Filling(Mapping[str, Any]):
         if not plain:
             return stream.tell()
         return sum(leaf.plain for leaf in context._state.leaves)
+
+    def size_of_frame(self, name: str) -> int:
+        """Bytes of a frame inside, of this record or one around it. Raises KeyError where there is none."""
+        filling: Filling | None = self
+        while filling is not None and name not in filling.plan.values:
+            filling = filling.outer
+        if filling is None:
+            raise KeyError(name)
+        return filling.size_of(name)
 
     def size_of_all(self, constructs: Iterable[Owner]) -> int:
         """Bytes that segments of this record take together."""

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from construct import Container, stream_tell
 
-from construct_oracle.evaluate import evaluate
+from construct_oracle.evaluate import BYTES_OF, evaluate
 from construct_oracle.faults import Faults, Place, Stop
 from construct_oracle.names import Names
 from construct_oracle.sizes import Evaluate, KnownSizes
@@ -197,6 +197,8 @@ class Reading(State):
         """
 
         def lookup(name: str) -> Any:
+            if name.startswith(BYTES_OF):
+                return mark_of(context, name.removeprefix(BYTES_OF)).wire
             item: tuple[str, int] | None = None
             for scope in scopes(context):
                 if name == own and scope is context:

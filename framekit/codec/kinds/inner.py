@@ -11,6 +11,7 @@ from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import EncodeWriter, Given
 from framekit.codec.python.encode_plan import Lengths, Rules, RuleWriter, Task
 from framekit.codec.python.expressions import NameEntry, Scope
+from framekit.codec.python.facts import only_measured
 from framekit.codec.python.function import MISMATCH, Function, between
 from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.module import Module
@@ -30,7 +31,8 @@ class FrameInside(SegmentKind[F]):
     """What both kinds of frames inside have in common: the value is a mapping that must be given."""
 
     def declare(self, d: DiagnosisWriter, segment: F, scope: Scope) -> None:
-        scope.entries[segment.name] = NameEntry(f"n[{quoted(segment.name)}]", "inner")
+        name = quoted(segment.name)
+        scope.entries[segment.name] = NameEntry(f"n[{name}]", "inner", sized=False, wire=f"n.room({name})")
 
     def rules(self, w: RuleWriter, segment: F, always: bool, lengths: Lengths) -> Rules:
         yield segment.name, w.rule("mapping", forms.Range(None, None), always)
@@ -67,7 +69,7 @@ class InnerKind(FrameInside[Inner]):
             function.last.append(lambda: _first_that_fits(r, segment, local, choice, region))
         else:
             _first_that_fits(r, segment, local, choice, region)
-        r.declare(item, segment.name, local, "inner")
+        r.declare(item, segment.name, local, "inner", sized=False, wire=function.wire_size(segment.name))
 
     def tasks(self, w: EncodeWriter, segment: Inner, scope: Scope, given: Given) -> list[Task]:
         name, waits = segment.name, w.waits(segment.when)
@@ -117,10 +119,14 @@ class InnerKind(FrameInside[Inner]):
     def measure(self, m: MeasureWriter, segment: Inner, scope: Scope, after: Pairs) -> None:
         fixed = m.static.present(segment).fixed
         if isinstance(segment.size, Expression):
-            m.skip(m.size_text(segment.size, scope))
+            told = m.size_text(segment.size, scope)
+            m.skip(told)
+            _has_size(m, segment, scope, told)
             return
         if segment.size == "rest":
             m.rest(segment, after)
+        if fixed is not None:
+            _has_size(m, segment, scope, str(fixed))
         if fixed is not None and not m.begins_with_constants(segment):
             m.skip(str(fixed))
             return
@@ -145,10 +151,17 @@ class InnerKind(FrameInside[Inner]):
             is_told = not behind or several
             m.add(f"return {size}" if is_told else f"return {size} - {behind} if QUIET < {size} < 0 else {size}")
         m.skip(size)
+        _has_size(m, segment, scope, size)
 
     def describe(self, segment: Inner) -> str:
         shown = ", ".join(segment.frames[:3]) + (", …" if len(segment.frames) > 3 else "")
         return f"{segment.name} (one of {shown})" if len(segment.frames) > 1 else f"{segment.name} ({shown})"
+
+
+def _has_size(m: MeasureWriter, segment: Inner | Nested, scope: Scope, size: str) -> None:
+    """While frames are measured nothing is known of one inside but its bytes."""
+    if segment.name in only_measured(m.segments):
+        scope.entries[segment.name] = NameEntry("None", "inner", sized=False, wire=size)
 
 
 def _compare_size(w: EncodeWriter, inner: Inner, scope: Scope) -> None:
@@ -204,7 +217,7 @@ class NestedKind(FrameInside[Nested]):
         first, last = r.take(item, size)
         function.flush()
         function.add(f"{local} = {level}.decode({between(r.buffer, first, last)}, ctx)")
-        r.declare(item, segment.name, local, "inner")
+        r.declare(item, segment.name, local, "inner", sized=False, wire=function.wire_size(segment.name))
 
     def tasks(self, w: EncodeWriter, segment: Nested, scope: Scope, given: Given) -> list[Task]:
         name, waits = segment.name, w.waits(segment.when)
@@ -227,6 +240,7 @@ class NestedKind(FrameInside[Nested]):
         fixed = m.static.present(segment).fixed
         if fixed is not None:
             m.skip(str(fixed))
+            _has_size(m, segment, scope, str(fixed))
             return
         level, behind, size = _level(m.module, segment, m.identifier), m.least(after), m.names.fresh("size")
         m.want(m.static.present(segment).least, after)
@@ -235,6 +249,7 @@ class NestedKind(FrameInside[Nested]):
             found = f"{size} - {behind} if QUIET < {size} < 0" if behind else f"{size} if QUIET < {size} < 0"
             m.add(f"return {found} and end - start - {size} <= {m.most} else LOST")
         m.skip(size)
+        _has_size(m, segment, scope, size)
 
     def describe(self, segment: Nested) -> str:
         return f"{segment.name} ({segment.layout} once more)"

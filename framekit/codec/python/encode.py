@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 from framekit.codec.python import forms
 from framekit.codec.python.encode_plan import Coverage, RuleWriter, Task, run_in_order
 from framekit.codec.python.expressions import NameEntry, Scope, constant_of, default_text
-from framekit.codec.python.facts import ending_constants, follows_its_length, named, names_read
+from framekit.codec.python.facts import ending_constants, follows_its_length, lengths_asked, named, names_read
 from framekit.codec.python.forms import code_bytes
 from framekit.codec.python.function import FunctionWriter, covers_later, on_the_wire
 from framekit.codec.python.module import Module
@@ -206,6 +206,7 @@ class EncodeWriter(FunctionWriter):
         self.asked_for = {
             name for segment in everything(segments) if isinstance(segment, Length) for name in segment.of
         }
+        self.asked_for |= {name for name in lengths_asked(segments) if self._is_frame(name)}
         self.wires: dict[str, str] = {}
         self.targets = named(segments)
         self.rooms: dict[str, str] = {}
@@ -286,6 +287,10 @@ class EncodeWriter(FunctionWriter):
     def _is_records(self, name: str) -> bool:
         segment = self.by_name.get(name)
         return isinstance(segment, Repeat) and isinstance(segment.of, tuple)
+
+    def _is_frame(self, name: str) -> bool:
+        segment = self.by_name.get(name)
+        return segment is not None and bool(segment.frames_inside)
 
     def _has_no_length(self, name: str) -> bool:
         segment = self.by_name.get(name)
@@ -588,7 +593,9 @@ class EncodeWriter(FunctionWriter):
         else:
             key, empty = self.wanted(name, given), "()" if segment.is_list else "None"
             self.add(f"{local} = {key} if {self.text(segment.when, scope, OR)} else {empty}")
-        scope.entries[name] = NameEntry(local, "list" if segment.is_list else "inner", Scope())
+        scope.entries[name] = NameEntry(
+            local, "list" if segment.is_list else "inner", Scope(), sized=not segment.frames_inside
+        )
 
     # ---- runs ---------------------------------------------------------------------------------------------
 
@@ -980,6 +987,8 @@ class EncodeWriter(FunctionWriter):
         if text != local:
             self.add(f"{local} = {text}")
         self.wires[segment.name or ""] = local
+        if segment.name in scope.entries and segment.frames_inside:
+            scope.entries[segment.name].wire = f"len({local})"
 
     def branch_tasks(self, segment: Segment, scope: Scope, given: Given) -> list[Task]:
         inside = tuple(flat((segment,)))

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from framekit.codec.python.codings import starts
-from framekit.definition.expression import Attribute, Expression, Name, names_in, walk
+from framekit.definition.expression import Attribute, Call, Expression, Name, Node, children, names_in, walk
 from framekit.definition.model.frames import StaticSizes, certain, everything, expressions_of, flat, in_place_of_records
 from framekit.definition.model.segments import (
     Const,
@@ -85,6 +85,28 @@ def names_asked_for(segments: Iterable[Segment]) -> set[str]:
     counted = {one.of for one in everything(segments) if isinstance(one, Count)}
     plain = {name for one in everything(segments) if isinstance(one, Length) and one.plain for name in one.of}
     return read | counted | plain
+
+
+def lengths_asked(segments: Iterable[Segment]) -> set[str]:
+    """The names whose length an expression in these segments asks for."""
+    nodes = (node for expression in expressions_of(tuple(segments)) for node in walk(expression.root))
+    calls = (node.arguments[0] for node in nodes if isinstance(node, Call) and node.function == "len")
+    return {argument.name for argument in calls if isinstance(argument, Name)}
+
+
+def only_measured(segments: Iterable[Segment]) -> set[str]:
+    """The names of which expressions in these segments read nothing but the length."""
+    found, read = set[str](), set[str]()
+    left: list[Node] = [expression.root for expression in expressions_of(tuple(segments))]
+    while left:
+        match left.pop():
+            case Call(function="len", arguments=(Name(name=name),)):
+                found.add(name)
+            case Name(name=name):
+                read.add(name)
+            case node:
+                left += children(node)
+    return found - read
 
 
 def comes_with(name: str | None, number: Segment, segments: tuple[Segment, ...]) -> bool:

@@ -33,7 +33,7 @@ from framekit.definition.expression import (
 )
 from framekit.definition.keys import ValueKind, expressions_with_kinds
 from framekit.definition.kinds.base import Segment, Segments
-from framekit.definition.model.frames import Frame, expressions_of, field_names, flat, parts_of
+from framekit.definition.model.frames import Frame, certain, expressions_of, field_names, flat, parts_of
 from framekit.definition.model.procedure import Action, Row, Sequence, Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import Parameter, StateVariable
@@ -59,7 +59,7 @@ _FUNCTION_KINDS: dict[str, Kind] = {
     "number": "number", "flag": "number", "text": "text", "bytes": "bytes", "time": "time",
 }  # fmt: skip
 _TAKES: dict[str, tuple[tuple[Kind, ...], ...]] = {
-    "len": (("text", "bytes", "list", "table"),),
+    "len": (("text", "bytes", "list", "table", "frame"),),
     "lower": (("text",),),
     "upper": (("text",),),
     "number": (("text", "bytes"), ("number",)),
@@ -108,7 +108,8 @@ def never_an_attribute(node: Attribute) -> Kind:
 class KindChecker:
     """Works out kinds, with the kinds of names given by `names`, and collects what does not fit.
 
-    `holders`: the records and lists of records that names stand for; `columns`: the names in the rows of tables.
+    `holders`: the records and lists of records that names stand for; `columns`: the names in the rows of tables;
+    `measured`: the frames inside whose length is known, None outside of frames; `inside`: the names of frames inside.
     """
 
     def __init__(self, names: Mapping[str, Kind], attributes: Attributes = never_an_attribute) -> None:
@@ -119,6 +120,8 @@ class KindChecker:
         self.problems: list[Problem] = []
         self.expression: Expression | None = None
         self.named_numbers: frozenset[str] = frozenset()
+        self.measured: frozenset[str] | None = None
+        self.inside: frozenset[str] = frozenset()
 
     def wants(self, expression: Expression | None, wanted: Kind) -> None:
         """Notes what is wrong inside, and a result that is not `wanted`. A 0 is a time too."""
@@ -295,11 +298,25 @@ class KindChecker:
                 wanted = ", ".join(WORDS[one] for one in takes[:-1])
                 wanted += (" or " if wanted else "") + WORDS[takes[-1]]
                 self._inside(argument.at, f"'{node.function}' takes {wanted} here, this is {WORDS[kind]}")
+        if node.function == "len":
+            self._length_of_frame(node.arguments[0], kinds[0])
         gives = FUNCTIONS[node.function].gives
         if gives == "same":
             self._same(node, kinds)
             return _common(kinds) if len(kinds) > 1 else "any"
         return _FUNCTION_KINDS.get(gives, "any")
+
+    def _length_of_frame(self, frame: Node, kind: Kind) -> None:
+        """The length of a frame inside is known in the frame around it, where it is always there."""
+        last = frame.name if isinstance(frame, (Name, Attribute)) else ""
+        if kind != "frame" and not (self.measured is None and isinstance(frame, Attribute) and last in self.inside):
+            return
+        if self.measured is None or not isinstance(frame, Name):
+            todo = f"add {{value: size, read: len({last or 'pdu'})}} there, and name that value here"
+            self._inside(frame.at, "the length of a frame is known in the frame around it only", todo)
+        elif frame.name not in self.measured:
+            what = f"the frame '{frame.name}' may be absent, so nothing says how long it is"
+            self._inside(frame.at, what, "take a length: that counts it")
 
     def _same(self, node: Call, kinds: list[Kind]) -> None:
         """`min` and `max` compare what is in one list, or several values of one kind."""
@@ -482,6 +499,12 @@ class _Kinds:
         self.columns = {
             name: columns_of(table) for name, table in protocol.tables.items() if name not in protocol.state
         }
+        self.inside = frozenset(
+            name
+            for frame in protocol.frames.values()
+            for name, kind in field_kinds(frame.segments).items()
+            if kind == "frame"
+        )
         self.globally: dict[str, Kind] = names | {"station": station, "own": station}
 
     def check(self) -> list[Problem]:
@@ -509,6 +532,7 @@ class _Kinds:
         checker = KindChecker({**self.globally, **(local or {})}, attributes or never_an_attribute)
         checker.problems = self.found
         checker.columns = self.columns
+        checker.inside = self.inside
         return checker
 
     # ---- sections -----------------------------------------------------------------------------------------
@@ -533,21 +557,27 @@ class _Kinds:
     # ---- frames -------------------------------------------------------------------------------------------
 
     def _segments(
-        self, segments: Segments, outer: Mapping[str, Kind], outer_held: Mapping[str, _Held] = MappingProxyType({})
+        self,
+        segments: Segments,
+        outer: Mapping[str, Kind],
+        outer_held: Mapping[str, _Held] = MappingProxyType({}),
+        outer_measured: frozenset[str] = frozenset(),
     ) -> None:
         own = field_kinds(segments)
+        always = (one for one, there in certain(segments) if there and one.when is None and one.frames_inside)
+        measured = (outer_measured - own.keys()) | {one.name for one in always if one.name is not None}
         local = {**outer, **own}
         checker = self._checker(local)
         checker.holders = {**{name: held for name, held in outer_held.items() if name not in own}, **held_in(segments)}
-        checker.named_numbers = named_numbers(segments)
+        checker.named_numbers, checker.measured = named_numbers(segments), measured
         for segment in flat(segments):
             self._segment(checker, segment)
             if segment.is_list and segment.inner_record is not None:
                 words: dict[str, Kind] = {INDEX: "number", LAST: "number", PREVIOUS: "record"}
                 before = _Held("previous", segment.inner_record, is_one=True, is_item=True)
-                self._segments(segment.inner_record, local | words, checker.holders | {PREVIOUS: before})
+                self._segments(segment.inner_record, local | words, checker.holders | {PREVIOUS: before}, measured)
             elif segment.inner_record is not None:
-                self._segments(segment.inner_record, local, checker.holders)
+                self._segments(segment.inner_record, local, checker.holders, measured)
 
     def _segment(self, checker: KindChecker, segment: Segment) -> None:
         for expression, kind, values in segment.given():
@@ -680,6 +710,7 @@ class _Kinds:
         answering = self._checker({**local, "data": "bytes", "bytes": "number", "element_bytes": "number", **let})
         for reply in row.reply:
             self._made(answering, [reply.frame, reply.buffer])
+        self._made(answering, [dict(row.gives)])
 
 
 def _known_values(frame: Frame) -> dict[str, tuple[Kind, Mapping[int, str] | None]]:
