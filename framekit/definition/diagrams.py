@@ -96,6 +96,8 @@ def _does(step: Step) -> str:
         words.append(f"call {step.call.sequence}")
     if step.ask is not None:
         words.append(f"ask {step.ask.frame}")
+    if step.decode is not None:
+        words.append(f"decode {step.decode.of.text}")
     if step.serve is not None:
         words.append("validate the request" if step.serve.check_only else "serve the request")
     words += step.more

@@ -18,6 +18,7 @@ from framekit.codec.errors import FrameError, Misread
 from framekit.codec.python.choices import Leaf, Switch, fixed_bytes, in_order, tree_of
 from framekit.definition.codings import Hex
 from framekit.definition.expression import Expression, Name, names_in
+from framekit.definition.model import procedure
 from framekit.definition.model import protocol as model
 from framekit.definition.model.frames import Frame, StaticSizes, by_value_name, certain, everything, parts_of
 from framekit.definition.model.segments import Bits, BitsPart, Check, Const, Data, Field, Inner, Length, Segment, Wrap
@@ -306,7 +307,7 @@ def table_of(protocol: model.Protocol, codec: ProtocolCodec) -> FrameTable:
 class FrameTable:
     """All frames of a protocol; `on_line` are those looked for on the line, frames that exist to be refused last.
 
-    A frame that stands in others (`inner`) never is.
+    A frame that stands in others (`inner`), or that steps decode and no row takes, never is.
     """
 
     def __init__(self, protocol: model.Protocol, codec: ProtocolCodec) -> None:
@@ -315,6 +316,9 @@ class FrameTable:
         self.infos = {name: FrameInfo(frame, codec.frames[name]) for name, frame in protocol.frames.items()}
         every = (segment for frame in protocol.frames.values() for segment in everything(frame.segments))
         inner = {name for segment in every if isinstance(segment, Inner) for name in segment.frames}
+        sequences = tuple(protocol.sequences.values())
+        taken = {name for row in parts_of(sequences, procedure.Row) for name in row.frames}
+        inner |= {name for part in parts_of(sequences, procedure.Decode) for name in part.frames} - taken
         shapes = StaticSizes(protocol.frames)
         repeated = {plain_name for info in self.infos.values() for _, plain_name, _ in info.echo}
         for info in self.infos.values():

@@ -187,6 +187,7 @@ class Reception:
         self.machine.has_bytes = lambda: not receiver.is_empty
         self.machine.stream_place = lambda: receiver.stream.offset
         self.machine.drop_stale = self.drop_stale
+        self.machine.count_bad = self._count_bad
 
     def next_arrival(self) -> bool:
         """Handles the next thing in the bytes at hand, where there are some. False: nothing comes of them yet."""
@@ -310,9 +311,12 @@ class Reception:
             on_frame = self.on_frame
             self.machine.callbacks.append(lambda: on_frame(value))
 
+    def _count_bad(self) -> None:
+        self.counters.bad += 1
+
     def _bad(self, bad: BadFrame) -> None:
         self._told.bad(bad)
-        self.counters.bad += 1
+        self._count_bad()
         if self.machine.is_watched:  # to find out what is wrong takes work
             self.machine.show(
                 "bad", "in", bad.raw, bad.frame,

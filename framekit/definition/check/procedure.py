@@ -45,6 +45,9 @@ class _ActionChecker:
         self._puts(step.put, step.places.get("put", step.at))
         self._sent(step.send, step.places.get("send", step.at))
         self._is_frame(step.deliver)
+        if step.decode is not None and step.receive is not None:
+            what = f"step '{step.name}' decodes and receives, and on_bad would mean both"
+            self._note(step.decode.at, what, "put receive: into a step of its own")
         self._keys(step)
         self._handlers(step)
         if step.retries is not None:
@@ -87,6 +90,8 @@ class _ActionChecker:
     def _handlers(self, step: Step) -> None:
         for event in step.handlers:
             at = step.places.get(event, step.at)
+            if event == "on_bad" and step.decode is not None:
+                continue
             if event in ARRIVALS and step.receive is None:
                 self._note(at, f"{event} never comes: step '{step.name}' waits for nothing", "add receive:")
             elif event == "on_timeout" and all(getattr(step, key) is None for key in LIMITS):
@@ -379,6 +384,10 @@ class _SequenceChecker:
             self._call(step, step.call)
         if step.ask is not None:
             self._ask(step, step.ask)
+        if step.decode is not None:
+            self._variable(step.decode.into, step.decode.at)
+            if not step.decode.frames and not self.broken:
+                self._note(step.decode.at, "this names no frame that the bytes could be", "name frames or groups")
         if "into" in step.places and not alone:
             self._note(step.places["into"], "nothing here has results", "into: stands in a step with call: or ask:")
         for action in actions_of(step):
@@ -419,12 +428,16 @@ class _SequenceChecker:
     def _into(self, step: Step, into: Mapping[str, str], giver: str, given: Collection[str]) -> None:
         """Results of a call, or of a service, that go into variables."""
         at = step.places.get("into", step.at)
-        known = [*self.sequence.local, *self.sequence.takes, *self.protocol.state]
         for variable, name in into.items():
             if name not in given:
                 self._note(at, f"'{giver}' gives no '{name}'", did_you_mean(name, given))
-            if variable not in known and variable not in self.broken:
-                self._note(at, f"there is no variable '{variable}' to set", did_you_mean(variable, known))
+            self._variable(variable, at)
+
+    def _variable(self, name: str, at: Position) -> None:
+        """A variable that is to be set."""
+        known = [*self.sequence.local, *self.sequence.takes, *self.protocol.state]
+        if name not in known and name not in self.broken:
+            self._note(at, f"there is no variable '{name}' to set", did_you_mean(name, known))
 
     def _rows(self, step: Step) -> None:
         """Behind a row that takes its frames without a condition, rows for the same frames are dead."""

@@ -618,7 +618,7 @@ class _Kinds:
         self.local = {}
 
     def _step(self, checker: KindChecker, step: Step, local: Mapping[str, Kind]) -> None:
-        for part in (step, step.parts, step.serve, step.line):
+        for part in (step, step.parts, step.decode, step.serve, step.line):
             self._keys(checker, part)
         self._settings(checker, step)
         self._sent(checker, step)

@@ -171,6 +171,19 @@ def _line_change(reading: KeyReading, node: Node) -> LineChange:
     return read_part(LineChange, reading.loader, node)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Decode:
+    """`decode: {of, frame, into}`: bytes that the sequence has collected become a frame, one of `frames`."""
+
+    at: Position
+    of: Expression = key("of", OCTETS, "The bytes, all of one frame.")
+    frames: tuple[str, ...] = keys(
+        {"frame": {**ref("labels"), "description": "The frames or groups that it may be, in the order tried."}},
+        lambda r: r.loader.arrivals(r.keys),
+    )
+    into: str = key("into", IDENTIFIER, "The variable that holds the frame.")
+
+
 @dataclass(frozen=True, slots=True)
 class CallOf:
     """`call: SEQUENCE, with: {…}, into: {variable: result}`."""
@@ -211,6 +224,16 @@ PARTS = mapping_of(
     Parts,
     mapping_schema(Parts, "the parts", description="Does the rest of the step once for each piece of some bytes."),
 )
+DECODE = mapping_of(
+    Decode,
+    mapping_schema(
+        Decode,
+        "the decode section",
+        required=["of", "frame", "into"],
+        description="Reads bytes as a frame. A wrong one is counted and shown as a bad frame; then on_bad is done, or "
+        "the sequence fails with the outcome damaged_frame.",
+    ),
+)
 LINE = Form(
     mapping_schema(
         LineChange,
@@ -250,6 +273,7 @@ class Step:
     flush: bool = key("flush", FLAG, "Forgets what has come and is not a frame yet.", default=False)
     urgent: bool = key("urgent", FLAG, _URGENT, default=False)
     set: tuple[tuple[Target, Value], ...] = key("set", SETTINGS, default=())
+    decode: Decode | None = key("decode", DECODE, default=None)
     serve: Serve | None = key("serve", SERVE, default=None)
     call: CallOf | None = keys(CALLS, lambda r: r.loader.call(r.keys), default=None)
     ask: FrameOf | None = key(

@@ -377,8 +377,8 @@ def number_of(numbers: Mapping[str, int], value: Any) -> Any:
 
 
 _USED = (
-    "abandon_above", "ask", "begin_part", "call", "change_line", "count", "cut_parts", "end", "exhausted", "fail",
-    "has_more", "hold_break", "is_held", "missed", "own_line", "pause", "put", "replied", "resend",
+    "abandon_above", "ask", "begin_part", "call", "change_line", "count", "cut_parts", "decoded", "end", "exhausted",
+    "fail", "handled", "has_more", "hold_break", "is_held", "missed", "own_line", "pause", "put", "replied", "resend",
     "send_made", "send_value", "serve", "set_field", "still_due", "unclear", "wait",
 )  # fmt: skip
 _GLOBALS: dict[str, Any] = {

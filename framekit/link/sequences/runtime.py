@@ -10,8 +10,9 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Collection, Mapping
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
+from framekit.codec.errors import FrameError
 from framekit.codec.shown import code_text, explain
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER, parse_format
@@ -126,6 +127,7 @@ class Machine:
         self.stirred = True
         self.asking: Run | None = None
         self.has_bytes: Callable[[], bool] = lambda: False
+        self.count_bad: Callable[[], None] = lambda: None
         self.stream_place: Callable[[], int] = lambda: 0
         self.drop_stale: Callable[[], None] = lambda: None
 
@@ -780,6 +782,34 @@ def _until_changed(run: Run, change: ChangeLine, go_on: Any) -> Next:
     run.wait_number += 1
     run.machine.changed = True
     change.run, change.number = run, run.wait_number
+    return None
+
+
+def decoded(a: CallFrame, frames: tuple[str, ...], data: Any) -> FrameValue | None:
+    """Bytes as the first of these frames that they are; None if they are none: that is counted and shown.
+
+    Raises TypeError for what is no bytes.
+    """
+    machine, run, names, table = a.m, a.run, a.names(), a.m.table
+    if not isinstance(data, (bytes, bytearray)):
+        raise TypeError("only bytes can be decoded")
+    raw, found = bytes(data), list[tuple[int, str, FrameError]]()
+    for name in sorted(frames, key=lambda one: table.infos[one].refuse is not None):
+        try:
+            return cast(FrameValue, table.received(name, table.infos[name].decode(raw, names), raw, None))
+        except FrameError as error:
+            if error.refuse is not None:
+                return cast(FrameValue, table.received(name, dict(error.fields), raw, error.refuse))
+            first = error.also or error
+            found.append((len(raw) if first.cause == "check" else first.offset, name, error))
+    _, frame, fault = max(found, key=lambda one: one[0])  # the first of those that got furthest
+    a.cause, a.frame, run.state = fault.cause, frame, GOING
+    run.cause = f"{frame}: {fault}"
+    machine.count_bad()
+    machine.show(
+        "bad", "in", raw, frame, reason=fault.cause, started_at=machine.scope.now, segment=fault.segment,
+        place=fault.offset,
+    )  # fmt: skip
     return None
 
 

@@ -34,6 +34,7 @@ from framekit.definition.model.procedure import (
     ADDED_KEYS,
     Action,
     CallOf,
+    Decode,
     LineChange,
     Parts,
     Row,
@@ -542,7 +543,7 @@ class StepWriter:
         if event == "branch":
             self.leave()
             return
-        if event in ("on_fail", "on_exhausted"):
+        if event in ("on_fail", "on_exhausted") or (event == "on_bad" and self.step.decode is not None):
             with self.out.block("if a.run.state is State.GOING:"):
                 if self.goes_on:
                     self.add(f"return {self.goes_on}(a)")
@@ -579,7 +580,7 @@ def received_variables(sequence: Sequence) -> dict[str, tuple[str, ...]]:
     for step in sequence.steps:
         into = [] if step.call is None else list(step.call.into)
         others.update(target.name for target, _ in step.set)
-        others.update([*into, *step.ask_into])
+        others.update([*into, *step.ask_into, *([step.decode.into] if step.decode is not None else [])])
         for action in parts_of([step.branch or (), step.handlers], Action):
             others.update(target.name for target, _ in action.set)
     for action in parts_of(sequence.handlers, Action):
@@ -667,6 +668,14 @@ def _set(step: StepWriter, settings: tuple[Any, ...]) -> None:
         step.set(target, value)
 
 
+def _decode(step: StepWriter, decode: Decode) -> None:
+    frames = literal(decode.frames)
+    step.add(f"found = decoded(a, {frames}, {step.expression(decode.of)})")
+    with step.out.block("if found is None:"):
+        step.add('return handled(a, "on_bad", "damaged_frame")')
+    step.assign(decode.into, "found", fits=True)
+
+
 def _serve(step: StepWriter, serve: Serve) -> None:
     buffer = 'b""' if serve.buffer is None else step.expression(serve.buffer)
     station = f"{step.local('d')}.station" if serve.station is None else step.expression(serve.station)
@@ -744,6 +753,7 @@ STEP_KEYS = [
     StepKey("hold_break", _hold_break),
     StepKey("flush", _flush),
     StepKey("set", _set),
+    StepKey("decode", _decode),
     StepKey("serve", _serve),
     StepKey("call", _call),
     StepKey("ask", _ask),
