@@ -62,6 +62,9 @@ LINKS = [
     Link("srtp", format=None, address="R1", params={"allow": "writes"}),
     Link("df1", "master", "slave", address="N7:0", params={"normal_nodes": [3]}, own={"node": 9}),
     Link("uss", address="P700", count=1),
+    Link("melsec-mc-1c", address="D100", format="7E1"),
+    Link("rk512-3964r", station=None, address="DB10.DW0", me=None),
+    Link("rk512-3964r", "peer", "peer", station=None, address="DB10.DW0", me=None, params={"priority": "low"}),
 ]
 
 
