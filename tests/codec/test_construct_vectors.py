@@ -57,6 +57,10 @@ def plain_values(protocol: Protocol, vector: FrameVector) -> dict[str, Any]:
     """Parameters, state and the request of a case."""
     found: dict[str, Any] = {}
     for name, value in {**vector.params, **vector.state}.items():
+        kind = protocol.params[name].type if name in protocol.params else ""
+        if kind in ("flag", "choice"):
+            found[name] = value == "yes" if kind == "flag" else value
+            continue
         found[name] = int(value, 0) if isinstance(value, str) and value[:1].isdigit() else value
     if vector.request:
         ((frame, fields),) = vector.request.items()

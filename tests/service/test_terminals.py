@@ -1,4 +1,4 @@
-"""Protocols without a program of others to try them with: a client on a real terminal asks a simulated device at its other end."""
+"""Protocols that no program of others speaks: a client on a real terminal asks a simulated device at its other end."""
 
 from __future__ import annotations
 
