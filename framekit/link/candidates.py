@@ -107,9 +107,12 @@ Result = Good | Bad | Complete | Unfinished | _No
 
 
 class Candidates:
-    """What candidates said about the current place (`said`, by their names); `forget` when the place changes."""
+    """What candidates said about the current place (`said`, by their names); `forget` when the place changes.
 
-    __slots__ = ("_context", "_lost", "_quiet", "_stream", "_trouble", "said")
+    `shortest_bad`: the size of the shortest complete bad frame that was found in this look.
+    """
+
+    __slots__ = ("_context", "_lost", "_quiet", "_stream", "_trouble", "said", "shortest_bad")
 
     def __init__(self, stream: Stream, context: Names, quiet: int, lost: int, trouble: Trouble) -> None:
         self._stream = stream
@@ -118,6 +121,7 @@ class Candidates:
         self._lost = lost
         self._trouble = trouble
         self.said: dict[str, Result] = {}
+        self.shortest_bad: int | None = None
 
     def forget(self) -> None:
         if self.said:
@@ -181,9 +185,11 @@ class Candidates:
         """The good frame of these, the bad one that got furthest, and those that want more than there is up to `limit`.
 
         The shortest good frame is taken, of equally long ones the first: as if the bytes had come one by one. Those
-        that silence ends are added to `silent`. Unless a bad one `is_told`, any of them will do.
+        that silence ends are added to `silent`. Unless a bad one `is_told`, any of them will do. One that is told is
+        told at once, before a longer one that lacks a byte already within its size.
         """
         worse_of = worse if is_told else first_of
+        told_at_once = is_told and inside is None
         complete: list[tuple[int, int, FrameInfo, Complete]] = []
         wanting: list[FrameInfo] = []
         furthest: Bad | None = None
@@ -197,6 +203,8 @@ class Candidates:
                 (silent if result.silent else wanting).append(info)
             elif type(result) is Bad:
                 furthest = result if furthest is None else worse_of(furthest, result)
+                if result.known_end:
+                    self._note_bad(result.size)
             elif type(result) is Good and (shortest is None or len(result.raw) < len(shortest.raw)):
                 shortest = result
         if len(complete) > 1:
@@ -204,12 +212,27 @@ class Candidates:
         for size, _, info, found in complete:
             if shortest is not None and size >= len(shortest.raw):
                 break
+            if told_at_once and self._lacks(info, size):
+                continue
             result = self.read(info, found)
             if type(result) is Good:
                 return result, furthest, wanting
             if type(result) is Bad:
                 furthest = result if furthest is None else worse_of(furthest, result)
+                self._note_bad(size)
+        if wanting and told_at_once and self.shortest_bad is not None:
+            wanting = [info for info in wanting if not self._lacks(info)]
         return shortest, furthest, wanting
+
+    def _note_bad(self, size: int) -> None:
+        self.shortest_bad = size if self.shortest_bad is None else min(size, self.shortest_bad)
+
+    def _lacks(self, info: FrameInfo, size: int | None = None) -> bool:
+        """Whether a frame (of this size) that is longer than a bad one is bad too, as the bytes of that one tell."""
+        shortest = self.shortest_bad
+        if shortest is None or not info.fixed_bytes or (size is not None and size <= shortest):
+            return False
+        return info.lacks(self._stream.buffer, self._stream.position, shortest)
 
     def read(self, info: FrameInfo, complete: Complete) -> Result:
         """What a complete candidate holds: a good frame or a bad one."""

@@ -18,6 +18,7 @@ from framekit.codec.errors import FrameError, Misread
 from framekit.codec.python.choices import Leaf, Switch, fixed_bytes, in_order, tree_of
 from framekit.definition.codings import Hex
 from framekit.definition.expression import Expression, Name, names_in
+from framekit.definition.kinds.base import all_fixed
 from framekit.definition.model import procedure
 from framekit.definition.model import protocol as model
 from framekit.definition.model.frames import Frame, StaticSizes, by_value_name, certain, everything, parts_of
@@ -59,14 +60,14 @@ class FrameInfo:
     `carries`: frames that may be put into this one when `insert` holds. `value_names`: its fields. `sizes`: what
     `extent` says by one byte. `quick`: how a frame that is good is read by it. `usual`: fields that replies repeat, and
     the names that give them where the frame does not. `optional`: fields that need not be given, and their defaults;
-    `may_lack`: their names.
+    `may_lack`: their names. `fixed_bytes`: of a frame of fixed size, bytes that it always has, with their places.
     """
 
     __slots__ = (
         "_diagnose", "announces", "behind", "carries", "computed", "decode", "echo",
-        "encode", "extent", "first", "flat", "frame", "guesses", "inner", "insert", "intact", "known", "make",
-        "may_lack", "measure", "most", "name", "numbers", "on_line", "optional", "quick", "refuse", "shape", "sizes",
-        "usual", "value_names",
+        "encode", "extent", "first", "fixed_bytes", "flat", "frame", "guesses", "inner", "insert", "intact", "known",
+        "make", "may_lack", "measure", "most", "name", "numbers", "on_line", "optional", "quick", "refuse", "shape",
+        "sizes", "usual", "value_names",
     )  # fmt: skip
 
     def __init__(self, frame: Frame, codec: FrameCodec) -> None:
@@ -77,6 +78,8 @@ class FrameInfo:
         self.quick = NOT_QUICK
         self.encode, self.decode, self.measure = codec.encode, codec.decode, codec.measure
         self.first = first_byte(frame.segments)
+        is_fixed = frame.size is None and all_fixed(frame.segments) is not None
+        self.fixed_bytes = tuple(fixed_bytes(frame.segments)) if is_fixed else ()
         self.shape = shape_of(frame.segments)
         self.flat = not self.shape
         self.inner = self.shape[0][1] if len(self.shape) == 1 and self.shape[0][0] == "inner" else None
@@ -106,6 +109,10 @@ class FrameInfo:
         evaluate = self.optional[name]
         value = None if evaluate is None else evaluate(Names(fields, names))
         return self.numbers.get(name, {}).get(value, value) if type(value) is str else value
+
+    def lacks(self, buffer: bytes | bytearray, start: int, size: int) -> bool:
+        """Whether `size` bytes from `start` on surely begin no such frame that is good; only fixed sizes can tell."""
+        return any(buffer[start + place] not in allowed for place, allowed in self.fixed_bytes if place < size)
 
     def misread(self, raw: bytes, names: Mapping[str, Any]) -> FrameError:
         """What `decode` raises for a frame that is not `intact`."""

@@ -701,6 +701,7 @@ class Receiver:
         silent: list[FrameInfo] = []
         is_told = stream.base + position >= self._bad_until
         worse_of = worse if is_told else first_of
+        self._candidates.shortest_bad = None
         for infos in levels:
             good, bad, wanting = self._candidates.validate(infos, limit, silent, self._inside, is_told)
             if good is not None:

@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+import functools
+import operator
+from random import Random
 from typing import Any
 
 import pytest
@@ -478,3 +481,37 @@ def test_whatever_a_generated_function_raises_ends_nothing(
         assert b"".join(item[2] if item[0] == "frame" else b"" for item in found) in (b"", data)
         if "measure" in which:
             assert found == [("noise", data, 0, False)]
+
+
+LONGER = """\
+protocol: longer
+line: {speed: 9600, format: 7E1}
+receiver: {gap: 500 ms}
+groups:
+  reply:
+    head: [{const: STX}, {field: mnemonic, type: ascii, size: 2}]
+    tail: [{const: ETX}, {check: xor8, over: mnemonic..here}]
+frames:
+  told: {group: reply, body: [{field: value, type: decimal, decimals: any, end: [03]}]}
+  told_hex: {group: reply, body: [{text: ">"}, {data: word, size: 2, convert: hex_to_ascii}]}
+"""
+
+
+def test_a_bad_frame_does_not_wait_for_a_longer_one_that_is_bad_already() -> None:
+    """The other reply is a byte longer, and has another constant where this one is right."""
+    bad, good = b"\x02PV 25.1\x03\x11", b"\x02PV25.2\x03"
+    good += bytes((functools.reduce(operator.xor, good[1:]),))
+    receiver, names = receiver_of(LONGER), ("told", "told_hex")
+    receiver.append(bad[:-1], 0)
+    assert receiver.next(names) is None
+    receiver.append(bad[-1:], 1)
+    assert told(receiver.next(names))[:3] == ("bad", "told", "check")
+    assert receiver.waiting == ()
+    stream = bad + good + bad + bad + good
+    whole = feed(receiver_of(LONGER), [stream], names)
+    assert [one[0] for one in whole if one[0] != "noise"] == ["bad", "frame", "bad", "bad", "frame"]
+    assert feed(receiver_of(LONGER), [stream[at : at + 1] for at in range(len(stream))], names) == whole
+    random = Random(5)
+    for _ in range(50):
+        cuts = [random.randrange(len(stream)) for _ in range(random.randrange(6))]
+        assert feed(receiver_of(LONGER), cut_at(stream, cuts), names) == whole

@@ -62,6 +62,7 @@ def check_frame(protocol: Protocol, frame: Frame) -> list[Problem]:
         found += _delimited(protocol, frame)
     found += _whole_size(frame, ends)
     found += _there_or_not(frame)
+    found += _counted_and_open(protocol, frame, ends)
     found += _keys(protocol, frame)
     found += _inner(protocol, frame, ends)
     return found
@@ -568,6 +569,28 @@ def _in_records(segments: Segments) -> Iterator[Segment]:
     """The segments with those of records in place of these."""
     for segment in segments:
         yield from _in_records(segment.members) if segment.is_record else (segment,)
+
+
+def _counted_and_open(protocol: Protocol, frame: Frame, ends: _Ends) -> Iterator[Problem]:
+    """Parts that a length counts before they come, and that silence ends all the same: the length is only compared."""
+    parts = (part for one in protocol.frames.values() for part in parts_of(one.segments, Segment))
+    carried = {name for part in parts for name in part.frames_inside}
+    if frame.size is not None or frame.name in carried or protocol.kind == "application":
+        return
+    if not ends.is_open(frame.segments):
+        return
+    counted = {name: one for one in parts_of(frame.segments, Length) for name in one.of}
+    for segment in _in_records(frame.segments):
+        length = counted.get(segment.name or "")
+        if length is None or not segment.takes_rest or isinstance(segment, Wrap):
+            continue
+        what = f"the length '{length.name}' counts {segment.title}, but only silence ends it"
+        told = length.of == (segment.name,) and not length.plus and length.unit == 1
+        size = length.name if told else f"(what {length.name} leaves for it)"
+        todo = f"write size: {size}"
+        if isinstance(segment, Repeat):
+            todo = f"put it into {{wrap: none, size: {size}, of: […]}}"
+        yield Problem(segment.at, what, f"{todo}, so that the length ends it", warning=True)
 
 
 def _there_or_not(frame: Frame) -> Iterator[Problem]:
