@@ -94,6 +94,7 @@ def test_noise_like_headers_costs_no_more_than_other_noise() -> None:
         ("{field: a, type: u8}, {check: sum8, ends: yes, verify: warn}, {const: 0D}", "a wrong code is no fault here"),
         ("{field: a, type: u8}, {check: sum8, wire: yes}", "counts what stands on the wire already"),
         ("{wrap: hex, of: [{field: a, type: u8}]}, {check: sum8, over: a..here, wire: yes}", "'a' stands in a wrap"),
+        ("{wrap: hex, of: [{field: a, type: u8}, {check: sum8, over: [a], wire: yes}]}", "so wire has no effect"),
         (
             "{field: a, type: u8}, {check: sum8, over: [a, {bytes: b, type: u8}]}, {field: b, type: u8}",
             "read only later",

@@ -94,13 +94,14 @@ class WrapConstruct(SegmentConstruct):
                 if isinstance(error, ConstructEncodeError):
                     raise
                 raise filling.error(self.label, f"'{self.label}' cannot be enciphered") from None
-            size = self.segment.size
-            told = isinstance(size, Expression) and size.text.startswith("plain:")  # else a length is worked out of it
-            if told and filling.compute(size, self.label) != len(wire):
-                raise filling.error(self.label, f"'{self.label}' takes {len(wire)} bytes")
-            stream.write(wire)
-            return
-        stream.write(self.to_wire(plain, writing.names))
+        else:
+            wire = self.to_wire(plain, writing.names)
+        size = self.segment.size
+        if isinstance(size, Expression) and size.text.startswith("plain:"):  # else a length is worked out of it
+            size = filling.compute(size, self.label)
+        if isinstance(size, int) and size != len(wire):
+            raise filling.error(self.label, f"'{self.label}' takes {len(wire)} bytes")
+        stream.write(wire)
 
     def _most(self, evaluate: Callable[[Expression], Any]) -> int | None:
         most = self.segment.most

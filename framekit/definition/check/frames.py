@@ -184,6 +184,9 @@ def _in_wraps(segments: Segments, check: Check) -> Iterator[Problem]:
         elif check in inside and not named <= {one.name for one in inside}:
             what = "a check in a wrap covers what stands outside of it, and with wire its own code would be coded anew"
             yield Problem(check.at, what, "leave wire out, or put the check behind the wrap")
+        elif check in inside:
+            what = "a check in a wrap counts the content before it is coded, so wire has no effect"
+            yield Problem(check.at, what, "leave wire out, or put the check behind the wrap")
 
 
 def _early_ends(frame: Frame, ends: _Ends) -> Iterator[Problem]:
@@ -483,7 +486,10 @@ class _Ends:
     def _region(self, segments: Segments) -> Iterator[Problem]:
         """The parts of one region."""
         open_part: Segment | None = None
+        unread: set[str] = set()
         for segment in _in_records(segments):
+            unread = set() if open_part is None else unread | {*open_part.value_names, *segment.value_names}
+            hidden = segment.when is not None and bool(names_in(segment.when.root) & unread)
             if open_part is not None and isinstance(segment, Const) and _is_end_of(segment, open_part):
                 open_part = None
             elif self.reaches_on(segment):
@@ -494,7 +500,7 @@ class _Ends:
                         "give one a size, or put a constant between them",
                     )
                 open_part = segment
-            elif open_part is not None and not self._can_be_counted(segment, open_part):
+            elif open_part is not None and (hidden or not self._can_be_counted(segment, open_part)):
                 what = f"nothing shows where {open_part.title} ends and {segment.title} begins"
                 todo = "give one of them a size, or put a constant between them"
                 yield Problem(segment.at, what, "give it a size" if _ends_itself(open_part) else todo)
