@@ -109,7 +109,7 @@ Result = Good | Bad | Complete | Unfinished | _No
 class Candidates:
     """What candidates said about the current place (`said`, by their names); `forget` when the place changes.
 
-    `shortest_bad`: the size of the shortest complete bad frame that was found in this look.
+    `shortest_bad`: the size of the shortest complete bad frame of this look that has the bytes it always has.
     """
 
     __slots__ = ("_context", "_lost", "_quiet", "_stream", "_trouble", "said", "shortest_bad")
@@ -204,7 +204,7 @@ class Candidates:
             elif type(result) is Bad:
                 furthest = result if furthest is None else worse_of(furthest, result)
                 if result.known_end:
-                    self._note_bad(result.size)
+                    self._note_bad(info, result.size)
             elif type(result) is Good and (shortest is None or len(result.raw) < len(shortest.raw)):
                 shortest = result
         if len(complete) > 1:
@@ -219,18 +219,21 @@ class Candidates:
                 return result, furthest, wanting
             if type(result) is Bad:
                 furthest = result if furthest is None else worse_of(furthest, result)
-                self._note_bad(size)
+                self._note_bad(info, size)
         if wanting and told_at_once and self.shortest_bad is not None:
             wanting = [info for info in wanting if not self._lacks(info)]
         return shortest, furthest, wanting
 
-    def _note_bad(self, size: int) -> None:
-        self.shortest_bad = size if self.shortest_bad is None else min(size, self.shortest_bad)
+    def _note_bad(self, info: FrameInfo, size: int) -> None:
+        """A complete frame is bad, and may be what was sent: it has all bytes that it always has."""
+        shorter = self.shortest_bad is None or size < self.shortest_bad
+        if shorter and not info.lacks(self._stream.buffer, self._stream.position, size):
+            self.shortest_bad = size
 
     def _lacks(self, info: FrameInfo, size: int | None = None) -> bool:
         """Whether a frame (of this size) that is longer than a bad one is bad too, as the bytes of that one tell."""
         shortest = self.shortest_bad
-        if shortest is None or not info.fixed_bytes or (size is not None and size <= shortest):
+        if shortest is None or not info.is_fixed or (size is not None and size <= shortest):
             return False
         return info.lacks(self._stream.buffer, self._stream.position, shortest)
 

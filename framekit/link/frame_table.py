@@ -60,14 +60,15 @@ class FrameInfo:
     `carries`: frames that may be put into this one when `insert` holds. `value_names`: its fields. `sizes`: what
     `extent` says by one byte. `quick`: how a frame that is good is read by it. `usual`: fields that replies repeat, and
     the names that give them where the frame does not. `optional`: fields that need not be given, and their defaults;
-    `may_lack`: their names. `fixed_bytes`: of a frame of fixed size, bytes that it always has, with their places.
+    `may_lack`: their names. `fixed_bytes`: bytes that it always has, with their places; `is_fixed`: it has
+    always the same size.
     """
 
     __slots__ = (
         "_diagnose", "announces", "behind", "carries", "computed", "decode", "echo",
-        "encode", "extent", "first", "fixed_bytes", "flat", "frame", "guesses", "inner", "insert", "intact", "known",
-        "make", "may_lack", "measure", "most", "name", "numbers", "on_line", "optional", "quick", "refuse", "shape",
-        "sizes", "usual", "value_names",
+        "encode", "extent", "first", "fixed_bytes", "flat", "frame", "guesses", "inner", "insert", "intact", "is_fixed",
+        "known", "make", "may_lack", "measure", "most", "name", "numbers", "on_line", "optional", "quick", "refuse",
+        "shape", "sizes", "usual", "value_names",
     )  # fmt: skip
 
     def __init__(self, frame: Frame, codec: FrameCodec) -> None:
@@ -78,8 +79,8 @@ class FrameInfo:
         self.quick = NOT_QUICK
         self.encode, self.decode, self.measure = codec.encode, codec.decode, codec.measure
         self.first = first_byte(frame.segments)
-        is_fixed = frame.size is None and all_fixed(frame.segments) is not None
-        self.fixed_bytes = tuple(fixed_bytes(frame.segments)) if is_fixed else ()
+        self.fixed_bytes = tuple(fixed_bytes(frame.segments))
+        self.is_fixed = frame.size is None and all_fixed(frame.segments) is not None
         self.shape = shape_of(frame.segments)
         self.flat = not self.shape
         self.inner = self.shape[0][1] if len(self.shape) == 1 and self.shape[0][0] == "inner" else None
@@ -111,7 +112,7 @@ class FrameInfo:
         return self.numbers.get(name, {}).get(value, value) if type(value) is str else value
 
     def lacks(self, buffer: bytes | bytearray, start: int, size: int) -> bool:
-        """Whether `size` bytes from `start` on surely begin no such frame that is good; only fixed sizes can tell."""
+        """Whether `size` bytes from `start` on lack one that the frame always has."""
         return any(buffer[start + place] not in allowed for place, allowed in self.fixed_bytes if place < size)
 
     def misread(self, raw: bytes, names: Mapping[str, Any]) -> FrameError:
