@@ -22,8 +22,8 @@ from framekit.api.values import (
     IntType,
     Reading,
     TextType,
-    Typed,
-    Value,
+    answered,
+    asked,
     typed,
     typed_each,
     values_given,
@@ -34,6 +34,7 @@ from framekit.definition.problems import DefinitionError, no_such
 from framekit.link.addresses import Address, AddressError
 from framekit.link.events import Seen
 from framekit.link.services.client import MOST_KEPT, TransferResult
+from framekit.link.typed import Typed, Value
 from framekit.link.values import FrameValue, plain
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError
 from framekit.memory.views import Order
@@ -307,12 +308,12 @@ class AsyncClient:
                 addresses, station=to, unit=how.unit, params=self._params(params), now=now, on_done=done
             ),
         )
-        values = tuple(how.values(result.values))
+        values = tuple(answered(how.values, result.values))
         return Reading(values, how.type, tuple(addresses), to, result.data, result.raw)
 
     @staticmethod
     def _reading(how: Typed, result: TransferResult, addresses: tuple[str, ...], station: Any) -> Reading[Any]:
-        values = tuple(how.values(result.data, result.values))
+        values = tuple(answered(how.values, result.data, result.values))
         return Reading(values, how.type, addresses, station, result.data, result.raw)
 
     # ---- writing ------------------------------------------------------------------------------------------
@@ -331,7 +332,7 @@ class AsyncClient:
         given = values_given(values)
         several = len(given[0]) if type == "string" and given and isinstance(given[0], str) else len(given)
         how = typed(service.client.grammar, address, type, order, several if count is None else count)
-        numbers = how.numbers(given)
+        numbers = asked(how.numbers, given)
         await self._transfer(
             service,
             lambda client, now, done: client.write(
@@ -350,7 +351,7 @@ class AsyncClient:
             raise RequestError("write_many writes one number to each address – texts are written one by one")
         addresses = list(values)
         how = typed_each(service.client.grammar, addresses, type, order)
-        numbers = how.numbers(list(values.values()))
+        numbers = asked(how.numbers, list(values.values()))
         await self._transfer(
             service,
             lambda client, now, done: client.write_variables(
@@ -596,7 +597,7 @@ class Poll:
         try:
             if not result.ok:
                 raise error_of(result, self._trouble())
-            values = tuple(self._how.values(result.data, result.values))
+            values = tuple(answered(self._how.values, result.data, result.values))
         except ExchangeError as error:
             self._failed(error)
         else:

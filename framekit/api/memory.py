@@ -10,10 +10,11 @@ from contextlib import suppress
 from functools import partial
 from typing import Any
 
-from framekit.api.errors import ReplyError, RequestError
-from framekit.api.values import Typed, Value, typed, values_given
+from framekit.api.errors import RequestError
+from framekit.api.values import typed, values_given
 from framekit.link.addresses import AddressGrammar
 from framekit.link.packing import memory_of, values_of
+from framekit.link.typed import Typed, Value
 from framekit.memory.memory import ALL_BITS, Area, DeviceMemory, DeviceMemoryError, Watch, ordered, unit_bits
 from framekit.memory.views import Order
 
@@ -53,7 +54,7 @@ class Memory:
         data: bytes = self._carry_out(read)
         try:
             return how.values(data, values_of(data, unit, how.units))
-        except ReplyError as error:
+        except ValueError as error:
             raise RequestError(f"{address}: {error}") from None
 
     def write(

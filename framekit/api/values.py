@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Generic, Literal, TypeVar, overload
+from typing import Any, Generic, Literal, ParamSpec, TypeVar, overload
 
 from framekit.api.errors import ReplyError, RequestError
 from framekit.definition.load.reader import parse_number
 from framekit.definition.model.services import COUNTED_STRING, NUMBER_BITS, UNIT_BITS
 from framekit.link.addresses import Address, AddressGrammar
-from framekit.link.packing import PackingError, memory_of, values_of
-from framekit.memory.memory import MemoryValueError, unit_bits
+from framekit.link.packing import PackingError, memory_of
+from framekit.link.typed import Typed, TypedEach, Value, typed_at, typed_at_each
+from framekit.memory.memory import MemoryValueError
 from framekit.memory.views import ORDERS as ORDERS
 from framekit.memory.views import VIEWS as VIEWS
-from framekit.memory.views import CountedTextView, NumberView, TextView, view_of
+from framekit.memory.views import NumberView, view_of
 
 T = TypeVar("T")
 """What the values are: int, float or str."""
+P = ParamSpec("P")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,111 +107,32 @@ IntType = Literal[
 """Types whose values are int: the units of memory, and numbers with and without sign, in BCD too."""
 FloatType = Literal["float32", "float64"]
 TextType = Literal["string"]
-Value = int | float | str
-"""What is written."""
-
-
-@dataclass(frozen=True, slots=True)
-class Typed:
-    """How `count` values of a type at a place of the unit `place` travel: as `units` × `unit` (None: its own unit)."""
-
-    type: str
-    view: NumberView | TextView | CountedTextView | None
-    unit: str | None
-    units: int
-    count: int
-    place: str
-
-    def values(self, data: bytes, numbers: Sequence[int]) -> list[Any]:
-        """The values in what a transfer brought. Raises ReplyError for data that hold none of this type."""
-        try:
-            match self.view:
-                case NumberView() | CountedTextView() as view:
-                    return list(view.read(data))
-                case TextView() as view:
-                    return [view.read(data, self.count, self.place)]
-        except MemoryValueError as error:
-            raise ReplyError(f"{error} – read it as {self.unit or self.place}", "unfit_reply") from None
-        return list(numbers)
-
-    def numbers(self, values: Sequence[Value]) -> list[int]:
-        """What a transfer carries for the values. Raises RequestError for values that do not fit."""
-        try:
-            match self.view:
-                case NumberView() as view:
-                    return values_of(view.write(_numbers(values, self.type)), view.unit, len(values))
-                case CountedTextView() as view:
-                    return values_of(view.write(values), self.place, len(values))
-                case TextView() as view:
-                    data = view.write(_text(values), self.count, self.place)
-                    return values_of(data, view.unit(self.place), self.units)
-        except MemoryValueError as error:
-            raise RequestError(str(error)) from None
-        found = _numbers(values, self.type)
-        if any(isinstance(value, float) for value in found):
-            raise RequestError(f"a {self.type} holds no floating-point number – give a type such as float32")
-        return [int(value) for value in found]
 
 
 def typed(grammar: AddressGrammar, address: str, type_: str | None, order: str | None, count: int) -> Typed:
-    """How values of a type (None: what the address usually holds) at an address travel. Raises RequestError."""
-    if not isinstance(address, str):
-        raise RequestError(f"an address is a text: {_hint(address)}")
-    if not isinstance(count, int):
-        raise RequestError(f"count is {count!r}: it is a whole number")
-    try:
-        where = grammar.parse(address)
-        place, type_ = where.unit, type_ or where.type
-        if type_ == COUNTED_STRING and type_ == where.type and order is None:
-            return Typed(type_, CountedTextView(where.unit_bits // 8), None, count, count, place)
-        if type_ is None or _is_unit(type_):
-            if order is not None:
-                raise ValueError(f"order= is for numbers and text – give a type, such as uint32, not {type_ or 'none'}")
-            return Typed(type_ or place, None, type_, count, count, place)
-        view = view_of(type_, order)
-    except ValueError as error:
-        raise RequestError(str(error)) from None
-    if isinstance(view, TextView):
-        if place not in UNIT_BITS:  # its octets are a structure, which text would overwrite
-            todo = "leave the type out" if where.type == COUNTED_STRING else "write its bytes as a number"
-            raise RequestError(f"{address} is an element of {place} with a form of its own – {todo}")
-        return Typed(type_, view, view.unit(place), view.units(count, place), count, place)
-    return Typed(type_, view, view.unit, count, count, place)
-
-
-@dataclass(frozen=True, slots=True)
-class TypedEach:
-    """How one number at each of several addresses travels: in `unit`, or (None) each in that of its place."""
-
-    each: tuple[Typed, ...]
-
-    @property
-    def unit(self) -> str | None:
-        units = {how.unit for how in self.each}
-        return units.pop() if len(units) == 1 else None
-
-    @property
-    def type(self) -> str:
-        """The type, or all there are."""
-        return ", ".join(dict.fromkeys(how.type for how in self.each))
-
-    def values(self, numbers: Sequence[int]) -> list[Any]:
-        """The values in what a transfer brought."""
-        return [
-            number if how.view is None else how.values(memory_of([number], how.unit or how.place), [number])[0]
-            for how, number in zip(self.each, numbers, strict=True)
-        ]
-
-    def numbers(self, values: Sequence[Value]) -> list[int]:
-        """What a transfer carries for the values. Raises RequestError for values that do not fit."""
-        return [how.numbers([value])[0] for how, value in zip(self.each, values, strict=True)]
+    """As of `framekit.link.typed`. Raises RequestError."""
+    return asked(typed_at, grammar, address, type_, order, count)
 
 
 def typed_each(grammar: AddressGrammar, addresses: Sequence[str], type_: str | None, order: str | None) -> TypedEach:
     """As `typed`, for one number of each address. Raises RequestError, also for what is no list of addresses."""
-    if isinstance(addresses, str) or not addresses:
-        raise RequestError(f"several addresses are a list with one at least, not {addresses!r}")
-    return TypedEach(tuple(typed(grammar, address, type_, order, 1) for address in addresses))
+    return asked(typed_at_each, grammar, addresses, type_, order)
+
+
+def asked(make: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
+    """What `make` gives. Raises RequestError for what cannot be asked: values, types, addresses."""
+    try:
+        return make(*args, **kwargs)
+    except ValueError as error:
+        raise RequestError(str(error)) from None
+
+
+def answered(read: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
+    """What `read` finds in a reply. Raises ReplyError for data that hold nothing of the kind."""
+    try:
+        return read(*args, **kwargs)
+    except ValueError as error:
+        raise ReplyError(str(error), "unfit_reply") from None
 
 
 def values_given(values: Value | Sequence[Value]) -> list[Value]:
@@ -219,35 +142,6 @@ def values_given(values: Value | Sequence[Value]) -> list[Value]:
     if not isinstance(values, Sequence) and not hasattr(values, "__iter__"):
         raise RequestError(f"{values!r} cannot be written – give a number, a text or a list of them")
     return list(values)
-
-
-def _hint(address: object) -> str:
-    """What to do with an address that is no text."""
-    if isinstance(address, int):
-        return f"write '{address}'"
-    return f"{address!r} is none – several have read_many and write_many"
-
-
-def _is_unit(name: str) -> bool:
-    try:
-        return unit_bits(name) > 0
-    except ValueError:
-        return False
-
-
-def _numbers(values: Sequence[Value], type_: str) -> list[int | float]:
-    found: list[int | float] = []
-    for value in values:
-        if isinstance(value, str):
-            raise RequestError(f"{value!r} is no {type_} – text has the type string")
-        found.append(value)
-    return found
-
-
-def _text(values: Sequence[Value]) -> str:
-    if len(values) != 1 or not isinstance(values[0], str):
-        raise RequestError("a string is written as one text")
-    return values[0]
 
 
 # ---- from texts -------------------------------------------------------------------------------------------
