@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import re
 import weakref
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -14,19 +14,20 @@ from framekit.api.errors import NoReplyError, RequestError
 from framekit.api.loop_thread import LoopStoppedError, LoopThread, Stopping
 from framekit.api.memory import Do, Memory
 from framekit.api.monitor import USER_DEFINED, LineOf
+from framekit.api.points import RunPoints
 from framekit.codec.shown import explain
 from framekit.definition.problems import DefinitionError
 from framekit.definition.times import parse_time
 from framekit.link.events import Seen
-from framekit.memory.memory import unit_bits
-from framekit.run.block_state import BlockState, BlockStatus
+from framekit.run.block_state import BlockStatus
 from framekit.run.edit import Edit as Edit
 from framekit.run.edit import RemovedBlocks as RemovedBlocks
 from framekit.run.job_table import Event, TableCounters
 from framekit.run.job_table import JobStatus as JobStatus
-from framekit.run.model import BLOCKS_IN_SET, Channel, OwnPlace
+from framekit.run.model import BLOCKS_IN_SET, POINTS_SET, Channel, OwnPlace
 from framekit.run.model import Block as Block
 from framekit.run.model import RunModel as RunModel
+from framekit.run.own_memory import stored_by
 from framekit.runfile.run_file import load_run
 from framekit.service.capture import Capture
 from framekit.service.channel import ChannelService
@@ -160,7 +161,7 @@ def stored_words(service: RunService) -> list[tuple[str, str]]:
     """The places that blocks have put something into, and the words that stand there, as many as are easily read."""
     found = []
     for state in service.states.values():
-        for place, bits in _stored_by(service, state) if state.done else ():
+        for place, bits in _stored_by(service, state.block) if state.done else ():
             area = service.memory.area(place.address.area)
             first = place.address.first_bit // 16
             there = -(-area.size_bits // 8) - 2 * first  # the last word may be half a word
@@ -170,19 +171,12 @@ def stored_words(service: RunService) -> list[tuple[str, str]]:
     return found
 
 
-def _stored_by(service: RunService, state: BlockState) -> list[tuple[OwnPlace, int]]:
-    """Where a block puts what it brings, and how many bits that are."""
-    block = state.block
-    if block.instruction not in ("read", "receive") and not block.results:
-        return []
-    frames = service.channels[block.channel].channel.protocol.frames
-    segments = frames[block.frame].segments if block.frame else ()
-    sizes = {part.name: getattr(part, "size", None) for part in segments}
-    places = [(place, block.count * unit_bits(block.unit or place.address.unit)) for place in block.places]
-    for name, place in block.data.items():
-        size = sizes.get(name)
-        places.append((place, 8 * size if isinstance(size, int) else place.address.unit_bits))
-    return [*places, *((result.place, result.bits) for result in block.results)]
+def _stored_by(service: RunService, block: Block) -> Iterable[tuple[OwnPlace, int]]:
+    """Where a block puts what it brings, and how many bits that are; points are shown by themselves."""
+    if block.set == POINTS_SET:
+        return ()
+    frames = service.channels[block.channel].channel.protocol.frames if block.frame is not None else {}
+    return stored_by(block, frames)
 
 
 def line_type(wiring: LineSettings) -> str:
@@ -528,6 +522,11 @@ class RunCalls:
         """The own memory; what is written there triggers see."""
         service = self._service
         return Memory(service.memory, service.grammar, self._do, self._clock.call_soon, service.refresh)
+
+    @property
+    def points(self) -> RunPoints:
+        """The named values of the run."""
+        return RunPoints(self._service.points, self._do)
 
     def device(self, name: str) -> Memory:
         """The memory of a simulated device of the run, by its name. Raises RequestError."""

@@ -250,6 +250,16 @@ class RunOutput:
         raise NotImplementedError
 
 
+def point_rows(run: RunCalls) -> list[tuple[str, str, str, str]]:
+    """The points as they are now: value, unit, quality."""
+    rows = []
+    for value in run.points.now():
+        shown = "-" if value.value is None else str(value.value)
+        quality = value.quality + (f", {value.reason}" if value.reason else "")
+        rows.append((value.name, shown, run.points[value.name].unit, quality))
+    return rows
+
+
 class TextOutput(RunOutput):
     """A line for everything seen, and a table at the end."""
 
@@ -286,6 +296,7 @@ class TextOutput(RunOutput):
         published = [(str(n), name, str(value)) for n, some in run.published().items() for name, value in some.items()]
         more = tables(
             (loads, ("channel", "settings", "line load expected", "measured")),
+            (point_rows(run), ("point", "value", "unit", "quality")),
             (run.stored(), ("memory", "words")),
             (published, ("channel", "status", "value")),
         )
@@ -325,6 +336,11 @@ class JsonOutput(RunOutput):
             )  # fmt: skip
         for gone in status.removed:
             self.data(event="removed", **asdict(gone))
+        for value in run.points.now():
+            self.data(
+                event="point", point=value.name, value=value.value, unit=run.points[value.name].unit,
+                quality=value.quality, reason=value.reason, time=value.text_time,
+            )  # fmt: skip
         for number, found in run.published().items():
             if found:
                 self.data(event="status", channel=number, status=found)

@@ -36,6 +36,8 @@ _NOUNS = {
     "sessions": "session",
     "state": "state variable",
     "tables": "table",
+    "points": "point",
+    "values": "point",
     "blocks": "block",
     "sets": "set",
     "lanes": "lane",
@@ -398,7 +400,7 @@ def _short(text: str) -> str:
     return text if len(text) <= LONGEST_TEXT else text[: LONGEST_TEXT - 1] + "…"
 
 
-Kind = Literal["protocol", "device", "run", "vectors", "memory", "faults", "jobs"]
+Kind = Literal["protocol", "device", "run", "vectors", "memory", "faults", "jobs", "points"]
 
 FIRST_KEYS: dict[str, Kind] = {
     "protocol": "protocol",
@@ -409,6 +411,7 @@ FIRST_KEYS: dict[str, Kind] = {
     "memory": "memory",
     "faults": "faults",
     "jobs": "jobs",
+    "points": "points",
 }
 """What a file is, by its first key."""
 
@@ -420,6 +423,7 @@ _NAMES: dict[Kind, str] = {
     "memory": "a memory profile",
     "faults": "a fault plan",
     "jobs": "a job profile",
+    "points": "a points file",
 }
 _SUFFIX = ".schema.json"
 _DEFINITION = "#/$defs/"

@@ -513,11 +513,15 @@ class DeviceMemory:
         self.areas: dict[str, Area] = {}
         self._by_name: dict[str, Area] = {}
         for area in areas:
-            self.areas[area.name] = area
-            for name in (area.name, *area.aliases):
-                if name in self._by_name:
-                    raise ValueError(f"two areas of the memory are named {name}")
-                self._by_name[name] = area
+            self.add(area)
+
+    def add(self, area: Area) -> None:
+        """One more area. Raises ValueError when another has its name."""
+        self.areas[area.name] = area
+        for name in (area.name, *area.aliases):
+            if name in self._by_name:
+                raise ValueError(f"two areas of the memory are named {name}")
+            self._by_name[name] = area
 
     def __contains__(self, name: object) -> bool:
         return name in self._by_name

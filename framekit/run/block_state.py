@@ -18,7 +18,7 @@ from typing import TypeAlias
 
 from framekit.codec.shown import code_text
 from framekit.link.services.client import TransferResult
-from framekit.run.model import BLOCKS_IN_SET, STATIONED, Block
+from framekit.run.model import STATIONED, Block, block_id
 from framekit.run.triggers import ArmedTriggers
 
 TABLE = Path(__file__).with_name("error_codes.csv")
@@ -150,8 +150,8 @@ class BlockStatus:
 
     @property
     def id(self) -> int:
-        """One number for set and block: that of the block in set 1, and 64 more for each further set."""
-        return BLOCKS_IN_SET * (self.set - 1) + self.block
+        """One number for set and block."""
+        return block_id(self.set, self.block)
 
     @property
     def running(self) -> bool:

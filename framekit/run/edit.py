@@ -77,6 +77,8 @@ def plan_edit(old: RunModel, new: RunModel) -> Edit:
 def _refusals(old: RunModel, new: RunModel) -> Iterator[Problem]:
     if fingerprint(old.memory) != fingerprint(new.memory):
         yield Problem(new.at, "the memory of a run that goes on stays as it is, and this is another one", RESTART)
+    if fingerprint(old.points) != fingerprint(new.points):
+        yield Problem(new.at, "the points of a run that goes on stay as they are, and these are others", RESTART)
     if old.status != new.status:
         yield Problem(new.at, "whether blocks have words in memory cannot change while the run goes on", RESTART)
     if fingerprint(old.jobs) != fingerprint(new.jobs):

@@ -11,6 +11,7 @@ from __future__ import annotations
 import ipaddress
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from decimal import Decimal
 from enum import Enum
 from typing import Any, Literal
 
@@ -21,6 +22,8 @@ from framekit.definition.model.services import Packing
 from framekit.definition.problems import NOWHERE, Position, Problem
 from framekit.definition.times import NEVER, PLAIN, LineFormat, LineSettings
 from framekit.link.addresses import Address
+from framekit.link.typed import Typed
+from framekit.memory.memory import Area, DeviceMemory, unit_bits
 from framekit.memory.profile import MemoryProfile
 from framekit.run.triggers import Trigger
 from framekit.transport.schemes import host_of as port_host
@@ -258,6 +261,21 @@ STATIONED = ("read", "write", "call")
 BLOCKS_IN_SET = 64
 """A parameter set of a module has so many blocks (Snet module guide, chapter 6)."""
 
+POINTS_SET = 0
+"""The set of the blocks that read points; no file can name it, and there may be any number of blocks."""
+
+POINTS_AREA = "(points)"
+"""The area of memory in which points stand that are read from a channel; no address names it."""
+
+
+def block_id(set_number: int, number: int) -> int:
+    """One number for set and block: that of the block in set 1, and 64 more for each further set.
+
+    Blocks of points count down from -1.
+    """
+    return -1 - number if set_number == POINTS_SET else BLOCKS_IN_SET * (set_number - 1) + number
+
+
 Instruction = Literal["read", "write", "send", "receive", "call", "command", "job", "abort", "inspect"]
 
 
@@ -347,8 +365,8 @@ class Block:
 
     @property
     def id(self) -> int:
-        """One number for set and block: that of the block in set 1, and 64 more for each further set."""
-        return BLOCKS_IN_SET * (self.set - 1) + self.number
+        """One number for set and block; see `block_id`."""
+        return block_id(self.set, self.number)
 
     @property
     def lane(self) -> int:
@@ -357,7 +375,9 @@ class Block:
 
     @property
     def label(self) -> str:
-        """As people write it: `5`, or `2.5` for block 5 of set 2."""
+        """As people write it: `5`, `2.5` for block 5 of set 2, `p5` for one that reads points."""
+        if self.set == POINTS_SET:
+            return f"p{self.number}"
         return str(self.number) if self.set == 1 else f"{self.set}.{self.number}"
 
     @property
@@ -480,6 +500,54 @@ class KeptState:
     at: Position
 
 
+@dataclass(frozen=True, slots=True)
+class Scaling:
+    """A value is what stands in memory times `factor`, and `offset` more; both are exact."""
+
+    factor: Decimal = Decimal(1)
+    offset: Decimal = Decimal(0)
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether whole numbers stay whole."""
+        return self.factor == self.factor.to_integral_value() and self.offset == self.offset.to_integral_value()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Point:
+    """A named value of a run: `bits` bits of its memory at `place`, read as `form`, then scaled and named.
+
+    `address` on `station` of `channel`; without a channel it is a place of the run's own memory. `blocks`: the ids of
+    those whose good end brings it. `names`: words for numbers. `deadband`: what changes by no more is not told. `stale`
+    (ns): a value that is older is stale. `limits`: what may be written, in the value's own scale; `writer`: the block
+    that writes it, whose place in memory takes the value first.
+    """
+
+    name: str
+    form: Typed
+    place: OwnPlace
+    address: str
+    channel: int | None = None
+    station: Any = None
+    blocks: tuple[int, ...] = ()
+    scaling: Scaling | None = None
+    unit: str = ""
+    decimals: int | None = None
+    names: Mapping[int, str] = field(default_factory=dict)
+    deadband: float = 0.0
+    stale: int = NEVER
+    limits: tuple[float, float] | None = None
+    writer: int | None = None
+    is_writable: bool = False
+    about: str = ""
+    at: Position
+
+    @property
+    def bits(self) -> int:
+        """How much of the memory it takes."""
+        return self.form.units * unit_bits(self.form.unit or self.form.place)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunModel:
     """A whole run: what `framekit run` carries out.
@@ -498,8 +566,17 @@ class RunModel:
     status: bool = True
     state: KeptState | None = None
     jobs: JobsSection | None = None
+    points: tuple[Point, ...] = ()
+    points_words: int = 0
     warnings: tuple[Problem, ...]
     at: Position
+
+    def create_memory(self) -> DeviceMemory:
+        """The own memory, all 0; behind the areas of the profile one for the points that are read from channels."""
+        memory = self.memory.create()
+        if self.points_words:
+            memory.add(Area(POINTS_AREA, size=self.points_words))
+        return memory
 
     @property
     def triggers(self) -> Iterator[Trigger]:

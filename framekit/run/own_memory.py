@@ -8,14 +8,14 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from framekit.definition.model.frames import flat
+from framekit.definition.model.frames import Frame, flat
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Bits, BitsPart, Count, Data, Field, FieldType, Length, Segment, Value
 from framekit.definition.model.services import AddressForm, Area
 from framekit.definition.model.values import Table
 from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.link.packing import memory_of, values_of
-from framekit.memory.memory import AccessError, DeviceMemory, DeviceMemoryError, MemoryRangeError
+from framekit.memory.memory import AccessError, DeviceMemory, DeviceMemoryError, MemoryRangeError, unit_bits
 from framekit.memory.profile import MemoryProfile
 from framekit.memory.views import as_signed, float_view
 from framekit.run.model import Block, OwnPlace
@@ -152,6 +152,23 @@ def fixed_bytes(part: FramePart) -> int | None:
     """Bytes that data or text always has; None when that is open."""
     size = part.type.size if isinstance(part, Field) else part.size if isinstance(part, Data) else None
     return size if isinstance(size, int) else None
+
+
+def stored_by(block: Block, frames: Mapping[str, Frame]) -> Iterator[tuple[OwnPlace, int]]:
+    """What a block stores: the place and how many bits; commands in memory say it only when they are given.
+
+    `frames`: those of its channel's protocol.
+    """
+    if block.instruction == "read":
+        for place, unit in zip(block.places, block.units, strict=False):
+            yield place, unit_bits(unit) * (block.count if len(block.units) == 1 else 1)
+    for result in block.results:
+        yield result.place, result.bits
+    if block.instruction == "receive" and block.frame is not None:
+        parts = dict(parts_of(frames[block.frame].segments))
+        for name, place in block.data.items():
+            size = block.sizes.get(name) or fixed_bytes(parts[name]) or 1
+            yield place, 8 * size if takes_bytes(parts[name]) else place.address.unit_bits
 
 
 def mismatch(part: FramePart, place: OwnPlace) -> tuple[str, str] | None:

@@ -23,9 +23,8 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import JobWork
 from framekit.definition.nodes import Mapping, Node, Scalar, without
 from framekit.definition.nodes import Mapping as MappingNode
-from framekit.definition.problems import DefinitionError, Problem, did_you_mean
+from framekit.definition.problems import NOWHERE, DefinitionError, Problem, did_you_mean
 from framekit.link.addresses import AddressGrammar
-from framekit.memory.memory import unit_bits
 from framekit.memory.profile import BlockWords, MemoryProfile, load_profile, load_profile_node, read_scan
 from framekit.run.block_words import check_items, status_sections, words_of
 from framekit.run.model import (
@@ -41,12 +40,12 @@ from framekit.run.model import (
     OwnPlace,
     RunModel,
 )
-from framekit.run.own_memory import AnyAddresses, addresses_of, fixed_bytes, takes_bytes
-from framekit.run.own_memory import parts_of as parts_of_fields
+from framekit.run.own_memory import AnyAddresses, addresses_of, stored_by
 from framekit.runfile.blocks import BlockLoader
 from framekit.runfile.channels import ChannelLoader
 from framekit.runfile.devices import check_profile, start_values
 from framekit.runfile.job_profiles import load_job_profile
+from framekit.runfile.points import PointsLoader
 from framekit.runfile.transfers import OwnPlaces
 
 
@@ -115,6 +114,8 @@ class RunLoader:
             one for node in (first, self.root.get("set")) for one in start_values(self.reader, grammar, node)
         )
         found, sets = self._blocks(blocks), self._sets()
+        points = PointsLoader(self.reader, self.path.parent, grammar, channels, found)
+        named, reads, points_words = points.load(self.root.get("points"))
         state = self.reader.maybe(lambda node: read_state(self.reader, node, profile), self.root.get("state"))
         status = self.reader.flag(self.root.get("status"), default=True)
         if profile is None:
@@ -126,8 +127,10 @@ class RunLoader:
             memory=profile,
             initial=initial,
             channels=channels,
-            blocks=found,
+            blocks=(*found, *reads),
             sets=sets,
+            points=named,
+            points_words=points_words,
             folder=str(self.path.parent),
             state=state,
             status=status,
@@ -162,6 +165,8 @@ class RunLoader:
     def _profile(self) -> MemoryProfile | None:
         """The own memory; None when it is none, which is noted."""
         node = self.root.get("memory")
+        if node is None and "points" in self.root and "blocks" not in self.root and "sets" not in self.root:
+            return WITHOUT_MEMORY
         if node is None:
             misspelt = difflib.get_close_matches("memory", [entry.key.text for entry in self.root.entries])
             if not misspelt:
@@ -227,6 +232,10 @@ class RunLoader:
         return found
 
 
+WITHOUT_MEMORY = MemoryProfile(
+    name="none", about="A run of points alone has no memory of its own.", source="", areas={}, tables={}, addresses=(),
+    clocks=(), fixed=(), scan=10_000_000, named={}, flags={}, at=NOWHERE,
+)  # fmt: skip
 EVERY, SHORTEST = 1_000_000_000, 100_000_000
 
 
@@ -387,7 +396,8 @@ def overlaps(
     """
     stored: dict[str, list[_Stored]] = {}
     for block in blocks:
-        for place, bits in _pieces(block, channels):
+        frames = channels[block.channel].protocol.frames if block.frame is not None else {}
+        for place, bits in stored_by(block, frames):
             one = _Stored(block, place, place.address.first_bit, bits)
             stored.setdefault(place.address.area, []).append(one)
     shown = _shown(blocks, sections)
@@ -436,20 +446,6 @@ def _shown(blocks: Sequence[Block], sections: Sequence[BlockWords]) -> dict[str,
         for section, word in words_of(status_sections(sections), (block.set, block.number)):
             found.setdefault(section.area, []).append((16 * word, 16 * (word + section.words), block))
     return found
-
-
-def _pieces(block: Block, channels: MappingOf[int, Channel]) -> Iterator[tuple[OwnPlace, int]]:
-    """What a block stores: the place and how many bits; commands in memory say it only when they are given."""
-    if block.instruction == "read":
-        for place, unit in zip(block.places, block.units, strict=False):
-            yield place, unit_bits(unit) * (block.count if len(block.units) == 1 else 1)
-    for result in block.results:
-        yield result.place, result.bits
-    if block.instruction == "receive" and block.frame is not None:
-        parts = dict(parts_of_fields(channels[block.channel].protocol.frames[block.frame].segments))
-        for name, place in block.data.items():
-            size = block.sizes.get(name) or fixed_bytes(parts[name]) or 1
-            yield place, 8 * size if takes_bytes(parts[name]) else place.address.unit_bits
 
 
 # ---- blocks that wait for each other's ends ----------------------------------------------------------------

@@ -341,7 +341,7 @@ class SimulatedChannel:
         self.line = SimulatedLine(self.clock, channel.line, fault=self._answer_time)
         self._last_sender = OWN
         self._sent: list[int] = []
-        memory = run.memory.create()
+        memory = run.create_memory()
         put_values(memory, run.initial)
         access = AddressedMemory(memory, addresses_of(run.memory))
         self.service = ChannelService(channel, self.line.port(OWN), self.clock, access, (), ChannelOwner())

@@ -19,7 +19,7 @@ from framekit.memory.clock_bits import SystemBits
 from framekit.run.block_state import BlockState, BlockStatus, Failure
 from framekit.run.block_words import BlockMemory, SettingError, status_of
 from framekit.run.edit import Edit, Removed, added_blocks, plan_edit
-from framekit.run.model import Block, Channel, RunModel
+from framekit.run.model import POINTS_SET, Block, Channel, RunModel
 from framekit.run.own_memory import AddressedMemory, addresses_of
 from framekit.run.scheduler import Scheduler
 from framekit.run.triggers import awaited_bits
@@ -37,6 +37,7 @@ from framekit.service.channel import (
 from framekit.service.client import ClientService
 from framekit.service.device import DeviceService
 from framekit.service.jobs import JobService, ResolveHost, resolver_for
+from framekit.service.points import PointService
 from framekit.service.state import StateFile, StateKeeper
 from framekit.transport.clock import Clock, date_at
 
@@ -187,7 +188,7 @@ class RunService(ChannelOwner):
     ) -> None:
         self.run = run
         self.clock = clock
-        self.memory = run.memory.create()
+        self.memory = run.create_memory()
         self.grammar = addresses_of(run.memory)
         self.access = AddressedMemory(self.memory, self.grammar, self.refresh)
         self.loop = RunLoop(clock, self._act, self._next_time)
@@ -218,6 +219,7 @@ class RunService(ChannelOwner):
             )
             self.exchanges.take_job = self.jobs.take
         put_values(self.memory, run.initial)
+        self.points = PointService(run, self.memory, clock, self.loop.wake, self.fire)
         self.keeper = self._keeper()
         awaited = awaited_bits(run.triggers, self.resolve)
         self.system = SystemBits(self.memory, run.memory, self._bit, awaited, date_at(clock))
@@ -231,10 +233,14 @@ class RunService(ChannelOwner):
             return None
         shape = tuple(row for row in self.memory.shape if row[0] in state.areas)
         file = StateFile(Path(self.run.folder) / state.file, self.run.name, shape)
-        keeper = StateKeeper(file, self.memory, self.states.values, self.clock, state.every)
+        keeper = StateKeeper(file, self.memory, self._kept_blocks, self.clock, state.every)
         keeper.restore(place for one in self.states.values() for place in self.block_memory.places(one.block))
         self._show_blocks()
         return keeper
+
+    def _kept_blocks(self) -> list[BlockState]:
+        """The blocks whose counters outlast a restart: those that a file numbers."""
+        return [state for state in self.states.values() if state.block.set != POINTS_SET]
 
     @property
     def devices(self) -> list[DeviceService]:
@@ -269,6 +275,7 @@ class RunService(ChannelOwner):
 
     def _ended(self, state: BlockState, ok: bool, now: int) -> None:
         self.block_memory.words.completed(state.key, state, ok, now)
+        self.points.ended(state, ok, now)
         if self._on_end is not None:
             undisturbed(self._on_end, status_of(state), ok)
 
@@ -472,6 +479,7 @@ class RunService(ChannelOwner):
         if self.jobs is not None:
             self.jobs.tick(now)
         self.scheduler.tick(now)
+        self.points.tick(now)
         if not self._bits_first:
             self._show_bits(now)
 
@@ -498,7 +506,10 @@ class RunService(ChannelOwner):
 
     def _next_time(self, now: int) -> int:
         """When something is due next."""
-        due = min(self.scheduler.deadline, self.system.next_change(now), self.block_memory.words.deadline)
+        due = min(
+            self.scheduler.deadline, self.system.next_change(now), self.block_memory.words.deadline,
+            self.points.deadline,
+        )  # fmt: skip
         return due if self.jobs is None else min(due, self.jobs.deadline)
 
 

@@ -11,7 +11,7 @@ import itertools
 import time
 from collections import deque
 from collections.abc import Callable
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta
 from functools import partial
 from typing import Protocol
 
@@ -453,3 +453,11 @@ def date_at(clock: Clock) -> Callable[[int], datetime]:
     if isinstance(clock, AsyncioClock):
         return lambda now: datetime.now()
     return lambda now: DEFAULT_START + timedelta(microseconds=now // 1000)
+
+
+def utc_at(clock: Clock) -> Callable[[int], int]:
+    """Nanoseconds since 1970 (UTC) at a time of this clock: today's where it is real, from 2000 on where it is not."""
+    if isinstance(clock, AsyncioClock):
+        return lambda now: time.time_ns() - (clock.now() - now)
+    start = int(DEFAULT_START.replace(tzinfo=UTC).timestamp()) * 1_000_000_000
+    return lambda now: start + now

@@ -1,0 +1,148 @@
+"""The points of a run: named values with quality and time, read, waited for and written by name."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterator, Mapping
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+from framekit.api.errors import FramekitError, NoReplyError, RequestError
+from framekit.definition.problems import no_such
+from framekit.run.block_state import Failure
+from framekit.run.points import PointValue
+from framekit.run.points import Quality as Quality
+from framekit.service.points import PointService, Written
+
+Do = Callable[[Callable[[], Any]], Any]
+"""Carries a function out in the run's thread, and gives its result."""
+
+OnPoint = Callable[[PointValue], None]
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+
+
+class WriteError(FramekitError):
+    """A value that did not reach its device; the message says why."""
+
+
+class RunPoint:
+    """One point of a run, as it is whenever it is asked."""
+
+    def __init__(self, name: str, service: PointService, do: Do) -> None:
+        self.name = name
+        self._service, self._do = service, do
+        self._point = service.point(name)
+
+    def __repr__(self) -> str:
+        now = self.now
+        shown = f"{now.value!r} {self.unit}".rstrip() if now.quality == "good" else f"{now.quality}, {now.reason}"
+        return f"<point {self.name}: {shown}>"
+
+    @property
+    def now(self) -> PointValue:
+        """Value, quality, reason and time together, of one moment."""
+        found: PointValue = self._do(lambda: self._service.table[self.name])
+        return found
+
+    @property
+    def value(self) -> Any:
+        """The last good value, in the point's own scale; None before there was one."""
+        return self.now.value
+
+    @property
+    def quality(self) -> Quality:
+        """good; stale, when it was not read for too long; or failed."""
+        return self.now.quality
+
+    @property
+    def reason(self) -> str:
+        """Why it is not good."""
+        return self.now.reason
+
+    @property
+    def time(self) -> datetime:
+        """When the last byte of its reply came, or when it failed (UTC)."""
+        return _EPOCH + timedelta(microseconds=self.now.time // 1000)
+
+    @property
+    def unit(self) -> str:
+        """In what it is measured."""
+        return self._point.unit
+
+    @property
+    def about(self) -> str:
+        """What it is, in a sentence."""
+        return self._point.about
+
+    async def changed(self, *, timeout: float | None = None) -> PointValue:
+        """What it is after its next change of value or quality; in the run's own loop.
+
+        Raises NoReplyError after `timeout` seconds.
+        """
+        told: asyncio.Future[PointValue] = asyncio.get_running_loop().create_future()
+
+        def listen(value: PointValue) -> None:
+            if value.name == self.name and not told.done():
+                told.set_result(value)
+
+        listeners = self._service.table.listeners
+        listeners.append(listen)
+        try:
+            async with asyncio.timeout(timeout):
+                return await told
+        except TimeoutError:
+            raise NoReplyError(f"'{self.name}' has not changed within {timeout:g} s", "timeout") from None
+        finally:
+            listeners.remove(listen)
+
+    def write(self, value: Any, *, who: str = "a program", done: Written = lambda failure: None) -> None:
+        """Has a value written, in the point's own scale. `done` hears how it ended, in the run's thread.
+
+        Raises RequestError, and nothing is written, for a point that may not be written or a value that does not fit.
+        """
+        self._do(lambda: self._write(value, who, done))
+
+    def _write(self, value: Any, who: str, done: Written) -> None:
+        try:
+            self._service.write(self.name, value, who, done)
+        except ValueError as error:
+            raise RequestError(str(error)) from None
+
+    async def put(self, value: Any, *, who: str = "a program") -> None:
+        """Writes a value and waits until it has arrived; in the run's own loop. Raises RequestError, WriteError."""
+        ended: asyncio.Future[Failure | None] = asyncio.get_running_loop().create_future()
+        self._write(value, who, lambda failure: None if ended.done() else ended.set_result(failure))
+        failure = await ended
+        if failure is not None:
+            raise WriteError(f"'{self.name}' was not written: {failure}")
+
+
+class RunPoints(Mapping[str, RunPoint]):
+    """The points of a run by name; `watch` tells of every change."""
+
+    def __init__(self, service: PointService, do: Do) -> None:
+        self._service, self._do = service, do
+        self._names = [value.name for value in service.table]
+
+    def __getitem__(self, name: str) -> RunPoint:
+        """Raises KeyError for a point there is not."""
+        if name not in self._names:
+            raise KeyError(no_such("there is no point", name, self._names))
+        return RunPoint(name, self._service, self._do)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def now(self) -> list[PointValue]:
+        """All of them, of one moment."""
+        found: list[PointValue] = self._do(lambda: list(self._service.table))
+        return found
+
+    def watch(self, callback: OnPoint) -> Callable[[], None]:
+        """Calls back in the run's thread for each change of value or quality; what is given ends that."""
+        listeners = self._service.table.listeners
+        self._do(lambda: listeners.append(callback))
+        return lambda: self._do(lambda: listeners.remove(callback))

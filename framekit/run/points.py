@@ -1,0 +1,380 @@
+"""Points: named, scaled values of a run, each with its quality and the time of its reply.
+
+A point is a place in the run's memory. One that is read from a channel has its place in an area of its own, which no
+address names; reads of such points are planned here: neighbours that one request can bring become one block.
+`PointTable` follows blocks and memory, and tells of every change.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from decimal import Decimal
+from functools import partial
+from typing import Any, Literal
+
+from framekit.codec.codec import compile_protocol
+from framekit.definition.times import NEVER, format_time
+from framekit.link.addresses import Address
+from framekit.link.packing import values_of
+from framekit.link.scope import Scope
+from framekit.link.services.rows import Piece, Planner, rows_of
+from framekit.link.values import EVALUATION_ERRORS, Names
+from framekit.memory.memory import DeviceMemory, unit_bits
+from framekit.run.block_state import Failure
+from framekit.run.model import POINTS_AREA, POINTS_SET, Block, Channel, Merge, OwnPlace, Point
+from framekit.run.own_memory import piece_reader
+from framekit.run.transfer import Read, neighbours
+from framekit.run.triggers import Every
+
+Quality = Literal["good", "stale", "failed"]
+
+
+@dataclass(frozen=True, slots=True)
+class PointValue:
+    """A point at one moment. `value`: the last good one, None before there was one.
+
+    `quality`: good; stale, it was not read for too long; failed, with the `reason`. `time`: nanoseconds since 1970
+    (UTC) of the last byte of the reply, or of the failure. `number`: the value before `enum` names it.
+    """
+
+    name: str
+    value: Any = None
+    quality: Quality = "stale"
+    reason: str = "not read yet"
+    time: int = 0
+    number: Any = None
+
+    @property
+    def text_time(self) -> str:
+        """The time as ISO 8601 writes it, in milliseconds: `2026-03-01T12:00:00.250Z`; '' before there is one."""
+        if not self.time:
+            return ""
+        seconds, rest = divmod(self.time, 1_000_000_000)
+        return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{rest // 1_000_000:03d}Z"
+
+
+def scaled(point: Point, number: Any) -> Any:
+    """The value of what stands in memory. Raises ValueError for a floating-point number that is none."""
+    if isinstance(number, float) and not math.isfinite(number):
+        raise ValueError(f"{number} is no number")
+    scaling = point.scaling
+    if scaling is not None:
+        exact = Decimal(number) * scaling.factor + scaling.offset
+        number = int(exact) if scaling.is_whole and isinstance(number, int) else float(exact)
+    if point.decimals is not None and isinstance(number, float):
+        number = round(number, point.decimals)
+    return number
+
+
+def unscaled(point: Point, value: Any) -> Any:
+    """What stands in memory for a value: the nearest whole number where it holds one. Raises ValueError."""
+    if point.names and isinstance(value, str):
+        found = next((number for number, name in point.names.items() if name == value), None)
+        if found is None:
+            raise ValueError(f"'{value}' is no value of {point.name} – known: {', '.join(point.names.values())}")
+        return found
+    if isinstance(value, str) or point.form.type == "string":
+        return value
+    if isinstance(value, bool):
+        value = int(value)
+    if not isinstance(value, (int, float)) or not math.isfinite(value):
+        raise ValueError(f"{value!r} is no number")
+    if point.limits is not None and not point.limits[0] <= value <= point.limits[1]:
+        raise ValueError(f"{value} is not in {point.limits[0]:g}..{point.limits[1]:g}, the range of {point.name}")
+    if point.scaling is not None:
+        value = (Decimal(str(value)) - point.scaling.offset) / point.scaling.factor
+    return float(value) if point.form.is_float else int(Decimal(str(value)).to_integral_value())
+
+
+# ---- planning ---------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """A point of a channel before its place is known: where it is read, and how often (ns)."""
+
+    point: Point
+    address: Address
+    every: int
+
+
+def planned(asked: Sequence[Asked], channels: Mapping[int, Channel]) -> tuple[list[Block], list[Point], int]:
+    """The blocks that read and write the points, these with their places, and the words of memory that all take.
+
+    Points of one channel and station with one period come together where one request can bring them: neighbours, and
+    what stands no further apart than the channel's `merge: {gap}`.
+    """
+    groups: dict[tuple[Any, ...], list[Asked]] = {}
+    for one in asked:
+        assert one.point.channel is not None
+        groups.setdefault((one.point.channel, one.every, repr(one.point.station)), []).append(one)
+    blocks: list[Block] = []
+    points: list[Point] = []
+    words = 0
+    for (channel, _, _), members in groups.items():
+        for run in _Planning(channels[channel]).runs(members):
+            words += run.place(len(blocks), words, blocks, points)
+    for at, point in enumerate(points):
+        if point.is_writable:
+            blocks.append(_writing(point, len(blocks), words))
+            points[at] = replace(point, writer=blocks[-1].id)
+            words += -(-point.bits // 16)
+    order = {one.point.name: at for at, one in enumerate(asked)}
+    return blocks, sorted(points, key=lambda point: order[point.name]), words
+
+
+def _writing(point: Point, number: int, first_word: int) -> Block:
+    """The block that writes a point from a place of its own; nothing but a program makes it due."""
+    assert point.channel is not None
+    place = OwnPlace(address=Address(POINTS_AREA, "word", first_word, "", {}), text=point.name)
+    return Block(
+        number=number, set=POINTS_SET, name=point.name, instruction="write", channel=point.channel,
+        targets=(point.address,), units=(point.form.unit or point.form.place,), unit=point.form.unit,
+        count=point.form.units, places=(place,), station=point.station, at=point.at,
+    )  # fmt: skip
+
+
+@dataclass(slots=True)
+class _Run:
+    """Points that one read brings: `count` elements from `address` on. `is_plain`: one point, read as it was given."""
+
+    members: list[Asked]
+    address: Address
+    count: int
+    is_plain: bool = False
+
+    def place(self, number: int, first_word: int, blocks: list[Block], points: list[Point]) -> int:
+        """Adds the block and its points; how many words they take."""
+        first = self.members[0]
+        point = first.point
+        asked_unit = point.form.unit if self.is_plain else None
+        unit = asked_unit or self.address.unit
+        names = ", ".join([one.point.name for one in self.members[:3]] + ["…"] * (len(self.members) > 3))
+        start = Address(POINTS_AREA, "word", first_word, "", {})
+        assert point.channel is not None
+        blocks.append(
+            Block(
+                number=number, set=POINTS_SET, name=names, instruction="read", channel=point.channel,
+                targets=(point.address if self.is_plain else self.address.text,), units=(unit,), unit=asked_unit,
+                count=self.count, places=(OwnPlace(address=start, text=names),), station=point.station,
+                triggers=(Every(period=first.every),), at=point.at,
+            )
+        )  # fmt: skip
+        for one in self.members:
+            bit = 16 * first_word + one.address.first_bit - (one if self.is_plain else self).address.first_bit
+            place = OwnPlace(address=Address(POINTS_AREA, "bit", bit, "", {}), text=one.point.name)
+            points.append(replace(one.point, place=place, blocks=(blocks[-1].id,)))
+        return -(-self.count * unit_bits(unit) // 16)
+
+
+class _Planning:
+    """Plans the reads of one channel."""
+
+    def __init__(self, channel: Channel) -> None:
+        self.merge = channel.merge or Merge()
+        protocol = channel.protocol
+        rows = rows_of(protocol, compile_protocol(protocol))
+        self.planner, self.grammar = Planner(rows), rows.grammar
+        self.scope = Scope(
+            protocol, role=channel.role, own=channel.own, line=channel.line, params=channel.params
+        )  # fmt: skip
+
+    def runs(self, members: Sequence[Asked]) -> Iterator[_Run]:
+        """What is read together."""
+        waiting: list[Read[_Run]] = []
+        for one in members:
+            run = self._alone(one)
+            if run.is_plain:
+                yield run
+            else:
+                waiting.append(Read(run, run.address, run.count))
+        waiting.sort(key=lambda read: self._order(read.address), reverse=True)
+        while waiting:
+            yield self._joined(waiting)
+
+    def _order(self, address: Address) -> tuple[str, str, str, int]:
+        """Places beside each other of one file or table, as its first place is called, come one after the other."""
+        return address.area, address.unit, self.grammar.advance(address, -address.start).text, address.start
+
+    def _alone(self, asked: Asked) -> _Run:
+        """The point by itself, in the elements in which a request carries it."""
+        form, address = asked.point.form, asked.address
+        try:
+            bits = unit_bits(form.unit or address.unit)
+            if bits % address.unit_bits == 0:
+                piece = self._single(address, form.units * bits // address.unit_bits, asked.point.station)
+                if piece is not None:
+                    return _Run([asked], piece.address, piece.count)
+        except (*EVALUATION_ERRORS, ValueError):
+            pass  # what cannot be asked is told when it is read as it was given
+        return _Run([asked], address, form.units, is_plain=True)
+
+    def _single(self, address: Address, count: int, station: Any) -> Piece | None:
+        """What one request carries for so many elements; None where it takes more, or no text names the place."""
+        plan = self.planner.plan("read", Piece(address, count), Names({"station": station}, self.scope))
+        if len(plan.exchanges) != 1 or len(plan.exchanges[0]) != 1:
+            return None
+        piece = plan.exchanges[0][0]
+        text = self.grammar.print(piece.address)
+        again = self.grammar.parse(text)
+        if (again.area, again.unit, again.start) != (piece.address.area, piece.address.unit, piece.address.start):
+            return None
+        return replace(piece, address=replace(piece.address, text=text))
+
+    def _joined(self, waiting: list[Read[_Run]]) -> _Run:
+        """Takes the last of those that wait, and those before it that come with it: they are in order, last first."""
+        run = waiting.pop().key
+        while waiting:
+            read, following = Read(run, run.address, run.count), waiting[-1]
+            if not neighbours(read, [following], self.merge, self.grammar):
+                break
+            count = max(read.end, following.end) - run.address.start
+            try:
+                piece = self._single(run.address, count, run.members[0].point.station)
+            except (*EVALUATION_ERRORS, ValueError):
+                break
+            if piece is None or piece.address != run.address:
+                break
+            waiting.pop()
+            run = _Run([*run.members, *following.key.members], run.address, count)
+        return run
+
+
+# ---- at work ----------------------------------------------------------------------------------------------------
+
+
+class _State:
+    """A point at work: what it is now, how it is read from memory, and when its value is too old."""
+
+    __slots__ = ("due", "point", "read", "told", "value")
+
+    def __init__(self, point: Point, memory: DeviceMemory) -> None:
+        self.point = point
+        self.value = PointValue(point.name)
+        self.told: Any = None
+        self.due = NEVER
+        self.read = piece_reader(memory, point.place, point.bits)
+
+
+class PointTable:
+    """The points of a run. `wall` gives the time of day (ns since 1970, UTC) at a time of the run's clock.
+
+    Listeners hear of every value that has changed by more than its dead band, and of every change of quality; they are
+    called in the order in which they came, in the run's thread. `wake`: something in memory has changed, `tick` should
+    be called soon.
+    """
+
+    def __init__(
+        self, points: Iterable[Point], memory: DeviceMemory, wall: Callable[[int], int], wake: Callable[[], None]
+    ) -> None:
+        self._wall, self._wake = wall, wake
+        self._states = {point.name: _State(point, memory) for point in points}
+        self._by_block: dict[int, list[_State]] = {}
+        self._changed: dict[str, _State] = {}
+        self._ages: list[tuple[int, int, _State]] = []
+        self._order = itertools.count()
+        self.listeners: list[Callable[[PointValue], None]] = []
+        for state in self._states.values():
+            point = state.point
+            for block in point.blocks:
+                self._by_block.setdefault(block, []).append(state)
+            if point.channel is None:  # others than its blocks may write it, too
+                place = point.place.address
+                first, last = place.first_bit // 16, (place.first_bit + point.bits - 1) // 16
+                memory.watch(place.area, first, last - first + 1, partial(self._note, state))
+                if not point.blocks:
+                    self._changed[point.name] = state
+
+    def _note(self, state: _State, *_: object) -> None:
+        self._changed[state.point.name] = state
+        self._wake()
+
+    def __iter__(self) -> Iterator[PointValue]:
+        return iter([state.value for state in self._states.values()])
+
+    def __getitem__(self, name: str) -> PointValue:
+        """What a point is now. Raises KeyError."""
+        return self._states[name].value
+
+    def point(self, name: str) -> Point:
+        """What a point is. Raises KeyError."""
+        return self._states[name].point
+
+    def __len__(self) -> int:
+        return len(self._states)
+
+    # ---- what happens -------------------------------------------------------------------------------------
+
+    def follows(self, block: int) -> bool:
+        """Whether the ends of a block say something about a point."""
+        return block in self._by_block
+
+    def ended(self, block: int, failure: Failure | None, now: int) -> None:
+        """A block has ended: its points have been read anew, or could not be."""
+        for state in self._by_block.get(block, ()):
+            if failure is None:
+                self._read(state, now)
+            else:
+                self._fail(state, str(failure), now)
+
+    def tick(self, now: int) -> None:
+        """Reads what has changed in memory, and sees what has become too old."""
+        if self._changed:
+            changed, self._changed = self._changed, {}
+            for state in changed.values():
+                self._read(state, now)
+        while self._ages and self._ages[0][0] <= now:
+            when, _, state = heapq.heappop(self._ages)
+            if when == state.due and state.value.quality == "good":
+                age = f"not read for {format_time(state.point.stale)}"
+                self._tell(state, replace(state.value, quality="stale", reason=age))
+
+    @property
+    def deadline(self) -> int:
+        """When the next point may be too old."""
+        ages = self._ages
+        while ages and ages[0][0] != ages[0][2].due:
+            heapq.heappop(ages)
+        return ages[0][0] if ages else NEVER
+
+    def _read(self, state: _State, now: int) -> None:
+        point, data = state.point, state.read()
+        unit = point.form.unit or point.form.place
+        try:
+            number = scaled(point, point.form.values(data, values_of(data, unit, point.form.units))[0])
+        except ValueError as error:
+            self._fail(state, str(error), now)
+            return
+        if point.stale < NEVER:
+            state.due = now + point.stale
+            heapq.heappush(self._ages, (state.due, next(self._order), state))
+        name = point.names.get(number, number) if point.names else number
+        value = PointValue(point.name, name, "good", "", self._wall(now), number)
+        if state.value.quality == "good" and not _differs(point, number, state.told):
+            state.value = value
+        else:
+            state.told = number
+            self._tell(state, value)
+
+    def _fail(self, state: _State, reason: str, now: int) -> None:
+        before, state.due = state.value, NEVER
+        if (before.quality, before.reason) == ("failed", reason):
+            state.value = replace(before, time=self._wall(now))
+        else:
+            self._tell(state, replace(before, quality="failed", reason=reason, time=self._wall(now)))
+
+    def _tell(self, state: _State, value: PointValue) -> None:
+        state.value = value
+        for listener in self.listeners:
+            listener(value)
+
+
+def _differs(point: Point, number: Any, told: Any) -> bool:
+    if point.deadband and isinstance(number, (int, float)) and isinstance(told, (int, float)):
+        return abs(number - told) > point.deadband
+    return bool(number != told)

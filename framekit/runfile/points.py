@@ -1,0 +1,365 @@
+"""Reads points: named, scaled values of a run, by name, from `NAME.points.yaml`, or from a table `NAME.csv`.
+
+A table has a point in each row and the keys of a point as its columns; what it says is held against the same schema.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator, Sequence
+from collections.abc import Mapping as MappingOf
+from dataclasses import dataclass
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+from framekit.definition.load.documents import load_file
+from framekit.definition.load.reader import Broken, Reader, parse_number
+from framekit.definition.nodes import Entry, Mapping, Node, Scalar
+from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
+from framekit.definition.schema import validate
+from framekit.definition.times import NEVER
+from framekit.link.addresses import Address, AddressError, AddressGrammar
+from framekit.link.typed import typed_at
+from framekit.memory.memory import unit_bits
+from framekit.run.model import Block, Channel, OwnPlace, Point, Scaling
+from framekit.run.own_memory import stored_by
+from framekit.run.points import Asked, planned
+from framekit.runfile.channels import Attempts, needs_station, read_station
+
+EVERY = 1_000_000_000
+"""How often a point is read that does not say (ns)."""
+
+PERIODS_TO_STALE = 3
+
+SUFFIX = ".points.yaml"
+_LISTS = {"enum": ";"}
+"""Columns of a table that hold several things, and what stands between these."""
+
+
+def load_points(path: Path) -> tuple[Entry, ...]:
+    """The points of a file, as they are written. Raises DefinitionError with everything that is wrong."""
+    if path.suffix == ".csv":
+        return _table(path)
+    return load_file(path, "points", lambda reader, root: reader.entries(root.get("values")))
+
+
+# ---- tables -----------------------------------------------------------------------------------------------------
+
+
+def _table(path: Path) -> tuple[Entry, ...]:
+    """The rows of a table as points. Raises DefinitionError."""
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            rows = list(csv.reader(file))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        what = f"the table cannot be read: {error}"
+        raise DefinitionError([Problem(Position(str(path), 1, 1), what, "give a table in UTF-8 with commas")]) from None
+    columns = [name.strip() for name in rows[0]] if rows else []
+    start = Position(str(path), 1, 1)
+    if "name" not in columns or "address" not in columns:
+        what = "the first row does not name the columns name and address"
+        raise DefinitionError([Problem(start, what, "write name,address,type,scale,unit, or framekit points import")])
+    entries = []
+    for line, row in enumerate(rows[1:], 2):
+        if any(cell.strip() for cell in row):
+            entries.append(_row(columns, row, str(path), line))
+    values = Mapping((Entry(Scalar("values", start), Mapping(tuple(entries), start)),), start)
+    head = Mapping((Entry(Scalar("points", start), Scalar(path.stem, start)), *values.entries), start)
+    problems = [*_doubles(entries), *validate(head, "points")]
+    if problems:
+        raise DefinitionError(problems)
+    return tuple(entries)
+
+
+def _row(columns: Sequence[str], row: Sequence[str], file: str, line: int) -> Entry:
+    """One row; its cells stand where the columns of a text would, counted in cells."""
+    at = Position(file, line, 1)
+    name, keys = Scalar("", at), []
+    for number, (column, cell) in enumerate(zip(columns, row, strict=False), 1):
+        text, place = cell.strip(), Position(file, line, number)
+        if column == "name":
+            name = Scalar(text, place)
+        elif text and column in _LISTS:
+            keys.append(Entry(Scalar(column, place), _words(text, _LISTS[column], place)))
+        elif text:
+            keys.append(Entry(Scalar(column, place), Scalar(text, place)))
+    if len(row) > len(columns):
+        keys.append(Entry(Scalar(f"column {len(columns) + 1}", at), Scalar(row[len(columns)], at)))
+    return Entry(name, Mapping(tuple(keys), at))
+
+
+def _words(text: str, between: str, at: Position) -> Mapping:
+    """`0=off;1=on` as NUMBER: word."""
+    pairs = [part.partition("=") for part in text.split(between) if part.strip()]
+    return Mapping(tuple(Entry(Scalar(key.strip(), at), Scalar(word.strip(), at)) for key, _, word in pairs), at)
+
+
+def _doubles(entries: Sequence[Entry]) -> Iterator[Problem]:
+    seen: set[str] = set()
+    for entry in entries:
+        if entry.key.text in seen:
+            yield Problem(entry.key.at, f"there are two points '{entry.key.text}'", "name one of them otherwise")
+        seen.add(entry.key.text)
+
+
+# ---- points of a run --------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class _Group:
+    """What points of one file have in common, where they do not say it themselves."""
+
+    keys: Mapping | None = None
+    prefix: str = ""
+
+
+class PointsLoader:
+    """Reads the points of a run; it knows the own memory's addresses and the run's channels."""
+
+    def __init__(
+        self, reader: Reader, folder: Path, grammar: AddressGrammar, channels: MappingOf[int, Channel],
+        blocks: Sequence[Block],
+    ) -> None:  # fmt: skip
+        self.reader, self.folder, self.grammar, self.channels = reader, folder, grammar, channels
+        self.attempts = Attempts()
+        self._grammars: dict[int, AddressGrammar] = {}
+        frames = {number: channel.protocol.frames for number, channel in channels.items()}
+        self._stored = [
+            (block.id, place.address, bits)
+            for block in blocks
+            for place, bits in stored_by(block, frames.get(block.channel, {}))
+        ]
+
+    def load(self, node: Node | None) -> tuple[tuple[Point, ...], list[Block], int]:
+        """The points, the blocks that read them, and how many words they take in memory. Problems are noted."""
+        asked: dict[str, Asked] = {}
+        own: dict[str, Point] = {}
+        order: list[str] = []
+        for entry, group in self._entries(node):
+            name = f"{group.prefix}.{entry.key.text}" if group.prefix else entry.key.text
+            with self.reader.going_on():
+                found = self._point(name, entry, group)
+                if name in asked or name in own:
+                    what = f"there are two points '{name}'"
+                    raise self.reader.broken(entry.key.at, what, "name one of them otherwise, or give a prefix")
+                order.append(name)
+                if isinstance(found, Asked):
+                    asked[name] = found
+                else:
+                    own[name] = found
+        if any(not problem.warning for problem in self.reader.problems):
+            return (), [], 0
+        blocks, read, words = planned(list(asked.values()), self.channels)
+        points = own | {point.name: point for point in read}
+        return tuple(points[name] for name in order), blocks, words
+
+    def _entries(self, node: Node | None) -> Iterator[tuple[Entry, _Group]]:
+        """Every point as it is written, with what it has in common with others."""
+        if isinstance(node, Mapping):
+            yield from ((entry, _Group()) for entry in self.reader.entries(node))
+            return
+        for item in self.reader.items(node):
+            keys = item if isinstance(item, Mapping) else None
+            file = item if keys is None else keys.get("file")
+            with self.reader.going_on():
+                prefix = "" if keys is None or keys.get("prefix") is None else self.reader.text(keys.get("prefix"))
+                if file is not None:
+                    yield from ((entry, _Group(keys, prefix)) for entry in self._file(file))
+
+    def _file(self, node: Node) -> tuple[Entry, ...]:
+        """The points of a file beside the run. Raises Broken."""
+        name = self.reader.text(node)
+        path = self.folder / name
+        if not path.name.endswith((".csv", ".yaml")):
+            path = self.folder / f"{name}{SUFFIX}"
+        if ".." in Path(name).parts or Path(name).is_absolute():
+            raise self.reader.broken(node.at, f"'{name}' leaves the run's folder", "name a file beside it")
+        if not path.is_file():
+            known = [one.name for one in self.folder.glob(f"*{SUFFIX}")] + [
+                one.name for one in self.folder.glob("*.csv")
+            ]
+            raise self.reader.broken(node.at, f"there is no file '{path.name}'", did_you_mean(name, known))
+        try:
+            return load_points(path)
+        except DefinitionError as error:
+            self.reader.problems.extend(error.problems)
+            raise Broken(name) from None
+
+    # ---- one point ----------------------------------------------------------------------------------------
+
+    def _point(self, name: str, entry: Entry, group: _Group) -> Point | Asked:
+        """Raises Broken when anything of it is wrong, after all of it has been looked at."""
+        reader, keys = self.reader, self.reader.mapping(entry.value)
+        self.attempts.spoilt = False
+        channel = self._channel(keys, group)
+        address_node = keys.get("address")
+        text = reader.text(address_node)
+        type_ = self.attempts.maybe(reader.text, keys.get("type"))
+        order = self.attempts.maybe(reader.text, keys.get("order"))
+        size = self.attempts.maybe(reader.number, keys.get("size"))
+        if size is not None and type_ != "string":
+            raise reader.broken(
+                self._at(keys, "size"), "only a string has a size", "leave it out, or give type: string"
+            )
+        grammar = self.grammar if channel is None else self._grammar(channel)
+        with reader.refusing(keys.at if address_node is None else address_node.at):
+            try:
+                address = grammar.parse(text)
+            except AddressError as error:
+                hint = "; if a device has it, name its channel:" if channel is None else ""
+                raise ValueError(f"{error}{hint}") from None
+            form = typed_at(grammar, text, type_, order, size or 1)
+            grammar.check(address, -(-form.units * unit_bits(form.unit or form.place) // address.unit_bits))
+        every = self._time(keys, group, "every") or EVERY
+        stale = self._time(keys, group, "stale")
+        numeric = form.type != "string"
+        point = Point(
+            name=name,
+            form=form,
+            place=OwnPlace(address=address, text=text),
+            address=text,
+            channel=None if channel is None else channel.number,
+            station=None if channel is None else self._station(keys, group, channel, entry),
+            blocks=() if channel is not None else self._sources(address.area, address.first_bit, form),
+            scaling=self._scaling(keys, numeric),
+            unit=self.attempts.maybe(reader.text, keys.get("unit")) or "",
+            decimals=self._number_of(keys, "decimals", numeric, reader.number),
+            names=self._names(keys),
+            deadband=float(self._number_of(keys, "deadband", numeric, self._exact) or 0),
+            stale=stale or (NEVER if channel is None else PERIODS_TO_STALE * every),
+            is_writable=self._writable(keys, channel, address),
+            limits=self._limits(keys),
+            about=self.attempts.maybe(reader.text, keys.get("about")) or "",
+            at=entry.key.at,
+        )
+        self._effects(keys, channel, point)
+        if self.attempts.spoilt:
+            raise Broken(name)
+        return point if channel is None else Asked(point, address, every)
+
+    def _at(self, keys: Mapping, key: str) -> Position:
+        node = keys.value(key)
+        return keys.at if node is None else node.at
+
+    def _common(self, keys: Mapping, group: _Group, key: str) -> Node | None:
+        """A key of the point, else of its file's group."""
+        node = keys.get(key)
+        return node if node is not None or group.keys is None else group.keys.get(key)
+
+    def _channel(self, keys: Mapping, group: _Group) -> Channel | None:
+        node = self._common(keys, group, "channel")
+        if node is None:
+            return None
+        number = self.reader.number(node)
+        if number not in self.channels:
+            hint = did_you_mean(str(number), map(str, self.channels))
+            raise self.reader.broken(node.at, f"there is no channel {number}", hint)
+        channel = self.channels[number]
+        if channel.listens or not channel.asks:
+            raise self.reader.broken(node.at, f"channel {number} only answers, nothing is read on it", "name another")
+        if "read" not in channel.protocol.services:
+            what = f"'{channel.protocol.name}' has no service read"
+            raise self.reader.broken(node.at, what, "store its frames by a RECEIVE block, and name that place")
+        return channel
+
+    def _grammar(self, channel: Channel) -> AddressGrammar:
+        found = self._grammars.get(channel.number)
+        if found is None:
+            protocol = channel.protocol
+            found = AddressGrammar(protocol.addresses, protocol.areas, protocol.tables)
+            self._grammars[channel.number] = found
+        return found
+
+    def _station(self, keys: Mapping, group: _Group, channel: Channel, entry: Entry) -> Any:
+        node = self._common(keys, group, "station")
+        if node is not None:
+            return self.attempts.to(lambda: read_station(self.reader, node, channel.protocol))
+        if channel.station is None and needs_station(channel.protocol):
+            what = f"point '{entry.key.text}' does not say which station it is read from"
+            self.reader.note(entry.key.at, what, "add station: to it, to its file or to the channel")
+            self.attempts.spoilt = True
+        return channel.station
+
+    def _sources(self, area: str, first: int, form: Any) -> tuple[int, ...]:
+        """The blocks that store where an own point stands."""
+        end = first + form.units * unit_bits(form.unit or form.place)
+        return tuple(
+            block
+            for block, address, bits in self._stored
+            if address.area == area and address.first_bit < end and first < address.first_bit + bits
+        )
+
+    # ---- its value ----------------------------------------------------------------------------------------
+
+    def _exact(self, node: Node | None) -> Decimal:
+        return Decimal(self.reader.text(node).strip())
+
+    def _time(self, keys: Mapping, group: _Group, key: str) -> int | None:
+        node = self._common(keys, group, key)
+        time = self.attempts.maybe(self.reader.time, node)
+        if node is not None and time is not None and (time <= 0 or (key == "every" and time >= NEVER)):
+            self.reader.note(node.at, f"'{self.reader.text(node)}' is no {key}", "give a time such as 1 s")
+            self.attempts.spoilt = True
+        return time
+
+    def _scaling(self, keys: Mapping, numeric: bool) -> Scaling | None:
+        factor = self._number_of(keys, "scale", numeric, self._exact)
+        offset = self._number_of(keys, "offset", numeric, self._exact)
+        if factor == 0:
+            self.reader.note(self._at(keys, "scale"), "a scale of 0 makes every value the same", "give another")
+            self.attempts.spoilt = True
+        if factor is None and offset is None:
+            return None
+        return Scaling(Decimal(1) if factor is None else factor, Decimal(0) if offset is None else offset)
+
+    def _number_of(self, keys: Mapping, key: str, numeric: bool, read: Any) -> Any:
+        """A key that makes sense for numbers only."""
+        node = keys.get(key)
+        if node is not None and not numeric:
+            raise self.reader.broken(node.at, f"a string has no {key}", "leave it out")
+        return self.attempts.maybe(read, node)
+
+    def _names(self, keys: Mapping) -> dict[int, str]:
+        node = keys.get("enum")
+        return {parse_number(entry.key.text): self.reader.text(entry.value) for entry in self.reader.entries(node)}
+
+    def _writable(self, keys: Mapping, channel: Channel | None, address: Address) -> bool:
+        node = keys.get("access")
+        if node is None or self.reader.text(node) != "rw":
+            return False
+        areas = self.grammar.areas if channel is None else channel.protocol.areas
+        area = areas.get(address.area)
+        if area is not None and area.access == "read":
+            self.reader.note(node.at, f"area '{area.name}' can only be read", "leave access out")
+            self.attempts.spoilt = True
+        elif channel is not None and "write" not in channel.protocol.services:
+            self.reader.note(node.at, f"'{channel.protocol.name}' has no service write", "leave access out")
+            self.attempts.spoilt = True
+        return True
+
+    def _limits(self, keys: Mapping) -> tuple[float, float] | None:
+        node = keys.get("range")
+        if node is None:
+            return None
+        low, _, high = self.reader.text(node).partition("..")
+        with self.reader.refusing(node.at):
+            limits = float(low), float(high)
+            if limits[0] > limits[1]:
+                raise ValueError(f"the range {self.reader.text(node)} is empty – give the smaller number first")
+        return limits
+
+    def _effects(self, keys: Mapping, channel: Channel | None, point: Point) -> None:
+        """Keys that mean nothing here."""
+        reader = self.reader
+        useless = []
+        if channel is None:
+            useless = [(key, "without a channel nothing is read") for key in ("every", "station") if key in keys]
+        if point.limits is not None and not point.is_writable:
+            useless.append(("range", "the point is not written; access: rw allows it"))
+        if point.names and (point.deadband or point.decimals is not None):
+            useless += [(key, "words are shown") for key in ("deadband", "decimals") if key in keys]
+        for key, why in useless:
+            entry = next(one for one in keys.entries if one.key.text == key)
+            reader.note(entry.key.at, f"'{key}' has no effect: {why}", "remove it")
+            self.attempts.spoilt = True

@@ -1,0 +1,110 @@
+"""The points of a run at work: their values follow the blocks and the memory, and programs write some of them."""
+
+from __future__ import annotations
+
+import logging
+from collections import deque
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from framekit.definition.problems import no_such
+from framekit.link.packing import memory_of
+from framekit.memory.memory import DeviceMemory
+from framekit.run.block_state import BlockState, Failure
+from framekit.run.model import Block, Point, RunModel
+from framekit.run.own_memory import piece_writer
+from framekit.run.points import PointTable, PointValue, unscaled
+from framekit.transport.clock import Clock, utc_at
+
+log = logging.getLogger(__name__)
+
+Written = Callable[[Failure | None], None]
+"""Told once how the writing of a point ended; None when all is well."""
+
+
+MOST_WAITING = 64
+"""So many values of one point wait to be written; one more is refused."""
+
+
+class PointService:
+    """The points of one run. `fire` makes a block due by its id."""
+
+    def __init__(
+        self, run: RunModel, memory: DeviceMemory, clock: Clock, wake: Callable[[], None], fire: Callable[[int], None]
+    ) -> None:
+        self.table = PointTable(run.points, memory, utc_at(clock), wake)
+        self._memory, self._clock, self._wake, self._fire = memory, clock, wake, fire
+        self._blocks: dict[int, Block] = {block.id: block for block in run.blocks}
+        self._waiting: dict[int, deque[tuple[bytes, Written]]] = {}
+
+    def __iter__(self) -> Iterator[PointValue]:
+        return iter(self.table)
+
+    # ---- what happens -------------------------------------------------------------------------------------
+
+    def ended(self, state: BlockState, ok: bool, now: int) -> None:
+        """A block has ended."""
+        failure = None if ok else state.last_failure
+        if self.table.follows(state.id):
+            self.table.ended(state.id, failure, now)
+        waiting = self._waiting.get(state.id)
+        if waiting:
+            self._has_written(state.block, waiting, failure)
+
+    def tick(self, now: int) -> None:
+        """Looks at what has changed, and at what has become too old."""
+        self.table.tick(now)
+
+    @property
+    def deadline(self) -> int:
+        """When there is something to look at."""
+        return self.table.deadline
+
+    # ---- writing ------------------------------------------------------------------------------------------
+
+    def write(self, name: str, value: Any, who: str, written: Written = lambda failure: None) -> None:
+        """Writes a value, in the point's own scale; `who` wants it, for the log. `written` hears how it ended.
+
+        Raises ValueError, and nothing is written, for a point that there is not or that cannot be written, and for a
+        value that does not fit.
+        """
+        point = self.point(name)
+        if not point.is_writable:
+            raise ValueError(f"'{name}' can only be read – access: rw of the point allows it")
+        form = point.form
+        data = memory_of(form.numbers([unscaled(point, value)]), form.unit or form.place)
+        log.info("point %s: %r → %r, written by %s", name, self.table[name].value, value, who)
+        if point.writer is None:
+            piece_writer(self._memory, point.place, point.bits)(data)
+            self._wake()
+            written(None)
+            return
+        waiting = self._waiting.setdefault(point.writer, deque())
+        if len(waiting) >= MOST_WAITING:
+            raise ValueError(f"{MOST_WAITING} values for '{name}' wait to be written – nothing answers on its channel")
+        waiting.append((data, written))
+        if len(waiting) == 1:
+            self._begin(self._blocks[point.writer], waiting)
+
+    def _begin(self, block: Block, waiting: deque[tuple[bytes, Written]]) -> None:
+        """The first value that waits goes to the place from which the block writes it."""
+        data, _ = waiting[0]
+        piece_writer(self._memory, block.places[0], 8 * len(data))(data)
+        self._fire(block.id)
+
+    def _has_written(self, block: Block, waiting: deque[tuple[bytes, Written]], failure: Failure | None) -> None:
+        """The next value goes out, or the point is read anew; then it is told how it ended."""
+        _, told = waiting.popleft()
+        if waiting:
+            self._begin(block, waiting)
+        elif failure is None:
+            for reader in self.table.point(block.name).blocks:
+                self._fire(reader)
+        told(failure)
+
+    def point(self, name: str) -> Point:
+        """What a point is. Raises ValueError for one there is not."""
+        try:
+            return self.table.point(name)
+        except KeyError:
+            raise ValueError(no_such("there is no point", name, (one.name for one in self.table))) from None
