@@ -31,7 +31,7 @@ def check_file(name: str) -> Checked:
     """What a file is, and what is wrong with it."""
     try:
         path = definition_path(name)
-        kind = kind_of(read_nodes(path, noted=[]))
+        kind = "points" if path.suffix == ".csv" else kind_of(read_nodes(path, noted=[]))
         checked = CHECKS[kind](path)
         return Checked(checked.what, sorted(checked.problems), checked.loads)
     except DefinitionError as error:
@@ -63,6 +63,7 @@ def _device(path: Path) -> Checked:
 
 
 def _run(path: Path) -> Checked:
+    from framekit.run.model import POINTS_SET
     from framekit.runfile.run_file import read_run
     from framekit.service.device import devices_of
 
@@ -80,7 +81,10 @@ def _run(path: Path) -> Checked:
     if problems:
         raise DefinitionError(problems)
     loads, doubts = loads_of(loaded)
-    what = f"run {loaded.name}, {plural(len(loaded.blocks), 'block')} on {plural(len(loaded.channels), 'channel')}"
+    numbered = sum(block.set != POINTS_SET for block in loaded.blocks)
+    blocks = plural(numbered, "block") if numbered or not loaded.points else ""
+    parts = [part for part in (blocks, plural(len(loaded.points), "point") if loaded.points else "") if part]
+    what = f"run {loaded.name}, {' and '.join(parts)} on {plural(len(loaded.channels), 'channel')}"
     return Checked(what, [*loaded.warnings, *doubts], loads)
 
 
@@ -141,7 +145,13 @@ def _jobs(path: Path) -> Checked:
     return Checked(f"jobs {profile.name}, {len(profile.slots)} slots, {profile.bits.size} status bits", [])
 
 
+def _points(path: Path) -> Checked:
+    from framekit.runfile.points import load_points
+
+    return Checked(f"points {path.name.removesuffix('.points.yaml')}, {plural(len(load_points(path)), 'point')}", [])
+
+
 CHECKS = {
     "protocol": _protocol, "device": _device, "run": _run, "vectors": _vectors, "memory": _memory, "faults": _faults,
-    "jobs": _jobs,
+    "jobs": _jobs, "points": _points,
 }  # fmt: skip

@@ -9,12 +9,13 @@ import csv
 from collections.abc import Iterator, Sequence
 from collections.abc import Mapping as MappingOf
 from dataclasses import dataclass
-from decimal import Decimal
+from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any
 
 from framekit.definition.load.documents import load_file
-from framekit.definition.load.reader import Broken, Reader, parse_number
+from framekit.definition.load.reader import Broken, Reader
+from framekit.definition.model.services import UNIT_BITS
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
 from framekit.definition.schema import validate
@@ -22,6 +23,7 @@ from framekit.definition.times import NEVER
 from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.link.typed import typed_at
 from framekit.memory.memory import unit_bits
+from framekit.memory.views import VIEWS
 from framekit.run.model import Block, Channel, OwnPlace, Point, Scaling
 from framekit.run.own_memory import stored_by
 from framekit.run.points import Asked, planned
@@ -33,6 +35,7 @@ EVERY = 1_000_000_000
 PERIODS_TO_STALE = 3
 
 SUFFIX = ".points.yaml"
+TYPES = (*UNIT_BITS, *VIEWS)
 _LISTS = {"enum": ";"}
 """Columns of a table that hold several things, and what stands between these."""
 
@@ -41,7 +44,12 @@ def load_points(path: Path) -> tuple[Entry, ...]:
     """The points of a file, as they are written. Raises DefinitionError with everything that is wrong."""
     if path.suffix == ".csv":
         return _table(path)
-    return load_file(path, "points", lambda reader, root: reader.entries(root.get("values")))
+
+    def read(reader: Reader, root: Mapping) -> tuple[Entry, ...]:
+        reader.text(root.get("points"))  # the name is for people
+        return reader.entries(root.get("values"))
+
+    return load_file(path, "points", read)
 
 
 # ---- tables -----------------------------------------------------------------------------------------------------
@@ -202,12 +210,17 @@ class PointsLoader:
             raise reader.broken(
                 self._at(keys, "size"), "only a string has a size", "leave it out, or give type: string"
             )
+        if type_ is not None and type_ not in TYPES:
+            raise Broken("the schema has told what is wrong with the type")
+        if order is not None and type_ not in VIEWS:
+            what = f"{type_ or 'what the address says'} has no order of bytes"
+            raise reader.broken(self._at(keys, "order"), what, "give a type such as float32, or leave order out")
         grammar = self.grammar if channel is None else self._grammar(channel)
         with reader.refusing(keys.at if address_node is None else address_node.at):
             try:
                 address = grammar.parse(text)
             except AddressError as error:
-                hint = "; if a device has it, name its channel:" if channel is None else ""
+                hint = "; or add channel: where a device has it" if channel is None else ""
                 raise ValueError(f"{error}{hint}") from None
             form = typed_at(grammar, text, type_, order, size or 1)
             grammar.check(address, -(-form.units * unit_bits(form.unit or form.place) // address.unit_bits))
@@ -293,7 +306,14 @@ class PointsLoader:
     # ---- its value ----------------------------------------------------------------------------------------
 
     def _exact(self, node: Node | None) -> Decimal:
-        return Decimal(self.reader.text(node).strip())
+        """A number with a point. Raises Broken, what is none has been told by the schema."""
+        try:
+            found = Decimal(self.reader.text(node).strip())
+        except InvalidOperation:
+            raise Broken("the schema has told that it is no number") from None
+        if not found.is_finite():
+            raise Broken("the schema has told that it is no number")
+        return found
 
     def _time(self, keys: Mapping, group: _Group, key: str) -> int | None:
         node = self._common(keys, group, key)
@@ -321,8 +341,11 @@ class PointsLoader:
         return self.attempts.maybe(read, node)
 
     def _names(self, keys: Mapping) -> dict[int, str]:
-        node = keys.get("enum")
-        return {parse_number(entry.key.text): self.reader.text(entry.value) for entry in self.reader.entries(node)}
+        found: dict[int, str] = {}
+        for entry in self.reader.entries(keys.get("enum")):
+            with self.attempts.going_on():
+                found[self.reader.number(entry.key)] = self.reader.text(entry.value)
+        return found
 
     def _writable(self, keys: Mapping, channel: Channel | None, address: Address) -> bool:
         node = keys.get("access")
@@ -343,10 +366,13 @@ class PointsLoader:
         if node is None:
             return None
         low, _, high = self.reader.text(node).partition("..")
-        with self.reader.refusing(node.at):
+        try:
             limits = float(low), float(high)
-            if limits[0] > limits[1]:
-                raise ValueError(f"the range {self.reader.text(node)} is empty – give the smaller number first")
+        except ValueError:
+            raise Broken("the schema has told that it is no range") from None
+        if limits[0] > limits[1]:
+            self.reader.note(node.at, f"the range {self.reader.text(node)} is empty", "give the smaller number first")
+            self.attempts.spoilt = True
         return limits
 
     def _effects(self, keys: Mapping, channel: Channel | None, point: Point) -> None:

@@ -1,0 +1,340 @@
+"""Points of a run: values, quality, time, planned reads, and writing – on simulated lines and their virtual clock."""
+
+from __future__ import annotations
+
+import random
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from framekit.api.errors import RequestError
+from framekit.api.run import VirtualRun, loaded
+from framekit.definition.problems import DefinitionError
+from framekit.run.points import PointValue
+
+DEVICE = """device: meter
+protocol: {protocol}
+station: {station}
+memory: {{set: {{{values}}}}}
+"""
+RUN = """run: plant
+channels:
+  1: {{port: "sim:meter.device.yaml", protocol: {protocol}, station: {station}}}
+points:
+{points}
+"""
+
+
+def run_of(
+    folder: Path, points: str, values: str, *, protocol: str = "modbus-tcp", station: Any = 1, more: str = ""
+) -> VirtualRun:
+    """A run with these points, one a line, at a simulated device with these start values."""
+    device = DEVICE.format(protocol=protocol, station=station, values=values)
+    (folder / "meter.device.yaml").write_text(device, "utf-8")
+    lines = "\n".join(f"  {line}" for line in points.strip().splitlines())
+    text = RUN.format(protocol=protocol, station=station, points=lines) + more
+    (folder / "plant.run.yaml").write_text(text, "utf-8")
+    return VirtualRun(folder / "plant.run.yaml")
+
+
+def values_after(run: VirtualRun, time: str = "1500 ms") -> dict[str, Any]:
+    run.run_for(time)
+    found = {value.name: value.value for value in run.points.now()}
+    assert {value.quality for value in run.points.now()} == {"good"}
+    run.stop()
+    return found
+
+
+# ---- values -----------------------------------------------------------------------------------------------------
+
+
+def test_numbers_are_scaled_exactly_and_named(tmp_path: Path) -> None:
+    points = """
+a: {channel: 1, address: "40001", scale: 0.1}
+b: {channel: 1, address: "40002", type: int16, scale: 0.5, offset: -10}
+c: {channel: 1, address: "40003", scale: 10, offset: 5}
+d: {channel: 1, address: "40004", enum: {0: off, 3: heating}}
+e: {channel: 1, address: "40001", enum: {0: off}}
+f: {channel: 1, address: "40005", type: float32, order: ABCD, decimals: 2}
+g: {channel: 1, address: "40007", type: string, size: 5}
+h: {channel: 1, address: "00002"}
+i: {channel: 1, address: "40001", scale: 0.001, decimals: 1}
+"""
+    device = '"40001": [217, 65535, 7, 3, 0x4049, 0x0FDB, 0x4142, 0x4344, 0x4500], "00001": [0, 1]'
+    assert values_after(run_of(tmp_path, points, device)) == {
+        "a": 21.7, "b": -10.5, "c": 75, "d": "heating", "e": 217, "f": 3.14, "g": "ABCDE", "h": 1, "i": 0.2,
+    }  # fmt: skip
+
+
+def test_every_multiple_of_a_tenth_is_written_shortly(tmp_path: Path) -> None:
+    device = f'"40001": [{", ".join(str(number) for number in range(100, 200))}]'
+    points = "\n".join(f'p{at}: {{channel: 1, address: "{40001 + at}", scale: 0.1}}' for at in range(100))
+    found = values_after(run_of(tmp_path, points, device))
+    assert [repr(value) for value in found.values()] == [f"{(100 + at) // 10}.{(100 + at) % 10}" for at in range(100)]
+
+
+def test_what_is_no_number_fails_and_the_last_value_stays(tmp_path: Path) -> None:
+    run = run_of(tmp_path, 'a: {channel: 1, address: "40001", type: float32, order: ABCD}', '"40001": [0x4120, 0]')
+    run.run_for("500 ms")
+    device = run.device("meter")
+    device.write("40001", [0x7FC0, 0])
+    run.run_for("1 s")
+    now = run.points["a"].now
+    assert (now.value, now.quality, now.reason) == (10.0, "failed", "nan is no number")
+    device.write("40001", [0x4120, 0])
+    run.run_for("1 s")
+    assert run.points["a"].quality == "good"
+    run.stop()
+
+
+# ---- planned reads ----------------------------------------------------------------------------------------------
+
+
+def reads_of(run: VirtualRun) -> list[tuple[str, int]]:
+    return [(block.targets[0], block.count) for block in run.run.blocks if block.instruction == "read"]
+
+
+def test_neighbours_come_in_one_request(tmp_path: Path) -> None:
+    points = """
+a: {channel: 1, address: "40001"}
+c: {channel: 1, address: "40004"}
+b: {channel: 1, address: "40002", type: float32}
+far: {channel: 1, address: "40010"}
+slow: {channel: 1, address: "40005", every: 5 s}
+bit: {channel: 1, address: "00001"}
+next: {channel: 1, address: "00002"}
+"""
+    run = run_of(tmp_path, points, '"40001": [1, 2, 3, 4]')
+    assert sorted(reads_of(run)) == [("00001", 2), ("40001", 4), ("40005", 1), ("40010", 1)]
+    run.stop()
+
+
+def test_a_gap_is_read_where_the_run_says_so(tmp_path: Path) -> None:
+    points = 'a: {channel: 1, address: "40001"}\nb: {channel: 1, address: "40010"}'
+    run = run_of(tmp_path, points, '"40001": [1]', more="merge: {gap: 8}\n")
+    assert reads_of(run) == [("40001", 10)]
+    run.stop()
+
+
+def test_no_point_is_cut_by_the_end_of_a_request(tmp_path: Path) -> None:
+    """A request of Modbus brings 125 registers: a double word must not come half from one and half from the next."""
+    points = "\n".join(f'p{at}: {{channel: 1, address: "{40001 + 2 * at}", type: uint32}}' for at in range(100))
+    run = run_of(tmp_path, points, '"40001": [1]')
+    assert reads_of(run) == [("40001", 124), ("40125", 76)]
+    run.stop()
+
+
+PLACES = {
+    "modbus-tcp": (1, lambda at: f"{40001 + at}", "40001", ("word", "int16", "uint32", "float32", "int64")),
+    "mldp": (2, lambda at: f"%MW{100 + at}", "%MW100", ("word", "int16", "uint32", "float32")),
+    "modbus-rtu": (3, lambda at: f"{40001 + at}", "40001", ("word", "int16", "uint32", "float32")),
+    "df1": (1, lambda at: f"N7:{at}", "N7:0", ("word", "int16", "uint32", "float32")),
+}
+
+
+@pytest.mark.parametrize("protocol", PLACES)
+@pytest.mark.parametrize("seed", range(3))
+def test_planned_reads_bring_what_single_reads_bring(tmp_path: Path, protocol: str, seed: int) -> None:
+    station, place, first, types = PLACES[protocol]
+    rng = random.Random(seed)
+    words = [rng.randrange(0x3F00, 0x4700) for _ in range(40)]
+    chosen = [(at, rng.choice(types)) for at in rng.sample(range(36), 14)]
+    points = "\n".join(
+        f'p{n}: {{channel: 1, address: "{place(at)}", type: {type_}}}' for n, (at, type_) in enumerate(chosen)
+    )
+    run = run_of(tmp_path, points, f'"{first}": {words}', protocol=protocol, station=station)
+    run.run_for("4 s")
+    device = run.device("meter")
+    wanted = {f"p{n}": device.read(place(at), type=type_)[0] for n, (at, type_) in enumerate(chosen)}
+    assert {value.name: value.value for value in run.points.now()} == wanted
+    assert len(reads_of(run)) < 14
+    run.stop()
+
+
+# ---- quality and time -------------------------------------------------------------------------------------------
+
+
+def test_quality_follows_the_device(tmp_path: Path) -> None:
+    faults = "faults: gone\nrules:\n  - {fault: no_reply, from: 3 s, until: 9500 ms}\n"
+    (tmp_path / "gone.faults.yaml").write_text(faults, "utf-8")
+    run = run_of(tmp_path, 'a: {channel: 1, address: "40001"}', '"40001": 7')
+    text = (tmp_path / "plant.run.yaml").read_text("utf-8").replace("station: 1}", "station: 1, faults: gone}")
+    run.stop()
+    (tmp_path / "plant.run.yaml").write_text(text, "utf-8")
+    run = VirtualRun(tmp_path / "plant.run.yaml")
+    assert run.points["a"].now == PointValue("a")
+    told: list[tuple[str, Any]] = []
+    run.points.watch(lambda value: told.append((value.quality, value.value)))
+    run.run_for("20 s")
+    assert told == [("good", 7), ("failed", 7), ("good", 7)]
+    run.stop()
+
+
+def test_a_value_that_is_not_read_for_long_is_stale(tmp_path: Path) -> None:
+    run = run_of(
+        tmp_path, 'a: {channel: 1, address: "40001"}\nb: {channel: 1, address: "40001", stale: 20 s}', '"40001": 7'
+    )
+    run.run_for("1500 ms")
+    run.enable_channel(1, False)
+    run.run_for("3 s")
+    a, b = run.points["a"], run.points["b"]
+    assert (a.value, a.quality, a.reason, b.quality) == (7, "stale", "not read for 3 s", "good")
+    run.enable_channel(1, True)
+    run.run_for("2 s")
+    assert a.quality == "good"
+    run.stop()
+
+
+def test_the_time_is_that_of_the_reply(tmp_path: Path) -> None:
+    run = run_of(tmp_path, 'a: {channel: 1, address: "40001"}', '"40001": 7', protocol="modbus-rtu")
+    run.run_for("200 ms")
+    request_and_reply, gap = 8 + 7, 3  # characters of 11 bits at 19200
+    least = (request_and_reply + gap) * 11 / 19200
+    seconds = (run.points["a"].time.timestamp()) % 60
+    assert least <= seconds < least + 0.02
+    assert run.points["a"].now.text_time.startswith("2000-01-01T00:00:00.0")
+    run.stop()
+
+
+def test_small_changes_are_not_told(tmp_path: Path) -> None:
+    run = run_of(tmp_path, 'a: {channel: 1, address: "40001", scale: 0.1, deadband: 0.5}', '"40001": 100')
+    told: list[Any] = []
+    run.points.watch(lambda value: told.append(value.value))
+    run.run_for("500 ms")
+    for number in (103, 105, 106, 110, 112, 100):
+        run.device("meter").write("40001", number)
+        run.run_for("1 s")
+    assert told == [10.0, 10.6, 11.2, 10.0]
+    assert run.points["a"].value == 10.0
+    run.stop()
+
+
+OWN = """run: own
+memory: masterlogic
+channels:
+  1: {port: "sim:meter.device.yaml", protocol: modbus-tcp, station: 1}
+points:
+  free: {address: M100, access: rw, range: 0..50}
+  read: {address: M201, scale: 0.1}
+blocks:
+  0: {read: "40001", count: 4, into: M200, channel: 1, every: 1 s}
+"""
+
+
+def test_points_of_the_own_memory_follow_it_and_its_blocks(tmp_path: Path) -> None:
+    (tmp_path / "meter.device.yaml").write_text(
+        DEVICE.format(protocol="modbus-tcp", station=1, values='"40001": [1, 2, 3]'), "utf-8"
+    )
+    (tmp_path / "own.run.yaml").write_text(OWN, "utf-8")
+    run = VirtualRun(tmp_path / "own.run.yaml")
+    told: list[tuple[str, Any, str]] = []
+    run.points.watch(lambda value: told.append((value.name, value.value, value.quality)))
+    run.run_for("500 ms")
+    assert (run.points["free"].now.value, run.points["read"].now.quality) == (0, "stale")
+    run.run_for("1 s")
+    run.memory["M100"] = 5
+    run.run_for("1 ms")
+    run.points["free"].write(6)
+    run.run_for("1 ms")
+    assert told == [("free", 0, "good"), ("read", 0.2, "good"), ("free", 5, "good"), ("free", 6, "good")]
+    assert run.memory["M100"] == 6
+    run.stop()
+
+
+# ---- writing ----------------------------------------------------------------------------------------------------
+
+
+def test_values_are_written_one_after_the_other_and_read_anew(tmp_path: Path) -> None:
+    run = run_of(tmp_path, 'a: {channel: 1, address: "40001", scale: 0.1, access: rw, every: 1 h}', '"40001": 7')
+    run.run_for("10 ms")
+    ends: list[Any] = []
+    for value in (35.5, 36, 37.24):
+        run.points["a"].write(value, done=ends.append)
+    run.run_for("1 s")
+    assert (ends, run.device("meter").read("40001"), run.points["a"].value) == ([None, None, None], [372], 37.2)
+    run.stop()
+
+
+@pytest.mark.parametrize(
+    ("value", "why"),
+    [
+        (101, "101 is not in 0..100, the range of a"),
+        (float("nan"), "nan is no number"),
+        ("much", "'much' is no word – text has the type string"),
+        (None, "None is no number"),
+    ],
+)
+def test_what_does_not_fit_is_refused_before_anything_is_sent(tmp_path: Path, value: Any, why: str) -> None:
+    run = run_of(tmp_path, 'a: {channel: 1, address: "40001", access: rw, range: 0..100}', '"40001": 7')
+    run.run_for("10 ms")
+    with pytest.raises(RequestError, match=why.replace(".", r"\.")):
+        run.points["a"].write(value)
+    run.run_for("100 ms")
+    assert run.device("meter").read("40001") == [7]
+    run.stop()
+
+
+def test_a_point_is_read_only_unless_it_says_otherwise(tmp_path: Path) -> None:
+    run = run_of(tmp_path, 'a: {channel: 1, address: "40001"}', '"40001": 7')
+    with pytest.raises(RequestError, match="'a' can only be read – access: rw of the point allows it"):
+        run.points["a"].write(1)
+    with pytest.raises(KeyError, match="there is no point 'b'"):
+        run.points["b"]
+    run.stop()
+
+
+def test_a_write_that_fails_says_so(tmp_path: Path) -> None:
+    run = run_of(tmp_path, 'a: {channel: 1, address: "40001", station: 9, access: rw}', '"40001": 7')
+    run.run_for("10 ms")
+    ends: list[Any] = []
+    run.points["a"].write(1, done=ends.append)
+    run.run_for("30 s")
+    assert [str(end) for end in ends] == ["no_reply"]
+    run.stop()
+
+
+# ---- files ------------------------------------------------------------------------------------------------------
+
+TABLE = """name,address,type,scale,unit,enum
+temperature,40001,,0.1,°C,
+state,40002,,,,0=off;2=heating
+"""
+GROUPS = """run: two
+channels:
+  1: {port: "sim:meter.device.yaml", protocol: modbus-tcp}
+points:
+  - {file: meter.csv, channel: 1, station: 1, prefix: one, every: 2 s}
+  - {file: more, channel: 1, station: 1}
+"""
+
+
+def test_tables_and_files_for_several_devices(tmp_path: Path) -> None:
+    (tmp_path / "meter.device.yaml").write_text(
+        DEVICE.format(protocol="modbus-tcp", station=1, values='"40001": [217, 2]'), "utf-8"
+    )
+    (tmp_path / "meter.csv").write_text(TABLE, "utf-8")
+    (tmp_path / "more.points.yaml").write_text('points: more\nvalues:\n  state: {address: "40002"}\n', "utf-8")
+    (tmp_path / "two.run.yaml").write_text(GROUPS, "utf-8")
+    run = VirtualRun(tmp_path / "two.run.yaml")
+    assert values_after(run) == {"one.temperature": 21.7, "one.state": "heating", "state": 2}
+    assert {point.unit for point in run.run.points} == {"°C", ""}
+
+
+@pytest.mark.parametrize(
+    ("table", "problem"),
+    [
+        ("", "1:1: the first row does not name the columns name and address"),
+        ("name,address\na,40001\na,40002\n", "3:1: there are two points 'a'"),
+        ("name,address,gain\na,40001,2\n", "2:3: unknown key 'gain' in point 'a' – write scale"),
+        ("name,address,scale\na,40001,much\n", "2:3: 'much' is not a number (0.1 or -40), in point 'a'"),
+        ("name,address\na,\n", "2:1: missing key 'address' in point 'a'"),
+        ("name,address\na,40001,7\n", "2:1: unknown key 'column 3' in point 'a'"),
+    ],
+)
+def test_what_is_wrong_with_a_table_is_told_by_row_and_column(tmp_path: Path, table: str, problem: str) -> None:
+    (tmp_path / "meter.csv").write_text(table, "utf-8")
+    (tmp_path / "two.run.yaml").write_text(GROUPS.replace("  - {file: more, channel: 1, station: 1}\n", ""), "utf-8")
+    with pytest.raises(DefinitionError) as error:
+        loaded(tmp_path / "two.run.yaml")
+    assert any(f"meter.csv:{problem}" in str(one) for one in error.value.problems), error.value
