@@ -503,22 +503,22 @@ def add_keys(kind: Kind, definition: str, keys: dict[str, Any], module: str) -> 
     known.update(added)
 
 
-def add_segment_kind(key: str, schema: dict[str, Any], module: str) -> None:
-    """Adds a kind of segment that a module brings by itself: the key that names it, and the schema of its keys.
+def add_kind_of(kind: Kind, thing: str, key: str, schema: dict[str, Any], module: str) -> None:
+    """Adds a kind of a thing (segment, sink) that a module brings by itself: the key that names it, and its schema.
 
-    Raises ValueError for a key that has a meaning in a segment already, and for what is no schema.
+    Raises ValueError for a key that has a meaning in such a thing already, and for what is no schema.
     """
-    known, name = _definitions("protocol"), f"{key}_segment"
-    schema = _sound("protocol", key, schema)
-    both = next((one for one in schema["properties"] if one != key and f"{one}_segment" in known), None)
+    known, end = _definitions(kind), f"_{thing}"
+    name, schema = f"{key}{end}", _sound(kind, key, schema)
+    both = next((one for one in schema["properties"] if one != key and f"{one}{end}" in known), None)
     if both is not None:
-        raise ValueError(f"the key '{both}' of '{key}' is a kind of segment itself – take another word")
-    others = [one for title, one in known.items() if title.endswith("_segment") and title != name]
+        raise ValueError(f"the key '{both}' of '{key}' is a kind of {thing} itself – take another word")
+    others = [one for title, one in known.items() if title.endswith(end) and title != name]
     there = name in known or any(key in one.get("properties", ()) for one in others)
-    bring_word("key of a segment", key, module, there)
+    bring_word(f"key of a {thing}", key, module, there)
     if name not in known:
-        known["segment"]["oneOf"].append({"required": [key]})
-        known["segment"]["dependentSchemas"][key] = {"$ref": f"protocol{_SUFFIX}{_DEFINITION}{name}"}
+        known[thing]["oneOf"].append({"required": [key]})
+        known[thing]["dependentSchemas"][key] = {"$ref": f"{kind}{_SUFFIX}{_DEFINITION}{name}"}
     known[name] = schema
 
 
@@ -614,7 +614,7 @@ def _own_keys(validator: Any, wanted: Any, instance: Any, schema: Any) -> Iterat
 
 @cache
 def _known_keys(reference: str) -> Iterable[str]:
-    """The keys of a definition `#/$defs/NAME` of the protocol schema."""
-    name = reference.rpartition("/")[2]
-    found = _schemas()["protocol" + _SUFFIX]["$defs"].get(name, {})
+    """The keys of a definition `FILE#/$defs/NAME`."""
+    file, _, name = reference.partition(_DEFINITION)
+    found = _schemas()[file]["$defs"].get(name, {})
     return tuple(found.get("properties", ()))

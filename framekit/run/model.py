@@ -552,7 +552,8 @@ class Point:
 class RunModel:
     """A whole run: what `framekit run` carries out.
 
-    `status`: whether blocks have their words in memory, where the memory profile has places for them.
+    `status`: whether blocks have their words in memory, where the memory profile has places for them. `points_words`:
+    how much memory the points of channels take. `sinks`: where values go, each a `SinkKind` of the layer above.
     """
 
     name: str
@@ -568,6 +569,7 @@ class RunModel:
     jobs: JobsSection | None = None
     points: tuple[Point, ...] = ()
     points_words: int = 0
+    sinks: tuple[Any, ...] = ()
     warnings: tuple[Problem, ...]
     at: Position
 

@@ -51,11 +51,14 @@ class PointValue:
 
     @property
     def text_time(self) -> str:
-        """The time as ISO 8601 writes it, in milliseconds: `2026-03-01T12:00:00.250Z`; '' before there is one."""
-        if not self.time:
-            return ""
-        seconds, rest = divmod(self.time, 1_000_000_000)
-        return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{rest // 1_000_000:03d}Z"
+        """The time as ISO 8601 writes it; '' before there is one."""
+        return iso_time(self.time) if self.time else ""
+
+
+def iso_time(time: int) -> str:
+    """Nanoseconds since 1970 (UTC) in milliseconds, as ISO 8601 writes them: `2026-03-01T12:00:00.250Z`."""
+    seconds, rest = divmod(time, 1_000_000_000)
+    return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{rest // 1_000_000:03d}Z"
 
 
 def scaled(point: Point, number: Any) -> Any:
@@ -272,7 +275,7 @@ class PointTable:
     def __init__(
         self, points: Iterable[Point], memory: DeviceMemory, wall: Callable[[int], int], wake: Callable[[], None]
     ) -> None:
-        self._wall, self._wake = wall, wake
+        self.wall, self._wake = wall, wake
         self._states = {point.name: _State(point, memory) for point in points}
         self._by_block: dict[int, list[_State]] = {}
         self._changed: dict[str, _State] = {}
@@ -354,7 +357,7 @@ class PointTable:
             state.due = now + point.stale
             heapq.heappush(self._ages, (state.due, next(self._order), state))
         name = point.names.get(number, number) if point.names else number
-        value = PointValue(point.name, name, "good", "", self._wall(now), number)
+        value = PointValue(point.name, name, "good", "", self.wall(now), number)
         if state.value.quality == "good" and not _differs(point, number, state.told):
             state.value = value
         else:
@@ -364,9 +367,9 @@ class PointTable:
     def _fail(self, state: _State, reason: str, now: int) -> None:
         before, state.due = state.value, NEVER
         if (before.quality, before.reason) == ("failed", reason):
-            state.value = replace(before, time=self._wall(now))
+            state.value = replace(before, time=self.wall(now))
         else:
-            self._tell(state, replace(before, quality="failed", reason=reason, time=self._wall(now)))
+            self._tell(state, replace(before, quality="failed", reason=reason, time=self.wall(now)))
 
     def _tell(self, state: _State, value: PointValue) -> None:
         state.value = value

@@ -46,6 +46,7 @@ from framekit.runfile.channels import ChannelLoader
 from framekit.runfile.devices import check_profile, start_values
 from framekit.runfile.job_profiles import load_job_profile
 from framekit.runfile.points import PointsLoader
+from framekit.runfile.sinks import SinksLoader
 from framekit.runfile.transfers import OwnPlaces
 
 
@@ -130,6 +131,7 @@ class RunLoader:
             blocks=(*found, *reads),
             sets=sets,
             points=named,
+            sinks=SinksLoader(self.reader, self.path.parent, named).load(self.root.get("sinks")),
             points_words=points_words,
             folder=str(self.path.parent),
             state=state,

@@ -16,6 +16,8 @@ from framekit.definition.model.procedure import Action, Row, Step
 from framekit.definition.sources import shipped_folder
 from framekit.definition.wire_types import TYPES
 from framekit.run.triggers import TRIGGERS
+from framekit.sinks import SINKS
+from framekit.sinks.base import schema_of
 
 WIDTH = 140
 """Characters of a line, where what stands in it holds other mappings."""
@@ -44,6 +46,10 @@ def with_tables(schemas: Schemas) -> Schemas:
         assert set(required_of(part)) <= {*protocol[name].get("required", ())}, f"{name} has other required keys"
     block = schemas["run.schema.json"]["$defs"]["block"]["properties"]
     block.update((key, schema) for kind in TRIGGERS.values() for key, schema in kind.schemas.items())
+    run = schemas["run.schema.json"]["$defs"]
+    run["sink"]["oneOf"] = [{"required": [word]} for word in SINKS]
+    run["sink"]["dependentSchemas"] = {word: here(f"{word}_sink") for word in SINKS}
+    run.update((f"{word}_sink", schema_of(kind)) for word, kind in SINKS.items())
     return schemas
 
 

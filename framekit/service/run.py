@@ -38,6 +38,7 @@ from framekit.service.client import ClientService
 from framekit.service.device import DeviceService
 from framekit.service.jobs import JobService, ResolveHost, resolver_for
 from framekit.service.points import PointService
+from framekit.service.sinks import SinkService
 from framekit.service.state import StateFile, StateKeeper
 from framekit.transport.clock import Clock, date_at
 
@@ -220,6 +221,7 @@ class RunService(ChannelOwner):
             self.exchanges.take_job = self.jobs.take
         put_values(self.memory, run.initial)
         self.points = PointService(run, self.memory, clock, self.loop.wake, self.fire)
+        self.sinks = SinkService(run.sinks, run.points, self.points.table, clock)
         self.keeper = self._keeper()
         awaited = awaited_bits(run.triggers, self.resolve)
         self.system = SystemBits(self.memory, run.memory, self._bit, awaited, date_at(clock))
@@ -316,6 +318,7 @@ class RunService(ChannelOwner):
         for number in self.channels:
             self.lines.open(number)
         self.system.start(now)
+        self.sinks.start()
         if self.jobs is not None:
             self.jobs.start()
         self.scheduler.begin(now)
@@ -333,6 +336,7 @@ class RunService(ChannelOwner):
             self.close_channel(number)
         if self.jobs is not None:
             self.jobs.hosts.close_all()
+        self.sinks.stop()
         if self.keeper is not None:
             self.keeper.stop()
 
@@ -456,8 +460,9 @@ class RunService(ChannelOwner):
 
     @property
     def problems(self) -> list[str]:
-        """What keeps the run from doing all it should: a state that cannot be written."""
-        return [self.keeper.problem] if self.keeper is not None and self.keeper.problem else []
+        """What keeps the run from doing all it should: a state that cannot be written, sinks that take no values."""
+        kept = [self.keeper.problem] if self.keeper is not None and self.keeper.problem else []
+        return [*kept, *self.sinks.problems]
 
     def status(self) -> list[BlockStatus]:
         """How every block is doing now."""

@@ -19,7 +19,6 @@ from framekit.codec.python.source import quoted
 from framekit.definition.brought import bring
 from framekit.definition.expression import PRODUCT, Expression
 from framekit.definition.kinds.base import KINDS as KINDS_BY_KEY
-from framekit.definition.kinds.base import add_kind
 from framekit.definition.model.segments import Bits, Count, Field, FieldType, Length, Segment
 
 S = TypeVar("S", bound=Segment)
@@ -125,9 +124,9 @@ def register(*kinds: type[SegmentKind[Any]]) -> None:
             whose = type(there).__module__
             raise ValueError(f"'{whose}' has a kind of {model.__name__} already – make a model of its own")
         if key and KINDS_BY_KEY.get(key) is not model:
-            from framekit.definition.schema import add_segment_kind
+            from framekit.definition.schema import add_kind_of
 
-            add_segment_kind(key, model.schema(), kind.__module__)
+            add_kind_of("protocol", "segment", key, model.schema(), kind.__module__)
             add_kind(model)
             add_helpers(bring(kind.__module__))
         KINDS[model] = kind()

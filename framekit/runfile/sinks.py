@@ -1,0 +1,74 @@
+"""Reads where the values of a run go: `sinks:`, each of a kind of `framekit.sinks`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+from framekit.definition.keys import read_part
+from framekit.definition.load.documents import without_effect
+from framekit.definition.load.reader import Reader
+from framekit.definition.nodes import Mapping, Node, unread
+from framekit.definition.problems import did_you_mean
+from framekit.run.model import Point
+from framekit.sinks import SINKS, SinkKind
+
+SHORTEST = 100_000_000
+"""Values are not taken more often than this (ns); each change is told where no period is given."""
+
+
+class SinksLoader:
+    """Reads the sinks of a run in `folder`."""
+
+    def __init__(self, reader: Reader, folder: Path, points: Sequence[Point]) -> None:
+        self.reader, self.folder = reader, folder
+        self.names = [point.name for point in points]
+        self.targets: dict[tuple[str, str], int] = {}
+
+    def load(self, node: Node | None) -> tuple[SinkKind, ...]:
+        """The sinks. Problems are noted, and what is broken is left out."""
+        found = []
+        for item in self.reader.items(node):
+            with self.reader.going_on():
+                found.append(self._sink(self.reader.mapping(item)))
+        if node is not None and not self.names and not self.reader.problems:
+            self.reader.note(node.at, "the run has no points whose values could go there", "add points:")
+        return tuple(found)
+
+    def _sink(self, keys: Mapping) -> SinkKind:
+        words = [word for word in SINKS if word in keys]
+        if len(words) != 1:
+            known = ", ".join(SINKS)
+            what = "this says no kind of sink" if not words else f"this is {' and '.join(words)} at once"
+            raise self.reader.broken(keys.at, what, f"name one of {known}")
+        kind = read_part(SINKS[words[0]], self, keys)
+        self.reader.problems.extend(without_effect(entry, f"in a sink of {words[0]}") for _, entry in unread(keys))
+        if kind.every is not None and kind.every < SHORTEST:
+            node = keys.value("every") or keys
+            raise self.reader.broken(node.at, "values are taken every 100 ms at most", "leave every out, or write 1 s")
+        line = self.targets.setdefault((words[0], kind.target), keys.at.line)
+        if line != keys.at.line:
+            raise self.reader.broken(keys.at, f"{kind.target} is the sink of line {line} already", "name another")
+        return kind
+
+    def file(self, node: Node) -> str:
+        """A file; a relative name counts from the run's folder. Raises Broken."""
+        name = self.reader.text(node).strip()
+        if not name:
+            raise self.reader.broken(node.at, "this is no file", "write a name")
+        return str(self.folder / name)
+
+    def patterns(self, node: Node) -> tuple[str, ...]:
+        """Names of points, with `*` for any text. Raises Broken for one that no point has."""
+        found = self.reader.texts(node)
+        for item, pattern in zip(self.reader.items(node), found, strict=True):
+            if self.names and not any(fits(pattern, name) for name in self.names):
+                hint = did_you_mean(pattern, self.names)
+                raise self.reader.broken(item.at, f"no point is called '{pattern}'", hint)
+        return found
+
+
+def fits(pattern: str, name: str) -> bool:
+    """Whether a name is one that a pattern means; only `*` is special there."""
+    return fnmatchcase(name, pattern.replace("[", "[[]").replace("?", "[?]"))

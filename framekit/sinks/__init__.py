@@ -1,0 +1,10 @@
+"""Sinks: where the values of a run's points go. One module and one row of `SINKS` for each kind."""
+
+from framekit.sinks.base import SINKS as SINKS
+from framekit.sinks.base import Sink as Sink
+from framekit.sinks.base import SinkKind as SinkKind
+from framekit.sinks.base import add_sink as add_sink
+from framekit.sinks.files import CsvFile, JsonLines
+from framekit.sinks.sqlite import SqliteHistory
+
+SINKS.update({"csv": CsvFile, "jsonl": JsonLines, "sqlite": SqliteHistory})

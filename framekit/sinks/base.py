@@ -1,0 +1,100 @@
+"""What a sink is: its keys in a run file, and the object that takes values.
+
+A kind is a class whose attributes, made by `key`, are its keys; the first names the kind and says where values go.
+`make` gives the sink itself, which is used by one thread.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
+
+from framekit.definition.keys import Form, key, mapping_schema, ref
+from framekit.definition.problems import Position
+from framekit.definition.schema import add_kind_of
+from framekit.run.model import Point
+from framekit.run.points import PointValue
+
+
+class Sample(NamedTuple):
+    """Values of one moment (ns since 1970, UTC): one that has changed then, or all as they were then."""
+
+    time: int
+    values: tuple[PointValue, ...]
+
+
+def good_value(value: PointValue) -> Any:
+    """The value; None where it is not good."""
+    return value.value if value.quality == "good" else None
+
+
+PERIOD = Form(ref("time"), lambda r, node: r.reader.time(node))
+FILE = Form(ref("text"), lambda r, node: r.loader.file(node))
+"""A file; a relative name counts from the folder of the run."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SinkKind(ABC):
+    """What a run file says of one sink.
+
+    `points`: names of points, where `*` stands for any text; `every` (ns): all of them so often, else each change.
+    """
+
+    word: ClassVar[str]
+    points: tuple[str, ...] = key(
+        "points", Form(ref("texts"), lambda r, node: r.loader.patterns(node)),
+        "The points that go there, by name; * stands for any text. Default: all.", default=("*",),
+    )  # fmt: skip
+    every: int | None = key(
+        "every",
+        PERIOD,
+        "All points so often, as they are then; default: each change of value or quality.",
+        default=None,
+    )  # fmt: skip
+    at: Position
+
+    @abstractmethod
+    def make(self) -> Sink:
+        """The sink itself; nothing is opened yet."""
+
+    @property
+    @abstractmethod
+    def target(self) -> str:
+        """Where the values go, for people."""
+
+
+class Sink(ABC):
+    """Takes values. What a method raises is told, kept apart from the lines, and tried again a little later."""
+
+    @abstractmethod
+    def open(self, points: Sequence[Point]) -> None:
+        """Begins, or goes on where another run has left off. `points`: those whose values come."""
+
+    @abstractmethod
+    def write(self, samples: Sequence[Sample]) -> int:
+        """Takes samples, oldest first; how many: the others come again. When it raises, it has taken none."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """The end, also after something has failed."""
+
+
+SINKS: dict[str, type[SinkKind]] = {}
+"""The kinds of sinks by the key that names them."""
+
+
+def add_sink(word: str, kind: type[SinkKind]) -> None:
+    """Registers a kind of sink of a program's own.
+
+    Raises ValueError for a word that means something in a sink already, and for no schema.
+    """
+    add_kind_of("run", "sink", word, schema_of(kind), kind.__module__)
+    SINKS[word] = kind
+
+
+def schema_of(kind: type[SinkKind]) -> dict[str, Any]:
+    """The schema of a sink of this kind."""
+    about = (kind.__doc__ or "").strip().partition("\n")[0]
+    return mapping_schema(kind, f"{kind.word} sink", description=about)

@@ -1,0 +1,275 @@
+"""Files of values: `csv` for spreadsheets, `jsonl` for programs; a new one begins when one is full or a day is over."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+import re
+from abc import abstractmethod
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from framekit.definition.keys import NUMBER, Form, KeyReading, key, words
+from framekit.definition.tree import Node
+from framekit.run.model import Point
+from framekit.run.points import PointValue, iso_time
+from framekit.sinks.base import FILE, Sample, Sink, SinkKind, good_value
+
+_SIZES = {"KB": 1_000, "MB": 1_000_000, "GB": 1_000_000_000}
+_ROTATE = re.compile(r"\s*([0-9]+)\s*(KB|MB|GB)\s*")
+_DAY = len("2026-03-01")
+
+
+def read_rotation(reading: KeyReading, node: Node) -> int | None:
+    """`day` as None, a size in bytes. Raises Broken."""
+    text = reading.reader.text(node)
+    match = _ROTATE.fullmatch(text)
+    if match is None and text.strip() != "day":
+        raise reading.reader.broken(node.at, f"'{text}' is no size of a file", "write day, or a size such as 10 MB")
+    if match is not None and not int(match[1]):
+        raise reading.reader.broken(node.at, "a file of no size holds nothing", "give a size such as 10 MB")
+    return None if match is None else int(match[1]) * _SIZES[match[2]]
+
+
+ROTATION = Form(
+    {"type": "string", "pattern": "^\\s*(day|[0-9]+\\s*(KB|MB|GB))\\s*$", "x-expected": "day, or a size (10 MB)"},
+    read_rotation,
+)
+NEVER_ROTATED = 1 << 62
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FileSink(SinkKind):
+    """A file that grows line by line. `rotate`: a new one after so many bytes, or (None) each day; `keep`: so many."""
+
+    rotate: int | None = key(
+        "rotate", ROTATION, "day, or a size: then the file gets the time of its first line as a name, and a new one "
+        "begins. Days are those of UTC.", default=NEVER_ROTATED,
+    )  # fmt: skip
+    keep: int | None = key("keep", NUMBER, "So many of the files before it are kept; default: all.", default=None)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CsvFile(FileSink):
+    """Comma-separated values. `form`: a line for each value, or a column for each point."""
+
+    word: ClassVar[str] = "csv"
+    csv: str = key("csv", FILE, "A table of comma-separated values.")
+    form: str | None = key(
+        "form", Form(words("a form", "rows", "columns"), lambda r, node: r.reader.text(node)),
+        "rows: a line for each value; columns: a column for each point. Default: columns where every is given.",
+        default=None,
+    )  # fmt: skip
+
+    @property
+    def target(self) -> str:
+        return self.csv
+
+    def make(self) -> Sink:
+        columns = self.every is not None if self.form is None else self.form == "columns"
+        return (CsvColumns if columns else CsvRows)(Path(self.csv), self.rotate, self.keep)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JsonLines(FileSink):
+    """One JSON object a line."""
+
+    word: ClassVar[str] = "jsonl"
+    jsonl: str = key("jsonl", FILE, "A file with a JSON object for each value.")
+
+    @property
+    def target(self) -> str:
+        return self.jsonl
+
+    def make(self) -> Sink:
+        return JsonFile(Path(self.jsonl), self.rotate, self.keep)
+
+
+class LinesFile(Sink):
+    """A file of lines, whole ones only: what a crash has cut is taken away when the file is opened again.
+
+    Raises OSError.
+    """
+
+    def __init__(self, path: Path, rotate: int | None, keep: int | None) -> None:
+        self.path, self._rotate, self._keep = path, rotate, keep
+        self._points: Sequence[Point] = ()
+        self._file: int | None = None
+        self._size = 0
+        self._began = ""
+
+    @abstractmethod
+    def head(self) -> bytes:
+        """The first line of every file."""
+
+    @abstractmethod
+    def lines(self, time: str, values: Sequence[PointValue]) -> Iterator[bytes]:
+        """The lines of a sample."""
+
+    def open(self, points: Sequence[Point]) -> None:
+        self._points = points
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        if self.path.exists() and self._take_up():
+            return
+        self._begin()
+
+    def _take_up(self) -> bool:
+        """Goes on with a file that is there; one with another first line is put aside."""
+        head = self.head()
+        with self.path.open("rb+") as file:
+            data = file.read(max(len(head), 1 << 16))
+            first = data.splitlines(keepends=True)[len(head.splitlines()) : len(head.splitlines()) + 1]
+            self._began = self.time_in(first[0]) if first else ""
+            if not data.startswith(head):
+                if data:
+                    self._put_aside()
+                return False
+            file.truncate(_whole_lines(file))
+        self._file = os.open(self.path, os.O_WRONLY | os.O_APPEND)
+        self._size = self.path.stat().st_size
+        return True
+
+    def time_in(self, line: bytes) -> str:
+        """The time that a line begins with; '' for none."""
+        match = re.search(rb"[0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9:.]+Z", line)
+        return "" if match is None else match[0].decode()
+
+    def _begin(self) -> None:
+        """A new file with its first line."""
+        self._file = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+        self._began = ""
+        self._size = 0
+        self._put(self.head())
+
+    def write(self, samples: Sequence[Sample]) -> int:
+        waiting = bytearray()
+        for count, sample in enumerate(samples):
+            time = iso_time(sample.time)
+            data = b"".join(self.lines(time, sample.values))
+            if self._is_over(time, len(waiting) + len(data)):
+                if waiting:
+                    self._put(waiting)
+                    return count
+                self.close()
+                self._put_aside()
+                self._begin()
+            self._began = self._began or time
+            waiting += data
+        self._put(waiting)
+        return len(samples)
+
+    def _is_over(self, time: str, more: int) -> bool:
+        """Whether the file is too old, or too full for so many bytes more; one without values never is."""
+        if self._rotate is None:
+            return bool(self._began) and time[:_DAY] > self._began[:_DAY]
+        return bool(self._began) and self._size + more > self._rotate
+
+    def _put(self, data: bytes | bytearray) -> None:
+        """Whole, or not at all: what was written of it before a disk was full is taken away."""
+        if self._file is None or not data:
+            return
+        try:
+            written = os.write(self._file, data)
+            if written < len(data):
+                raise OSError("the disk is full")
+        except OSError:
+            os.ftruncate(self._file, self._size)
+            raise
+        self._size += len(data)
+
+    def _put_aside(self) -> None:
+        """The file gets the time of its first line as a part of its name; of those, as many as `keep` says stay."""
+        stamp = re.sub(r"[-:]", "", self._began).partition(".")[0] or "before"
+        name, end = self.path.stem, self.path.suffix
+        aside = self.path.with_name(f"{name}.{stamp}{end}")
+        number = 1
+        while aside.exists():
+            number += 1
+            aside = self.path.with_name(f"{name}.{stamp}.{number}{end}")
+        self.path.rename(aside)
+        if self._keep is not None:
+            pattern = re.compile(rf"{re.escape(name)}\.(\d{{8}}T\d{{6}})(?:\.(\d+))?{re.escape(end)}")
+            there = [
+                (match[1], int(match[2] or 1), one)
+                for one in self.path.parent.iterdir()
+                if (match := pattern.fullmatch(one.name))
+            ]
+            for _, _, old in sorted(there)[: max(0, len(there) - self._keep)]:
+                old.unlink()
+
+    def close(self) -> None:
+        file, self._file = self._file, None
+        if file is not None:
+            os.close(file)
+
+
+def _whole_lines(file: io.BufferedRandom) -> int:
+    """Where the last whole line of a file ends."""
+    end = file.seek(0, os.SEEK_END)
+    while end:
+        begin = max(0, end - 4096)
+        file.seek(begin)
+        found = file.read(end - begin).rfind(b"\n")
+        if found >= 0:
+            return begin + found + 1
+        end = begin
+    return 0
+
+
+def _csv_line(*cells: object) -> bytes:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerow(["" if cell is None else cell for cell in cells])
+    return text.getvalue().encode()
+
+
+class CsvRows(LinesFile):
+    """`time,point,value,unit,quality,reason`, a line for each value; what is not good has none."""
+
+    def head(self) -> bytes:
+        return _csv_line("time", "point", "value", "unit", "quality", "reason")
+
+    def open(self, points: Sequence[Point]) -> None:
+        self._units = {point.name: point.unit for point in points}
+        super().open(points)
+
+    def lines(self, time: str, values: Sequence[PointValue]) -> Iterator[bytes]:
+        for one in values:
+            yield _csv_line(time, one.name, good_value(one), self._units[one.name], one.quality, one.reason)
+
+
+class CsvColumns(LinesFile):
+    """A column for each point, its unit in the head; a cell is empty where the value is not good."""
+
+    def open(self, points: Sequence[Point]) -> None:
+        self._last: dict[str, Any] = {}
+        super().open(points)
+
+    def head(self) -> bytes:
+        titles = (f"{point.name} ({point.unit})" if point.unit else point.name for point in self._points)
+        return _csv_line("time", *titles)
+
+    def lines(self, time: str, values: Sequence[PointValue]) -> Iterator[bytes]:
+        self._last.update((one.name, good_value(one)) for one in values)
+        yield _csv_line(time, *(self._last.get(point.name) for point in self._points))
+
+
+class JsonFile(LinesFile):
+    """`{"time", "point", "value", "unit", "quality"}` and, where it is not good, `reason`."""
+
+    def head(self) -> bytes:
+        return b""
+
+    def open(self, points: Sequence[Point]) -> None:
+        self._units = {point.name: point.unit for point in points}
+        super().open(points)
+
+    def lines(self, time: str, values: Sequence[PointValue]) -> Iterator[bytes]:
+        for one in values:
+            data = {"time": time, "point": one.name, "value": good_value(one)}
+            data |= {"unit": self._units[one.name]} if self._units[one.name] else {}
+            data |= {"quality": one.quality, **({"reason": one.reason} if one.reason else {})}
+            yield json.dumps(data, ensure_ascii=False).encode() + b"\n"
