@@ -11,7 +11,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from framekit.definition.keys import key
 from framekit.run.model import Point
-from framekit.sinks.base import FILE, PERIOD, Sample, Sink, SinkKind
+from framekit.sinks.base import FILE, PERIOD, Sample, Sink, SinkKind, good_value
 
 APPLICATION = 0x464B4856
 """What SQLite calls the application's number; it tells our files from others."""
@@ -89,7 +89,7 @@ class SqliteSink(Sink):
             (
                 self._numbers[one.name],
                 sample.time,
-                one.value if one.quality == "good" else None,
+                good_value(one),
                 one.quality,
                 one.reason,
             )

@@ -19,6 +19,7 @@ from framekit.codec.python.source import quoted
 from framekit.definition.brought import bring
 from framekit.definition.expression import PRODUCT, Expression
 from framekit.definition.kinds.base import KINDS as KINDS_BY_KEY
+from framekit.definition.kinds.base import add_kind
 from framekit.definition.model.segments import Bits, Count, Field, FieldType, Length, Segment
 
 S = TypeVar("S", bound=Segment)
