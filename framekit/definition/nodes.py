@@ -184,6 +184,7 @@ LARGEST_FILE = 4 << 20
 
 DEEPEST = 64
 """Mappings and lists inside each other."""
+TOO_DEEP = f"this is nested deeper than {DEEPEST}", "give parts of it names of their own"
 
 MOST_EXPANDED = 100_000
 """Nodes of a tree in which aliases are replaced by what they stand for."""

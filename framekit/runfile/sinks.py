@@ -8,7 +8,7 @@ from pathlib import Path
 
 from framekit.definition.keys import read_part
 from framekit.definition.load.documents import without_effect
-from framekit.definition.load.reader import Reader
+from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Mapping, Node, unread
 from framekit.definition.problems import did_you_mean
 from framekit.run.model import Point
@@ -39,9 +39,7 @@ class SinksLoader:
     def _sink(self, keys: Mapping) -> SinkKind:
         words = [word for word in SINKS if word in keys]
         if len(words) != 1:
-            known = ", ".join(SINKS)
-            what = "this says no kind of sink" if not words else f"this is {' and '.join(words)} at once"
-            raise self.reader.broken(keys.at, what, f"name one of {known}")
+            raise Broken("the schema has told that this is no sink")
         kind = read_part(SINKS[words[0]], self, keys)
         self.reader.problems.extend(without_effect(entry, f"in a sink of {words[0]}") for _, entry in unread(keys))
         if kind.every is not None and kind.every < SHORTEST:
