@@ -109,6 +109,8 @@ def _explained(error: _Error) -> _Finding:
     sign, last = found.sign, found.last_sign
     if sign == "\t" or "tab character" in words:
         return found, "a tab stands here", "indent with spaces"
+    if "nesting depth" in words:  # the library's own limit is met before ours where it looks far ahead
+        return found, *TOO_DEEP
     if "mapping values are not allowed" in words:
         if _KEY_BEFORE.search(found.before):
             return found, "a second ': ' stands in this value", "quote the whole value"
@@ -345,7 +347,7 @@ class _Builder:
     def _begin(self, event: yaml.CollectionStartEvent) -> None:
         self._refuse_tag(event)
         if len(self.stack) >= DEEPEST:
-            self._note(self._at(event), f"this is nested deeper than {DEEPEST}", "give parts of it names of their own")
+            self._note(self._at(event), *TOO_DEEP)
             raise _GivenUp
         is_mapping = isinstance(event, yaml.MappingStartEvent)
         self.stack.append(_Open(self._at(event), is_mapping, bool(event.flow_style), event.anchor))
