@@ -24,6 +24,7 @@ if TYPE_CHECKING:
         RequestError,
     )
     from framekit.api.memory import Memory
+    from framekit.api.points import RunPoint, WriteError
     from framekit.api.run import AsyncRun, Run, VirtualRun
     from framekit.api.server import AsyncServer, Server, aserve, serve
     from framekit.api.values import Answer, Frame, Reading
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from framekit.link.events import Seen
     from framekit.memory.views import Order
     from framekit.run.block_state import BlockStatus, ErrorCode, Failure
+    from framekit.run.points import PointValue
 
 __version__ = "0.1.0"
 
@@ -45,7 +47,8 @@ _HOMES = {
         "RequestError",
     ),
     "api.memory": ("Memory",),
-        "api.run": ("AsyncRun", "Run", "VirtualRun"),
+    "api.points": ("RunPoint", "WriteError"),
+    "api.run": ("AsyncRun", "Run", "VirtualRun"),
     "api.server": ("AsyncServer", "Server", "aserve", "serve"),
     "api.values": ("Answer", "Frame", "Reading"),
     "codec.columns": ("Batch",),
@@ -53,6 +56,7 @@ _HOMES = {
     "definition.problems": ("DefinitionError",),
     "link.events": ("Seen",),
     "memory.views": ("Order",),
+    "run.points": ("PointValue",),
     "run.block_state": ("BlockStatus", "ErrorCode", "Failure"),
 }  # fmt: skip
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
@@ -77,15 +81,18 @@ __all__ = [
     "Memory",
     "NoReplyError",
     "Order",
+    "PointValue",
     "Protocol",
     "Reading",
     "RefusedError",
     "ReplyError",
     "RequestError",
     "Run",
+    "RunPoint",
     "Seen",
     "Server",
     "VirtualRun",
+    "WriteError",
     "aconnect",
     "aserve",
     "connect",

@@ -33,17 +33,20 @@ VERBS = {
     "monitor": "listen to a line between others",
     "replay": "send the bytes of a capture again",
     "loopback": "test a port that is wired back to itself",
+    "points": "make points of a register list",
+    "history": "show the values that a run has kept",
     "completion": "print a shell's completion script",
 }
 
 TOGETHER = {
     "device_verbs": ("read", "write", "call"),
     "definition_verbs": ("check", "test", "encode", "decode", "frames", "generate"),
+    "points_verbs": ("points", "history"),
     "line_verbs": ("monitor", "replay", "loopback"),
 }
 """Verbs that stand in one module; `run` stands in `run_verb`. A module has `add_VERB_arguments` and `run_VERB`."""
 
-READS_ITSELF = ("check", "test", "completion", "loopback")
+READS_ITSELF = ("check", "test", "completion", "loopback", "points", "history")
 """Verbs that look at definitions as they are written, or at none: they take nothing from the cache."""
 
 _TOLD = [

@@ -315,12 +315,12 @@ def test_the_first_key_says_what_the_file_is(key: str) -> None:
         (
             "frames: {}\nprotocol: x\n",
             "f:1:1: the first key 'frames' does not say what the file is – begin with "
-            "protocol:, application:, device:, run:, vectors:, memory:, faults:, jobs:",
+            "protocol:, application:, device:, run:, vectors:, memory:, faults:, jobs:, points:",
         ),
         (
             "- protocol: x\n",
             "f:1:1: the file does not begin with a key – begin with "
-            "protocol:, application:, device:, run:, vectors:, memory:, faults:, jobs:",
+            "protocol:, application:, device:, run:, vectors:, memory:, faults:, jobs:, points:",
         ),
     ],
 )

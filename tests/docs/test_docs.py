@@ -60,6 +60,8 @@ def carry_out(command: str, capsys: pytest.CaptureFixture[str]) -> list[str]:
             main(words[1:])
         output = capsys.readouterr()
         return (output.out + output.err).splitlines()
+    if words[0] == "cat":
+        return Path(words[1]).read_text("utf-8").splitlines()
     assert words[0] == "python", f"'{words[0]}' is not carried out in tests"
     done = subprocess.run([sys.executable, *words[1:]], capture_output=True, text=True, check=True)
     return done.stdout.splitlines()

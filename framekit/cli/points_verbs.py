@@ -1,0 +1,101 @@
+"""`framekit points` and `framekit history`: register lists as points, and the values that runs have kept."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import sys
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+
+from framekit.cli.common import VerbError, WordsError, in_words, table, time_of
+
+
+def add_points_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("what", choices=("import",), help="import: a register list (CSV) becomes a points file")
+    parser.add_argument("file", metavar="FILE.csv", type=Path, help="the list; its first row names the columns")
+    parser.add_argument(
+        "--address", metavar="FORM", default="{}", help="how a register is written, {} stands for its number: %%MW{}"
+    )
+    parser.add_argument("--add", metavar="N", type=int, default=0, help="added to each number: 40001 for those from 0")
+    parser.add_argument(
+        "--order", choices=("ABCD", "BADC", "CDAB", "DCBA"), help="order of the bytes of longer numbers"
+    )
+    parser.add_argument("-o", "--output", metavar="FILE", type=Path, help="where to write it; default: standard output")
+
+
+def run_points(arguments: argparse.Namespace) -> int:
+    from framekit.api.tables import points_text, read_vendor_table
+
+    if "{}" not in arguments.address:
+        raise WordsError(f"--address: '{arguments.address}' has no {{}} for the number of the register")
+    found = read_vendor_table(arguments.file, arguments.address, arguments.add, arguments.order)
+    for problem in found.problems:
+        print(f"{problem} – left out", file=sys.stderr)
+    if found.unused:
+        print(f"columns that say nothing of a point: {', '.join(found.unused)}", file=sys.stderr)
+    if not found.points:
+        raise VerbError(f"{arguments.file} has no row that can be read")
+    name = arguments.file.stem if arguments.output is None else arguments.output.name.partition(".")[0]
+    text = points_text(found, name, f"framekit points import {arguments.file.name}")
+    if arguments.output is None:
+        print(text, end="")
+        return 0
+    try:
+        arguments.output.write_text(text, "utf-8")
+    except OSError as error:
+        raise VerbError(f"{arguments.output} cannot be written: {error.strerror}") from None
+    print(f"{arguments.output}: {len(found.points)} points, {len(found.problems)} rows left out")
+    return 0
+
+
+def add_history_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("run", metavar="RUN.yaml", type=Path, help="the run, or the file of its sqlite sink")
+    parser.add_argument(
+        "--point", metavar="NAME", action="append", help="this point, * stands for any text; several times for more"
+    )
+    parser.add_argument("--since", metavar="TIME", help="from then on: 1h for an hour ago, or 2026-03-01T12:00")
+    parser.add_argument("--until", metavar="TIME", help="up to then")
+    parser.add_argument("--csv", action="store_true", help="as comma-separated values")
+
+
+def run_history(arguments: argparse.Namespace) -> int:
+    from framekit.api.tables import history_of, iso_time
+
+    now = time.time_ns()
+    since, until = (
+        None if text is None else _moment(option, text, now)
+        for option, text in (("--since", arguments.since), ("--until", arguments.until))
+    )
+    with in_words():
+        rows = [
+            (
+                iso_time(row.time),
+                row.point,
+                "" if row.value is None else str(row.value),
+                row.unit,
+                row.quality,
+                row.reason,
+            )
+            for row in history_of(arguments.run, arguments.point or ["*"], since, until)
+        ]
+    head = ("time", "point", "value", "unit", "quality", "reason")
+    if arguments.csv:
+        csv.writer(sys.stdout, lineterminator="\n").writerows([head, *rows])
+    else:
+        print(table(rows, head))
+    return 0
+
+
+def _shown(value: object) -> str:
+    return "" if value is None else str(value)
+
+
+def _moment(option: str, text: str, now: int) -> int:
+    """A time of day (UTC unless it says a zone), or so long before now; in ns since 1970. Raises WordsError."""
+    try:
+        moment = datetime.fromisoformat(text)
+    except ValueError:
+        return now - time_of(option, text)
+    return round((moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp() * 1_000_000) * 1_000
