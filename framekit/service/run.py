@@ -221,6 +221,7 @@ class RunService(ChannelOwner):
             self.exchanges.take_job = self.jobs.take
         put_values(self.memory, run.initial)
         self.points = PointService(run, self.memory, clock, self.loop.wake, self.fire)
+        self._has_points = bool(run.points)
         self.sinks = SinkService(run.sinks, run.points, self.points.table, clock)
         self.keeper = self._keeper()
         awaited = awaited_bits(run.triggers, self.resolve)
@@ -277,7 +278,8 @@ class RunService(ChannelOwner):
 
     def _ended(self, state: BlockState, ok: bool, now: int) -> None:
         self.block_memory.words.completed(state.key, state, ok, now)
-        self.points.ended(state, ok, now)
+        if self._has_points:
+            self.points.ended(state, ok, now)
         if self._on_end is not None:
             undisturbed(self._on_end, status_of(state), ok)
 
@@ -484,7 +486,8 @@ class RunService(ChannelOwner):
         if self.jobs is not None:
             self.jobs.tick(now)
         self.scheduler.tick(now)
-        self.points.tick(now)
+        if self._has_points:
+            self.points.tick(now)
         if not self._bits_first:
             self._show_bits(now)
 
@@ -511,10 +514,9 @@ class RunService(ChannelOwner):
 
     def _next_time(self, now: int) -> int:
         """When something is due next."""
-        due = min(
-            self.scheduler.deadline, self.system.next_change(now), self.block_memory.words.deadline,
-            self.points.deadline,
-        )  # fmt: skip
+        due = min(self.scheduler.deadline, self.system.next_change(now), self.block_memory.words.deadline)
+        if self._has_points:
+            due = min(due, self.points.deadline)
         return due if self.jobs is None else min(due, self.jobs.deadline)
 
 
