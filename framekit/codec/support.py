@@ -564,13 +564,15 @@ def same(items: Any) -> bool:
 
 
 def find(table: Any, value: Any) -> Any:
-    """The least key whose entry equals `value`, None if there is none."""
-    return min([key for key, entry in table.items() if entry == value], default=None)
+    """The least key whose entry equals `value`, None if there is none; in a list the place, the first one is 0."""
+    entries = enumerate(table) if isinstance(table, (list, tuple)) else table.items()
+    return min([key for key, entry in entries if entry == value], default=None)
 
 
 def find_last(table: Any, value: Any) -> Any:
-    """The greatest key whose entry equals `value`, None if there is none."""
-    return max([key for key, entry in table.items() if entry == value], default=None)
+    """The greatest key whose entry equals `value`, None if there is none; in a list the place."""
+    entries = enumerate(table) if isinstance(table, (list, tuple)) else table.items()
+    return max([key for key, entry in entries if entry == value], default=None)
 
 
 def free(table: Any) -> int | None:

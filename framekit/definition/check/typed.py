@@ -60,6 +60,8 @@ _FUNCTION_KINDS: dict[str, Kind] = {
 }  # fmt: skip
 _TAKES: dict[str, tuple[tuple[Kind, ...], ...]] = {
     "len": (("text", "bytes", "list", "table", "frame"),),
+    "find": (("table", "list"),),
+    "find_last": (("table", "list"),),
     "lower": (("text",),),
     "upper": (("text",),),
     "number": (("text", "bytes"), ("number",)),
