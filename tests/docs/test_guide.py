@@ -12,7 +12,7 @@ from framekit.definition.sources import shipped_folder
 from framekit.runfile.reference_page import Reference
 from framekit.runfile.schema_files import read_files
 
-MOST_WORDS = 30
+MOST_WORDS = 25
 
 
 def name(page: Path) -> str:
