@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
@@ -64,6 +64,9 @@ class Data(Segment):
     """Bytes. `size` counts them in memory, before conversion; `pad` fills shorter ones; `least` is the least number."""
 
     KEY: ClassVar[str] = "data"
+    HINTS: ClassVar[Mapping[str, str]] = {
+        "inside": "frames interrupt a wrap with a doubled escape byte only: {wrap: {escape: 10}, inside: […], of: […]}"
+    }
     VALUE: ClassVar[ValueKind | None] = "bytes"
 
     name: str = key("data", IDENTIFIER, "Name of the bytes.")
