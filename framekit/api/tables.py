@@ -12,7 +12,7 @@ from framekit.run.points import iso_time as iso_time
 from framekit.runfile.run_file import load_run
 from framekit.runfile.vendor_tables import Imported as Imported
 from framekit.runfile.vendor_tables import read_vendor_table as read_vendor_table
-from framekit.sinks.sqlite import HistoryError, Row, SqliteHistory, read_history
+from framekit.sinks.sqlite import HistoryError, HistoryRow, SqliteHistory, read_history
 
 
 def points_text(imported: Imported, name: str, source: str) -> str:
@@ -32,7 +32,7 @@ def _scalar(text: str) -> str:
 
 def history_of(
     path: Path, points: Sequence[str] = ("*",), since: int | None = None, until: int | None = None
-) -> Iterator[Row]:
+) -> Iterator[HistoryRow]:
     """The kept values of a run, by its file or by that of its history; times in ns since 1970 (UTC).
 
     Raises RequestError for a run without a history, DefinitionError for a run file that is wrong.

@@ -98,7 +98,7 @@ def unscaled(point: Point, value: Any) -> Any:
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class PointRead:
     """A point of a channel before its place is known: where it is read, and how often (ns)."""
 
     point: Point
@@ -106,13 +106,13 @@ class Asked:
     every: int
 
 
-def planned(asked: Sequence[Asked], channels: Mapping[int, Channel]) -> tuple[list[Block], list[Point], int]:
+def planned(asked: Sequence[PointRead], channels: Mapping[int, Channel]) -> tuple[list[Block], list[Point], int]:
     """The blocks that read and write the points, these with their places, and the words of memory that all take.
 
     Points of one channel and station with one period come together where one request can bring them: neighbours, and
     what stands no further apart than the channel's `merge: {gap}`.
     """
-    groups: dict[tuple[Any, ...], list[Asked]] = {}
+    groups: dict[tuple[Any, ...], list[PointRead]] = {}
     for one in asked:
         assert one.point.channel is not None
         groups.setdefault((one.point.channel, one.every, repr(one.point.station)), []).append(one)
@@ -146,7 +146,7 @@ def _writing(point: Point, number: int, first_word: int) -> Block:
 class _Run:
     """Points that one read brings: `count` elements from `address` on. `is_plain`: one point, read as it was given."""
 
-    members: list[Asked]
+    members: list[PointRead]
     address: Address
     count: int
     is_plain: bool = False
@@ -187,7 +187,7 @@ class _Planning:
             protocol, role=channel.role, own=channel.own, line=channel.line, params=channel.params
         )  # fmt: skip
 
-    def runs(self, members: Sequence[Asked]) -> Iterator[_Run]:
+    def runs(self, members: Sequence[PointRead]) -> Iterator[_Run]:
         """What is read together."""
         waiting: list[Read[_Run]] = []
         for one in members:
@@ -204,7 +204,7 @@ class _Planning:
         """Places beside each other of one file or table, as its first place is called, come one after the other."""
         return address.area, address.unit, self.grammar.advance(address, -address.start).text, address.start
 
-    def _alone(self, asked: Asked) -> _Run:
+    def _alone(self, asked: PointRead) -> _Run:
         """The point by itself, in the elements in which a request carries it."""
         form, address = asked.point.form, asked.address
         try:

@@ -26,7 +26,7 @@ from framekit.memory.memory import unit_bits
 from framekit.memory.views import VIEWS
 from framekit.run.model import Block, Channel, OwnPlace, Point, Scaling
 from framekit.run.own_memory import stored_by
-from framekit.run.points import Asked, planned
+from framekit.run.points import PointRead, planned
 from framekit.runfile.channels import Attempts, needs_station, read_station
 
 EVERY = 1_000_000_000
@@ -141,7 +141,7 @@ class PointsLoader:
 
     def load(self, node: Node | None) -> tuple[tuple[Point, ...], list[Block], int]:
         """The points, the blocks that read them, and how many words they take in memory. Problems are noted."""
-        asked: dict[str, Asked] = {}
+        asked: dict[str, PointRead] = {}
         own: dict[str, Point] = {}
         order: list[str] = []
         for entry, group in self._entries(node):
@@ -152,7 +152,7 @@ class PointsLoader:
                     what = f"there are two points '{name}'"
                     raise self.reader.broken(entry.key.at, what, "name one of them otherwise, or give a prefix")
                 order.append(name)
-                if isinstance(found, Asked):
+                if isinstance(found, PointRead):
                     asked[name] = found
                 else:
                     own[name] = found
@@ -196,7 +196,7 @@ class PointsLoader:
 
     # ---- one point ----------------------------------------------------------------------------------------
 
-    def _point(self, name: str, entry: Entry, group: _Group) -> Point | Asked:
+    def _point(self, name: str, entry: Entry, group: _Group) -> Point | PointRead:
         """Raises Broken when anything of it is wrong, after all of it has been looked at."""
         reader, keys = self.reader, self.reader.mapping(entry.value)
         self.attempts.spoilt = False
@@ -249,7 +249,7 @@ class PointsLoader:
         self._effects(keys, channel, point)
         if self.attempts.spoilt:
             raise Broken(name)
-        return point if channel is None else Asked(point, address, every)
+        return point if channel is None else PointRead(point, address, every)
 
     def _at(self, keys: Mapping, key: str) -> Position:
         node = keys.value(key)

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from framekit.definition.keys import key
 from framekit.run.model import Point
-from framekit.sinks.base import FILE, PERIOD, Sample, Sink, SinkKind, good_value
+from framekit.sinks.base import FILE, PERIOD, Moment, Sink, SinkKind, good_value
 
 APPLICATION = 0x464B4856
 """What SQLite calls the application's number; it tells our files from others."""
@@ -81,7 +81,7 @@ class SqliteSink(Sink):
             self.close()
             raise
 
-    def write(self, samples: Sequence[Sample]) -> int:
+    def write(self, samples: Sequence[Moment]) -> int:
         database = self._database
         if database is None or not samples:
             return 0
@@ -134,7 +134,7 @@ def _is_history(database: sqlite3.Connection, path: Path) -> bool:
     return True
 
 
-class Row(NamedTuple):
+class HistoryRow(NamedTuple):
     """A value of a history; `time` in ns since 1970 (UTC)."""
 
     time: int
@@ -147,7 +147,7 @@ class Row(NamedTuple):
 
 def read_history(
     path: Path, points: Sequence[str] = ("*",), since: int | None = None, until: int | None = None
-) -> Iterator[Row]:
+) -> Iterator[HistoryRow]:
     """The values of a history, oldest first; of the points whose names fit one of `points`, `*` for any text.
 
     Raises HistoryError for a file that holds none, sqlite3.Error.
@@ -167,7 +167,7 @@ def read_history(
             f"WHERE {' AND '.join(where)} ORDER BY time, history.rowid",
             given,
         )
-        yield from map(Row._make, rows)
+        yield from map(HistoryRow._make, rows)
 
 
 def as_glob(pattern: str) -> str:
