@@ -79,8 +79,12 @@ AES_KEYS = ("h'00 01 02 03 04 05 06 07 08 09 0A 0B 0C 0D 0E 0F'", "h'2B 7E 15 16
 IV = "h'00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 FF'"
 CIPHERS: tuple[dict[str, Any], ...] = (
     {"cipher": "aes-cbc", "pad": "pkcs7"}, {"cipher": "aes-cbc", "pad": "iso7816"}, {"cipher": "aes-cbc"},
+    {"cipher": "aes-cbc", "pad": "iso7816", "clear": 1}, {"cipher": "aes-gcm", "tag": 6, "clear": 2},
     {"cipher": "aes-ctr"}, {"cipher": "aes-gcm"}, {"cipher": "aes-gcm", "tag": 4, "also": "h'01'"},
 )  # fmt: skip
+
+SEALED = {"code": f"aes({AES_KEYS[0]}, (data + xor({IV}, {AES_KEYS[1]}))[-16:])", "width": 128}
+"""A check code that an expression gives."""
 
 
 class Scope:
@@ -125,7 +129,7 @@ class DrawnDefinition:
             "order": self.random.choice(["big", "little"]),
             "tables": {"names": {"1": 2, "2-4": 5, "7": 1}},
             **({"params": PARAMS, "state": STATE} if more else {}),
-            "checks": {"folded": {"fold": "(acc * 3 + byte) & 0xFF", "initial": 1}},
+            "checks": {"folded": {"fold": "(acc * 3 + byte) & 0xFF", "initial": 1}, "sealed": SEALED},
             **({"layouts": self.layouts} if self.layouts else {}),
             **({"groups": self.groups} if self.groups else {}),
             "frames": {"f": frame, **self.frames},
@@ -670,8 +674,9 @@ def check(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: i
     if drawn.apart.random() < 0.2:
         segment["ends"] = "yes"
     if drawn.keyed.random() < 0.15:
-        segment["check"] = drawn.keyed.choice(["hmac-md5", "hmac-sha256", "cmac-aes"])
-        segment["key"] = drawn.keyed.choice(AES_KEYS)
+        segment["check"] = drawn.keyed.choice(["hmac-md5", "hmac-sha256", "cmac-aes", "sealed"])
+        if segment["check"] != "sealed":
+            segment["key"] = drawn.keyed.choice(AES_KEYS)
         if segment.get("as") == "dec":
             segment["as"] = "raw"
         if drawn.keyed.random() < 0.5:

@@ -17,6 +17,7 @@ from framekit.codec.codec import Codec, compile_protocol
 from framekit.codec.errors import EncodeError, FrameError
 from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName, evaluate, start_values
 from framekit.codec.python.choices import fixed_bytes
+from framekit.codec.python.runtime import RangeTable
 from framekit.codec.samples import Sample, Sampler, beginning
 from framekit.definition.model.frames import Frame, StaticSizes, bytes_of, parts_of
 from framekit.definition.model.procedure import Row
@@ -222,13 +223,20 @@ def sample_context(protocol: Protocol) -> dict[str, Any]:
             context[parameter.name] = "A" if parameter.type == "text" else bytes(parameter.size or 16)
     for variable in protocol.state.values():
         if variable.announced:
-            context[variable.name] = ANNOUNCED
+            context[variable.name] = _announced(variable)
     items: list[Parameter | StateVariable] = [*protocol.params.values(), *protocol.state.values()]
     for _ in range(3):  # defaults may stand on other defaults
         for item in items:
             if item.name not in context:
                 context |= _worked_out(item, context)
     return context
+
+
+def _announced(variable: StateVariable) -> Any:
+    """What an earlier frame would have announced; in a table for every key."""
+    samples: dict[str, Any] = {"bytes": bytes(variable.size or ANNOUNCED), "text": "A"}
+    value = samples.get(variable.type, ANNOUNCED)
+    return value if variable.keys is None else RangeTable({}, ((*variable.keys, value),))
 
 
 def _station(protocol: Protocol) -> Any:

@@ -32,6 +32,15 @@ def aes_key(value: Any) -> bytes:
     return key
 
 
+def aes(key: Any, data: Any, iv: Any = bytes(16)) -> bytes:
+    """Whole blocks enciphered one after the other (CBC). Of one block and no initial value it is AES itself.
+
+    Raises ValueError, which shows no key.
+    """
+    run = cipher_of("aes-cbc", key, iv).encryptor()
+    return bytes(run.update(padded(bytes_given(data, "data"), "none")) + run.finalize())
+
+
 def bytes_given(value: Any, name: str) -> bytes:
     """A value that has to be bytes. Raises ValueError, which does not show it."""
     if not isinstance(value, (bytes, bytearray)):
@@ -66,20 +75,31 @@ def with_tag(cipher: str, data: bytes, key: Any, iv: Any, also: Any) -> tuple[by
     return run.update(data) + run.finalize(), run.tag
 
 
-def encipher(data: bytes | bytearray, cipher: str, pad: str, tag: int, key: Any, iv: Any, also: Any = b"") -> bytes:
+def encipher(
+    data: bytes | bytearray, cipher: str, pad: str, tag: int, clear: int, key: Any, iv: Any, also: Any = b""
+) -> bytes:
     """Content as it stands on the wire. Raises ValueError."""
+    start, plain = parted(bytes(data), clear)
     if tag:
-        wire, whole = with_tag(cipher, bytes(data), key, iv, also)
-        return wire + whole[:tag]
+        wire, whole = with_tag(cipher, plain, key, iv, also)
+        return start + wire + whole[:tag]
     run = cipher_of(cipher, key, iv).encryptor()
-    plain = padded(bytes(data), pad) if cipher == "aes-cbc" else bytes(data)
-    return bytes(run.update(plain) + run.finalize())
+    plain = padded(plain, pad) if cipher == "aes-cbc" else plain
+    return bytes(start + run.update(plain) + run.finalize())
+
+
+def parted(data: bytes, clear: int) -> tuple[bytes, bytes]:
+    """The bytes that are not enciphered, and those that are. Raises ValueError for too few."""
+    if len(data) < clear:
+        raise Unfit(f"{len(data)} bytes are not the {clear} that stand as they are")
+    return data[:clear], data[clear:]
 
 
 def opened(
-    raw: bytes, cipher: str, pad: str, tag: int, key: Any, iv: Any, also: Any = b""
+    raw: bytes, cipher: str, pad: str, tag: int, clear: int, key: Any, iv: Any, also: Any = b""
 ) -> tuple[bytes, bytes, bytes]:
     """The content, the tag that should stand behind it, and the one that does. Raises ValueError."""
+    start, raw = parted(raw, clear)
     wire, found = (raw[:-tag], raw[-tag:]) if tag else (raw, b"")
     if tag and len(raw) < tag:
         raise Unfit(f"{len(raw)} bytes have no room for a tag of {tag}")
@@ -87,20 +107,24 @@ def opened(
         raise Unfit(f"{len(raw)} bytes are no whole blocks of 16")
     run = cipher_of(cipher, key, iv).decryptor()
     if not tag:
-        return unpadded(bytes(run.update(wire) + run.finalize()), pad), b"", b""
+        return start + unpadded(bytes(run.update(wire) + run.finalize()), pad), b"", b""
     plain = bytes(run.update(wire))
-    return plain, with_tag(cipher, plain, key, iv, also)[1][:tag], found
+    return start + plain, with_tag(cipher, plain, key, iv, also)[1][:tag], found
 
 
-def decipher(data: bytes | bytearray, cipher: str, pad: str, tag: int, key: Any, iv: Any, also: Any = b"") -> bytes:
+def decipher(
+    data: bytes | bytearray, cipher: str, pad: str, tag: int, clear: int, key: Any, iv: Any, also: Any = b""
+) -> bytes:
     """The content again. Raises ValueError for a wrong tag or padding, and for no whole blocks."""
-    plain, wanted, found = opened(bytes(data), cipher, pad, tag, key, iv, also)
+    plain, wanted, found = opened(bytes(data), cipher, pad, tag, clear, key, iv, also)
     if not compare_digest(wanted, found):
         raise Unfit("the tag is wrong")
     return plain
 
 
-def open_ciphered(raw: bytes, cipher: str, pad: str, tag: int, given: Callable[[], tuple[Any, ...]]) -> Opened:
+def open_ciphered(
+    raw: bytes, cipher: str, pad: str, tag: int, clear: int, given: Callable[[], tuple[Any, ...]]
+) -> Opened:
     """The same with care; content with a wrong tag is content all the same. `given`: key, iv, `also`."""
     try:
         values = given()
@@ -109,7 +133,7 @@ def open_ciphered(raw: bytes, cipher: str, pad: str, tag: int, given: Callable[[
     except (ValueError, LookupError, TypeError, ArithmeticError, AttributeError):
         return b"", [0], "value", "a key and an iv that fit"
     try:
-        plain, wanted, found = opened(raw, cipher, pad, tag, *values)
+        plain, wanted, found = opened(raw, cipher, pad, tag, clear, *values)
     except ValueError:
         return b"", [0], "constant"
     if not compare_digest(wanted, found):

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from functools import cache, lru_cache
 from typing import Any, Protocol
 
-from framekit.codec import support
+from framekit.codec import ciphers, support
 from framekit.codec.python.runtime import RangeTable
 from framekit.codec.python.runtime import attribute as attribute_of
 from framekit.definition.expression import ENGINE_FUNCTIONS, Attribute, Expression, LineTime, Name, Node, emit
@@ -50,17 +50,24 @@ class LookedUp:
         return f"{self.names}['line'].{node.unit}({node.count[0]}, {node.count[1]})"
 
     def call(self, function: str, arguments: list[str]) -> str:
-        owner = f"{self.names}['functions']" if function in ENGINE_FUNCTIONS else "support"
+        owner = f"{self.names}['functions']" if function in ENGINE_FUNCTIONS else home_of(function)
         return f"{owner}.{function}({', '.join(arguments)})"
 
 
+def home_of(function: str) -> str:
+    """The name of the module that has a function, one of HOMES."""
+    return next(name for name, module in HOMES.items() if hasattr(module, function))
+
+
+HOMES = {"support": support, "ciphers": ciphers}
+"""Where the functions are that an expression calls outside of generated modules."""
 _BUILT_IN = {"len": len, "min": min, "max": max, "abs": abs, "sum": sum, "str": str}
 
 
 @cache
 def _compiled(source: str, attribute: Callable[[Any, str], Any]) -> Callable[[Any], Any]:
     code = compile(f"lambda n: {source}", "<expression>", "eval")
-    function: Callable[[Any], Any] = eval(code, {"attribute": attribute, "support": support, "__builtins__": _BUILT_IN})
+    function: Callable[[Any], Any] = eval(code, {"attribute": attribute, **HOMES, "__builtins__": _BUILT_IN})
     return function
 
 

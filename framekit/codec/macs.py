@@ -6,11 +6,20 @@ import hmac
 from typing import Any
 
 from framekit.codec.ciphers import aes_key, bytes_given
+from framekit.codec.support import Unfit
 
 
 def hmac_code(data: bytes | bytearray, key: Any, digest: str, size: int) -> int:
     """The number of the first `size` bytes of the HMAC (RFC 2104). Raises ValueError for a key that is no bytes."""
     return int.from_bytes(hmac.digest(bytes_given(key, "key"), data, digest)[:size], "big")
+
+
+def first_bytes(code: Any, size: int) -> int:
+    """The number of the first `size` bytes of a code. Raises ValueError for a code that is no bytes, or fewer."""
+    data = bytes_given(code, "code")
+    if len(data) < size:
+        raise Unfit(f"a code of {len(data)} bytes does not have {size}")
+    return int.from_bytes(data[:size], "big")
 
 
 def is_same_code(found: int, wanted: int, size: int) -> bool:

@@ -558,6 +558,13 @@ def rotl8(x: int, n: int) -> int:
     return (x << n | x >> 8 - n) & 0xFF
 
 
+def xor(one: bytes, other: bytes) -> bytes:
+    """Each byte of one combined by exclusive or with that of the other. Raises ValueError for different lengths."""
+    if not isinstance(one, (bytes, bytearray)) or not isinstance(other, (bytes, bytearray)) or len(one) != len(other):
+        raise Unfit("exclusive or takes as many bytes of both")
+    return (int.from_bytes(one, "big") ^ int.from_bytes(other, "big")).to_bytes(len(one), "big")
+
+
 def same(items: Any) -> bool:
     """Whether all items are equal; so they are if there are none."""
     return all(item == items[0] for item in items)

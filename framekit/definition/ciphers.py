@@ -59,8 +59,8 @@ def wrong_size(name: str, value: Expression, allowed: tuple[int, ...], what: str
 class Ciphered(Coding):
     """Content that is enciphered as a whole.
 
-    `pad` fills it up to whole blocks (CBC). Behind it stand `tag` bytes that tell whether content, key, initial value
-    and the bytes `also` are right (GCM).
+    Its first `clear` bytes stand as they are. `pad` fills the others up to whole blocks (CBC). Behind them stand
+    `tag` bytes that tell whether content, key, initial value and the bytes `also` are right (GCM).
     """
 
     cipher: str
@@ -69,6 +69,7 @@ class Ciphered(Coding):
     pad: Padding = "none"
     tag: int = 0
     also: Expression | None = None
+    clear: int = 0
 
     @property
     def expressions(self) -> tuple[tuple[str, Expression], ...]:
@@ -79,14 +80,19 @@ class Ciphered(Coding):
         return Sizes(self._on_wire(plain.least), None if plain.most is None else self._on_wire(plain.most))
 
     def _on_wire(self, plain: int) -> int:
-        return plain + self.tag if self.pad == "none" else (plain // BLOCK + 1) * BLOCK
+        if self.pad == "none":
+            return plain + self.tag
+        return self.clear + (max(plain - self.clear, 0) // BLOCK + 1) * BLOCK
 
     def size_of(self, plain: Node) -> Node:
         at = plain.at
         if self.pad == "none":
             return Binary(at, "+", plain, Number(at, self.tag)) if self.tag else plain
-        blocks = Binary(at, "+", Binary(at, "//", plain, Number(at, BLOCK)), Number(at, 1))
-        return Binary(at, "*", blocks, Number(at, BLOCK))
+        clear = Number(at, self.clear)
+        sealed = Binary(at, "-", plain, clear) if self.clear else plain
+        blocks = Binary(at, "+", Binary(at, "//", sealed, Number(at, BLOCK)), Number(at, 1))
+        whole = Binary(at, "*", blocks, Number(at, BLOCK))
+        return Binary(at, "+", whole, clear) if self.clear else whole
 
     def check(self) -> Iterator[Problem]:
         yield from not_installed(self.at, self.cipher)
@@ -98,8 +104,12 @@ class Ciphered(Coding):
             yield Problem(self.at, f"a tag of {plural(self.tag, 'byte')} is not possible", "take 4 to 16")
 
     def check_content(self, size: int | None) -> Iterator[Problem]:
-        if self.cipher == "aes-cbc" and self.pad == "none" and size is not None and size % BLOCK:
-            what = f"the content has {plural(size, 'byte')}, and {self.cipher} takes whole blocks of {BLOCK}"
+        sealed = None if size is None else size - self.clear
+        if sealed is not None and sealed < 0:
+            what = f"{plural(self.clear, 'byte')} stand as they are, and the content has {size}"
+            yield Problem(self.at, what, "correct clear")
+        elif self.cipher == "aes-cbc" and self.pad == "none" and sealed is not None and sealed % BLOCK:
+            what = f"the content has {plural(sealed, 'byte')}, and {self.cipher} takes whole blocks of {BLOCK}"
             yield Problem(self.at, what, "add pad: pkcs7 or iso7816, as the protocol says")
 
     @property
@@ -124,6 +134,7 @@ CIPHER_KEYS: Schema = {
         "description": "What fills the content up to whole blocks (aes-cbc): none (the default), pkcs7 or iso7816.",
     },
     "tag": {**NUMBER.schema, "description": "Bytes of the tag behind the content (aes-gcm); default 16."},
+    "clear": {**NUMBER.schema, "description": "So many bytes at the beginning are not enciphered; default 0."},
     "also": {**EXPRESSION.schema, "description": "Bytes that count in the tag and are not enciphered (aes-gcm)."},
 }
 """The keys of `wrap` for ciphers."""
@@ -150,4 +161,5 @@ def load_cipher(reading: KeyReading, node: Keys) -> Ciphered:
         "none" if pad is None else reader.one_of(pad, PADDINGS, "a padding"),
         (16 if tag is None else reader.number(tag)) if options.tags else 0,
         reader.maybe(reader.expression, also),
+        reader.maybe(reader.number, node.get("clear")) or 0,
     )

@@ -204,11 +204,12 @@ def names_in(node: Node) -> set[str]:
 
 @dataclass(frozen=True, slots=True)
 class KnownFunction:
-    """A function of the language: how many arguments it takes and what kind of value it gives."""
+    """A function of the language: how many arguments it takes, what it gives, and whether an extra has it."""
 
     fewest: int
     most: int
     gives: str
+    is_extra: bool = False
 
 
 FUNCTIONS: dict[str, KnownFunction] = {
@@ -239,10 +240,14 @@ FUNCTIONS: dict[str, KnownFunction] = {
     "full": KnownFunction(1, 1, "flag"),
     "memory": KnownFunction(2, 2, "bytes"),
     "with_date": KnownFunction(3, 3, "any"),
+    "xor": KnownFunction(2, 2, "bytes"),
+    "aes": KnownFunction(2, 3, "bytes", is_extra=True),
+    "random": KnownFunction(1, 1, "bytes"),
+    "code": KnownFunction(2, 2, "bytes"),
 }
 
 
-ENGINE_FUNCTIONS = frozenset({"empty", "full", "memory", "with_date"})
+ENGINE_FUNCTIONS = frozenset({"empty", "full", "memory", "with_date", "random", "code"})
 """Functions of what only a running engine has: their result may be another one at any time."""
 COLUMNS = frozenset({"area"})
 """Names that are known before anything is read backwards: the area's columns are constants."""
@@ -254,6 +259,12 @@ def is_constant(expression: Expression) -> bool:
         isinstance(node, LineTime) or (isinstance(node, Call) and node.function in ENGINE_FUNCTIONS)
         for node in walk(expression.root)
     )
+
+
+def needs_extra(expression: Expression) -> bool:
+    """Whether an expression calls a function that an extra has."""
+    calls = (node for node in walk(expression.root) if isinstance(node, Call))
+    return any(FUNCTIONS[call.function].is_extra for call in calls)
 
 
 Undone = tuple[str, bool, Expression]

@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 from framekit.definition.check.typed import KindChecker
 from framekit.definition.expression import Expression
-from framekit.definition.keys import NUMBER, TEXT, TIME, Form, KeyReading, key, keys, mapping_of, read_part
+from framekit.definition.keys import BYTES, NUMBER, TEXT, TIME, Form, KeyReading, key, keys, mapping_of, read_part
 from framekit.definition.load.documents import Documents
 from framekit.definition.load.reader import Broken, Reader, parse_bytes
 from framekit.definition.model.frames import field_names
@@ -241,6 +241,7 @@ class Conversation:
     params: MappingOf[str, Any] = key("params", ENTRIES, factory=dict)
     memory: MappingOf[str, Any] = key("memory", ENTRIES, factory=dict)
     state: MappingOf[str, Any] = key("state", ENTRIES, factory=dict)
+    random: bytes = key("random", BYTES, default=b"")
     do: MappingOf[str, Any] | None = key("do", SOME_ENTRIES, default=None)
     result: Result = key("result", mapping_of(Result, {}), default=Result())
     source: str = key("source", TEXT, default="")

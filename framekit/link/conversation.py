@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from decimal import Decimal
+from io import BytesIO
 from typing import Any
 
 from framekit.codec.plain import PlainValues
@@ -318,6 +319,7 @@ class _Player:
             server=self.side.server, memory=self.side.memory, monitor=self.side.monitor,
         )  # fmt: skip
         self.engine.machine.on_fault = self._seen
+        self.engine.scope["functions"].make_random = BytesIO(case.random).read
         if self.side.ask is not None:
             self.engine.machine.ask_service = self.side.ask(self.engine)
         set_state(self.engine.scope, case.state)

@@ -36,7 +36,9 @@ class FrameFaults:
     def __init__(self, protocol: Protocol, codec: Codec, scope: Scope, answers: bool) -> None:
         self.codec = codec
         self.names = Names({"request": None, "buffer": b""}, scope)
-        self.announced = [name for name, variable in protocol.state.items() if variable.announced]
+        self.announced = [
+            name for name, variable in protocol.state.items() if variable.announced and variable.keys is None
+        ]
         self.protocol = protocol
         self.own = scope["own"]
         self.other = "client" if answers else "server"

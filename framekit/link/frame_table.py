@@ -21,9 +21,19 @@ from framekit.definition.expression import Expression, Name, names_in
 from framekit.definition.kinds.base import all_fixed
 from framekit.definition.model import procedure
 from framekit.definition.model import protocol as model
-from framekit.definition.model.frames import Frame, StaticSizes, by_value_name, certain, everything, parts_of
+from framekit.definition.model.frames import WIRE, Frame, StaticSizes, by_value_name, certain, everything, parts_of
 from framekit.definition.model.segments import Bits, BitsPart, Check, Const, Data, Field, Inner, Length, Segment, Wrap
-from framekit.link.values import CODEC_ERRORS, EVALUATION_ERRORS, Evaluate, FrameValue, Names, compile_expression, plain
+from framekit.link.scope import Scope
+from framekit.link.values import (
+    CODEC_ERRORS,
+    EVALUATION_ERRORS,
+    Evaluate,
+    FrameValue,
+    Names,
+    compile_expression,
+    compile_optional,
+    plain,
+)
 
 
 class FrameCodec(Protocol):
@@ -49,6 +59,20 @@ Make = Callable[[dict[str, Any], bytes | None, int | None], FrameValue]
 
 Shape = tuple[tuple[str, str, Any], ...]
 """Where frames stand inside a frame's fields: (`inner`, name, None), (`record` or `list`, name, shape of that)."""
+
+
+Announcements = tuple[tuple[str, Evaluate | None, Evaluate], ...]
+"""What a frame says about later ones: a variable, the key of a table, the value."""
+
+
+def announce(announces: Announcements, value: FrameValue, scope: Scope) -> None:
+    """Sets what a frame announces, one after the other. Raises EVALUATION_ERRORS."""
+    names = Names({**value.complete(), WIRE: value.raw}, scope)
+    for variable, key, evaluate in announces:
+        if key is None:
+            scope.set(variable, evaluate(names))
+        else:
+            scope.set_entry(variable, key(names), evaluate(names))
 
 
 class FrameInfo:
@@ -100,7 +124,9 @@ class FrameInfo:
         self._collect(frame.segments)
         self.value_names = frozenset(by_value_name(frame.segments))
         self.echo = tuple((name, _plain_name(item), compile_expression(item)) for name, item in frame.echo.items())
-        self.announces = tuple((name, compile_expression(item)) for name, item in frame.announces.items())
+        self.announces = tuple(
+            (one.name, compile_optional(one.key), compile_expression(one.value)) for one in frame.announces
+        )
         self.optional = optional_of(frame)
         self.may_lack = frozenset(self.optional)
         self.usual: dict[str, str] = {}

@@ -14,9 +14,9 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER, LineFormat, parse_format
 from framekit.link.arrivals import Arrival, BadFrame, FrameArrived, ToldBytes
 from framekit.link.events import CharacterFault, Kind, LinkCounters, Monitor, Seen
-from framekit.link.frame_table import ProtocolCodec, table_of
+from framekit.link.frame_table import ProtocolCodec, announce, table_of
 from framekit.link.receiver import Receiver
-from framekit.link.scope import Scope
+from framekit.link.scope import LinkFunctions, Scope
 from framekit.link.values import EVALUATION_ERRORS, FrameValue, Names, plain
 
 Direction = Literal["in", "out", ""]
@@ -61,6 +61,7 @@ class Listener:
         self.monitor = monitor
         self.counters = LinkCounters()
         self.scope = Scope(protocol, line=line, params=params, now=now)
+        self.scope["functions"] = LinkFunctions(self.scope)
         self.table = table_of(protocol, codec)
         self._codec = codec
         self._names = Names({"request": None, "buffer": b""}, self.scope)
@@ -193,12 +194,10 @@ class Listener:
         info = self.table.infos[value.frame]
         if not info.announces:
             return
-        names = Names(value.complete(), self.scope)
-        for variable, evaluate in info.announces:
-            try:
-                self.scope.set(variable, evaluate(names))
-            except EVALUATION_ERRORS as error:
-                self._trouble(value.frame, error)
+        try:
+            announce(info.announces, value, self.scope)
+        except EVALUATION_ERRORS as error:
+            self._trouble(value.frame, error)
 
     def _flush(self, wires: _Wires) -> None:
         for noise in wires.receiver.reset():

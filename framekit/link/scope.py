@@ -9,10 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping
 from datetime import datetime, timedelta
+from secrets import token_bytes
 from typing import Any
 from weakref import ref
 
+from framekit.codec.checks import compute
+from framekit.codec.ciphers import bytes_given
 from framekit.definition.expression import ENGINE_FUNCTIONS, Call, Expression, is_constant, names_in, walk
+from framekit.definition.model.checks import ready_methods
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import StateVariable
 from framekit.definition.times import LineFormat
@@ -30,6 +34,30 @@ from framekit.link.variables import (
     lasting,
     table_values,
 )
+
+MOST_RANDOM = 4096
+
+
+class LinkFunctions:
+    """What expressions of every link find under the name `functions`. `random`: where random bytes come from."""
+
+    def __init__(self, scope: Scope) -> None:
+        self._scope = scope
+        self.make_random: Callable[[int], bytes] = token_bytes
+
+    def random(self, size: int) -> bytes:
+        """So many bytes that nobody can foretell. Raises ValueError for too many."""
+        if not 0 <= size <= MOST_RANDOM:
+            raise ValueError(f"{size} random bytes are not possible")
+        return self.make_random(size)
+
+    def code(self, name: str, data: bytes) -> bytes:
+        """The bytes of the check code `name` over `data`, the highest first. Raises KeyError, ValueError, TypeError."""
+        method = self._scope.protocol.checks.get(name) or ready_methods()[name]
+        if method.kind == "code" and method.expression is not None:
+            found = compile_expression(method.expression)(Names({"data": bytes(data)}, self._scope))
+            return bytes_given(found, name)
+        return compute(method, data).to_bytes(method.size, "big")
 
 
 class LineTimes:

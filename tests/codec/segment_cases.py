@@ -385,6 +385,20 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
              {"s": b"\x05", "a": 1, "d": b"abc"}, "05 5A AE 59 35 31 C9 94 C6 EC FC 58 F7",
              bad={"06 5A AE 59 35 31 C9 94 C6 EC FC 58 F7": "check", "05 5B AE 59 35 31 C9 94 C6 EC FC 58 F7": "check", "05 01 02": "constant"}, top=KEYS),
     ),
+    "Codes made with a key and functions": (
+        Case("a code that an expression gives: AES-CBC-MAC of the bytes, filled up, of which four stand there",
+             "- {field: a, type: u8}\n- {data: d, size: 2}\n- {check: mine, size: 4}", {"a": 1, "d": b"ab"}, "01 61 62 11 BC 91 B0",
+             bad={"01 61 62 11 BC 91 B1": "check"},
+             top=KEYS + "checks:\n  mine: {code: \"aes(k, (data + h'80000000000000000000000000000000')[:(len(data) + 15) // 16 * 16])[-16:]\", width: 128}\n"),
+        Case("AES of one block (FIPS 197, C.1), and exclusive or", "- {data: d, size: 16}\n"
+             "- {value: sealed, read: \"aes(h'000102030405060708090A0B0C0D0E0F', d)\"}\n- {value: turned, read: \"xor(d[:2], h'FF0F')\"}",
+             {"d": bytes.fromhex("00112233445566778899AABBCCDDEEFF")}, "00 11 22 33 44 55 66 77 88 99 AA BB CC DD EE FF",
+             {"sealed": bytes.fromhex("69C4E0D86A7B0430D8CDB78070B4C55A"), "turned": b"\xff\x1e"}),
+        Case("a part of the content that is not enciphered", "- {length: n, type: u8, of: [w]}\n"
+             "- {name: w, wrap: {cipher: aes-cbc, key: k, iv: \"h'000102030405060708090A0B0C0D0E0F'\", pad: iso7816, clear: 1}, size: n, of: [{field: a, type: u8}, {data: d, size: rest}]}",
+             {"a": 1, "d": b"abc"}, "11 01 FF C1 A7 1B 19 FD FB 21 C5 CC A7 98 CB 7F A5 32", {"n": 17},
+             {"00": "constant", "11 01 FF C1 A7 1B 19 FD FB 21 C5 CC A7 98 CB 7F A5 33": "constant"}, KEYS),
+    ),
     "Check codes": (
         Case("sum, low byte, as digits", "- const: STX\n- {data: d, size: 2}\n- const: ETX\n- {check: sum8, as: hex}",
              {"d": b"RD"}, "02 52 44 03 39 42", bad={"02 52 44 03 39 43": "check"}),

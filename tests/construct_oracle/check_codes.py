@@ -86,9 +86,14 @@ class CheckConstruct(SegmentConstruct):
 
     def _code(self, covered: bytes, names: Names, value_of: Evaluate) -> int:
         check = self.segment
+        size = check.size if check.form == "raw" else check.size // 2
+        if check.method.kind == "code" and check.method.expression is not None:
+            found = evaluate(check.method.expression.root, Names({"data": covered}, names).__getitem__)
+            if not isinstance(found, bytes) or len(found) < size:
+                raise ValueError("no code")
+            return int.from_bytes(found[:size], "big")
         if check.key is None:
             return code_of(check.method, covered, names)
-        size = check.size if check.form == "raw" else check.size // 2
         return code_with_key(check.method.kind, value_of(check.key), covered, size)
 
     # ---- what is covered ----------------------------------------------------------------------------------

@@ -6,6 +6,7 @@ import operator
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from construct_oracle.keyed import chained
 from framekit.codec import support
 from framekit.codec.evaluate import ENGINE_FUNCTIONS, MissingName
 from framekit.definition import expression as syntax
@@ -173,4 +174,6 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     "none": lambda: None,
     "only": support.only,
     "span": support.span,
+    "xor": lambda one, other: bytes(a ^ b for a, b in zip(one, other, strict=True)),
+    "aes": chained,
 }

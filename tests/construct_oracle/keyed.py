@@ -6,6 +6,7 @@ CBC and CTR: NIST SP 800-38A, 6.2 and 6.5. GCM: SP 800-38D, 6 and 7. CMAC: RFC 4
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 
 from cryptography.hazmat.primitives.ciphers import Cipher, algorithms, modes
 
@@ -30,6 +31,20 @@ def xor(one: bytes, other: bytes) -> bytes:
 
 def blocks(data: bytes) -> list[bytes]:
     return [data[at : at + 16] for at in range(0, len(data), 16)]
+
+
+def chained(key: object, data: object, iv: object = bytes(16)) -> bytes:
+    """The function `aes`: whole blocks, each with the one before put on it. Raises ValueError."""
+    if not all(isinstance(one, bytes) for one in (key, data, iv)):
+        raise ValueError("no bytes")
+    assert isinstance(key, bytes) and isinstance(data, bytes) and isinstance(iv, bytes)
+    if len(key) not in (16, 24, 32) or len(iv) != 16 or len(data) % 16:
+        raise ValueError("no key, no initial value or no whole blocks")
+    found, last = b"", iv
+    for part in blocks(data):
+        last = block(key, xor(part, last))
+        found += last
+    return found
 
 
 def counted(key: bytes, first: bytes, data: bytes, bits: int) -> bytes:
@@ -86,6 +101,11 @@ def checked(coding: Ciphered, key: object, iv: object, also: object = b"") -> tu
 
 def enciphered(coding: Ciphered, plain: bytes, key: bytes, iv: bytes, also: bytes = b"") -> bytes:
     """Content as it stands on the wire. Raises ValueError."""
+    if coding.clear:
+        if len(plain) < coding.clear:
+            raise ValueError("fewer bytes than stand as they are")
+        rest = enciphered(replace(coding, clear=0), plain[coding.clear :], key, iv, also)
+        return plain[: coding.clear] + rest
     if coding.cipher == "aes-gcm":
         out, tag = galois(key, iv, also, plain, True)
         return out + tag[: coding.tag]
@@ -107,6 +127,11 @@ def enciphered(coding: Ciphered, plain: bytes, key: bytes, iv: bytes, also: byte
 
 def deciphered(coding: Ciphered, wire: bytes, key: bytes, iv: bytes, also: bytes = b"") -> tuple[bytes, bytes, bytes]:
     """Content, the tag it should have, and the one it has. Raises ValueError."""
+    if coding.clear:
+        if len(wire) < coding.clear:
+            raise ValueError("fewer bytes than stand as they are")
+        plain, *tags = deciphered(replace(coding, clear=0), wire[coding.clear :], key, iv, also)
+        return wire[: coding.clear] + plain, tags[0], tags[1]
     if coding.cipher == "aes-gcm":
         if len(wire) < coding.tag:
             raise ValueError("no tag")

@@ -37,7 +37,7 @@ class CheckKind(SegmentKind[Check]):
         r.validate_check(segment, slot.item.scope, source, slot.code.endswith("s"))
 
     def diagnose(self, d: DiagnosisWriter, segment: Check, scope: Scope, behind: Behind) -> None:
-        key = "" if segment.key is None else d.writer(scope).text(segment.key)
+        key = forms.needs(segment, d.writer(scope).text, "n.ctx")
         code = code_bytes(d.module, segment, _covered(d, segment, scope), key)
         options = ", digits=True" if segment.form in ("hex", "HEX") else ""
         options += "" if segment.verify == "error" else ", verify=False"
@@ -55,7 +55,7 @@ class CheckKind(SegmentKind[Check]):
         if segment.ends:
             m.want(segment.size, after)
             end = m.place.plus(segment.size)
-            key = "" if segment.key is None else m.text(segment.key, scope)
+            key = forms.needs(segment, lambda value: m.text(value, scope))
             code = forms.code_text(m.module, segment, _measured(m, segment, scope), key)
             m.may_fail = m.may_fail or bool(segment.added or key) or segment.form != "raw"
             found = forms.code_number(m.module, segment, between("data", m.place, end))

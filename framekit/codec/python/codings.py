@@ -92,7 +92,7 @@ def _blocks_arguments(module: Module, coding: Blocks, size: int | None) -> str:
 
 
 def _cipher_arguments(module: Module, coding: Ciphered, size: int | None) -> str:
-    return f", {quoted(coding.cipher)}, {quoted(coding.pad)}, {coding.tag}"
+    return f", {quoted(coding.cipher)}, {quoted(coding.pad)}, {coding.tag}, {coding.clear}"
 
 
 def _read_blocks_arguments(module: Module, coding: Blocks, size: int | None) -> str:
@@ -132,7 +132,14 @@ WIRE: Mapping[type[Coding], WireCoding] = {
         "stuff_inserted", "unstuff_inserted", "open_inserted", _inserted_arguments, _inserted_arguments
     ),
     Blocks: WireCoding("add_codes", "strip_codes", "open_codes", _blocks_arguments, _read_blocks_arguments),
-    Ciphered: WireCoding("encipher", "decipher", "open_ciphered", _cipher_arguments, _cipher_arguments),
+    Ciphered: WireCoding(
+        "encipher",
+        "decipher",
+        "open_ciphered",
+        _cipher_arguments,
+        _cipher_arguments,
+        lambda coding, plain: plain[: coding.clear],
+    ),
     Short: WireCoding(
         "shorten",
         "fill_up",

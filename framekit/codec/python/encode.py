@@ -16,7 +16,7 @@ from framekit.codec.python import forms
 from framekit.codec.python.encode_plan import Coverage, RuleWriter, Task, run_in_order
 from framekit.codec.python.expressions import NameEntry, Scope, constant_of, default_text
 from framekit.codec.python.facts import ending_constants, follows_its_length, lengths_asked, named, names_read
-from framekit.codec.python.forms import code_bytes
+from framekit.codec.python.forms import code_bytes, needs
 from framekit.codec.python.function import FunctionWriter, covers_later, on_the_wire
 from framekit.codec.python.module import Module
 from framekit.codec.python.reader import not_possible
@@ -925,7 +925,7 @@ class EncodeWriter(FunctionWriter):
             for text, buffer in self.gathered.items():
                 if covered == text or covered.startswith(f"{text} + "):
                     covered = buffer + covered.removeprefix(text)
-        key = "" if check.key is None else self.text(check.key, scope)
+        key = needs(check, lambda value: self.text(value, scope))
         return self.if_present(check, scope, code_bytes(self.module, replace(check, when=None), covered, key), 'b""')
 
     def _parts_of(self, names: list[str], on_wire: bool) -> list[str]:

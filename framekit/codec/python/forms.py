@@ -11,6 +11,7 @@ from typing import Any, Protocol
 
 from framekit.codec.python.module import Module
 from framekit.codec.python.source import bytes_literal, literal, quoted
+from framekit.definition.expression import Expression
 from framekit.definition.kinds.check import Added
 from framekit.definition.model.segments import Check, Count, Data, Field, FieldType, Length
 
@@ -353,10 +354,17 @@ def _converted(functions: Functions, convert: str, text: str) -> str:
 # ---- check codes ---------------------------------------------------------------------------------------------
 
 
+def needs(check: Check, text: Callable[[Expression], str], context: str = "ctx") -> str:
+    """Text of what a check code is made with beside bytes: its key, or for an expression all parameters and state."""
+    if check.method.kind == "code":
+        return context
+    return "" if check.key is None else text(check.key)
+
+
 def code_text(module: Module, check: Check, covered: str, key: str = "") -> str:
     """Text of the number a check code is, cut to the room it has on the wire; an operand of a comparison.
 
-    `key`: the text of its key, if it is made with one.
+    `key`: the text of what it needs.
     """
     code = _number(module, check, covered, key)
     return code if is_call(code) else f"({code})"

@@ -417,9 +417,7 @@ class Module:
     def check(self, method: CheckMethod, data: str) -> str:
         """Text of the check code over the bytes `data` (a text), without parentheses around it."""
         if method.kind == "fold":
-            if method.name not in self.folds:
-                self.folds[method.name] = self.names.fresh(f"{method.name}_code"), method
-            return f"{self.folds[method.name][0]}({data})"
+            return f"{self._own_code(method)}({data})"
         added = FUNCTIONS.get(method.kind)
         own = "" if added is None else self.function(added)
         source = source_of(method, data, alone=self.standalone, own=own)
@@ -431,14 +429,24 @@ class Module:
         return source.expression
 
     def mac(self, method: CheckMethod, data: str, key: str, size: int) -> str:
-        """Text of a code made with a key: the number of its first `size` bytes."""
+        """Text of a code made with a key: the number of its first `size` bytes. `key`: the text of what it needs."""
+        if method.kind == "code":
+            return f"{self.function('first_bytes')}({self._own_code(method)}({data}, {key}), {size})"
         name, _, way = method.kind.partition("-")
         digest = f", {quoted(way)}" if name == "hmac" else ""
         return f"{self.function(f'{name}_code')}({data}, {key}{digest}, {size})"
 
+    def _own_code(self, method: CheckMethod) -> str:
+        """The name of the function of a check that the definition gives as an expression."""
+        if method.name not in self.folds:
+            self.folds[method.name] = self.names.fresh(f"{method.name}_code"), method
+        return self.folds[method.name][0]
+
     def fold(self, name: str, method: CheckMethod) -> Source:
         """The function of a check that the definition gives as an expression."""
         assert method.expression is not None
+        if method.kind == "code":
+            return self._whole_code(name, method)
         mask = (1 << method.width) - 1
         out = Source()
         with out.block(f"def {name}(data: bytes) -> int:"):
@@ -453,6 +461,18 @@ class Module:
                 else:
                     out.add(f"code = {_step(self, method, 'code', 'byte')} & {mask:#x}")
             out.add(f"return {_finished(method, mask)}")
+        return out
+
+    def _whole_code(self, name: str, method: CheckMethod) -> Source:
+        """The function of a check code whose bytes an expression gives."""
+        assert method.expression is not None
+        out = Source()
+        scope = Scope()
+        scope.entries = {"data": NameEntry("data")}
+        with out.block(f"def {name}(data: bytes, ctx: Context) -> Any:"):
+            out.docstring(f"The check code `{method.name}`: {method.expression}.")
+            out.add("data = bytes(data)")
+            out.add(f"return {ExpressionWriter(self, scope, self.given).text(method.expression)}")
         return out
 
     def given(self, name: str) -> str:

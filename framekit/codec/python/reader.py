@@ -356,7 +356,7 @@ class BufferReader:
             self._compare_check(check, scope, local, is_slice)
 
     def _compare_check(self, check: Check, scope: Scope, local: str, is_slice: bool) -> None:
-        key = "" if check.key is None else self.function.writer(scope).text(check.key)
+        key = forms.needs(check, self.function.writer(scope).text)
         code = code_text(self.module, check, self.range_text(check, scope), key)
         found = forms.code_number(self.module, check, local) if is_slice else local
         self.function.wrong_if(forms.wrong_code(self.module, check, found, code))

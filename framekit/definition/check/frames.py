@@ -77,8 +77,13 @@ def _keys(protocol: Protocol, frame: Frame) -> Iterator[Problem]:
         yield Problem(frame.at, what, "leave size or delimited out")
     if frame.surplus is not None and not frame.delimited:
         yield Problem(frame.at, f"surplus of '{frame.name}' has no meaning", "add delimited: yes, or leave it out")
-    for name, expression in frame.announces.items():
-        if name not in protocol.state:
+    for one in frame.announces:
+        name, expression = one.name, one.value
+        variable = protocol.state.get(name)
+        if variable is not None and (one.key is None) != (variable.keys is None):
+            told = f"'{name}' is a table" if one.key is None else f"'{name}' is no table"
+            yield Problem(expression.at, told, f"write {name}[key]" if one.key is None else f"write {name}")
+        if variable is None:
             hint = did_you_mean(name, protocol.state) or f"add {name}: to state"
             yield Problem(expression.at, f"there is no variable '{name}' to announce", hint)
         elif frame.inner or frame.side == "none":

@@ -21,9 +21,10 @@ from framekit.definition.check.services import (
     takes_something,
     without_parts,
 )
-from framekit.definition.expression import Attribute, Expression, Name, Node, names_in, walk
+from framekit.definition.expression import Attribute, Call, Expression, Name, Node, Text, names_in, walk
 from framekit.definition.kinds.base import Segment
-from framekit.definition.model.frames import Frame, expressions_of, field_names, flat, parts_of
+from framekit.definition.model.checks import ready_methods
+from framekit.definition.model.frames import WIRE, Frame, expressions_of, field_names, flat, parts_of
 from framekit.definition.model.procedure import Action, Row, Sequence, Step, Target
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import INDEX, LAST, PREVIOUS
@@ -48,7 +49,7 @@ class NameChecker:
         protocol = self.protocol
         for frame in protocol.frames.values():
             self._segments(frame.segments, EXCHANGE)
-            self._expressions(frame.announces, field_names(frame.segments))
+            self._expressions(frame.announces, {*field_names(frame.segments), WIRE})
             self._echo(frame)
         for layout in protocol.layouts.values():
             self._segments(layout.segments, EXCHANGE)
@@ -64,7 +65,8 @@ class NameChecker:
             for row in rows:
                 self._service(row)
         self._expressions(protocol.server_refusals, EXCHANGE | (IN_BLOCKS if protocol.commands else set()))
-        self._expressions([method.expression for method in protocol.checks.values()], {"acc", "byte"})
+        for method in protocol.checks.values():
+            self._expressions([method.expression], {"data"} if method.kind == "code" else {"acc", "byte"})
         self._commands()
         self._errors()
         return self.problems
@@ -81,12 +83,27 @@ class NameChecker:
 
     def _names(self, expression: Expression, known: Collection[str]) -> None:
         for node in walk(expression.root):
+            if isinstance(node, Call) and node.function == "code":
+                self._code(node)
             if not isinstance(node, Name) or node.name in known or node.name in self.broken:
                 continue
             if node.name in ONLY_THERE:
                 self._note(node.at, f"'{node.name}' has no value here", ONLY_THERE[node.name])
                 continue
             self._note(node.at, f"there is no name '{node.name}' here", self._hint(node.name, known))
+
+    def _code(self, call: Call) -> None:
+        """The check code that a function works out: one that bytes are enough for."""
+        name = call.arguments[0]
+        if not isinstance(name, Text):
+            self._note(name.at, "the name of a check code stands here", "write it in quotes")
+            return
+        method = self.protocol.checks.get(name.value) or ready_methods().get(name.value)
+        if method is None:
+            hint = did_you_mean(name.value, {*self.protocol.checks, *ready_methods()})
+            self._note(name.at, f"there is no check method '{name.value}'", hint)
+        elif method.kind != "code" and not method.is_of_bytes:
+            self._note(name.at, f"the check code '{name.value}' takes more than bytes", "take another one")
 
     def _hint(self, name: str, known: Collection[str]) -> str:
         if name in self.protocol.frames:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+from framekit.definition.ciphers import not_installed
 from framekit.definition.expression import (
     FUNCTIONS,
     Attribute,
@@ -33,7 +34,7 @@ from framekit.definition.expression import (
 )
 from framekit.definition.keys import ValueKind, expressions_with_kinds
 from framekit.definition.kinds.base import Segment, Segments
-from framekit.definition.model.frames import Frame, certain, expressions_of, field_names, flat, parts_of
+from framekit.definition.model.frames import WIRE, Frame, certain, expressions_of, field_names, flat, parts_of
 from framekit.definition.model.procedure import Action, Row, Sequence, Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import Parameter, StateVariable
@@ -75,6 +76,10 @@ _TAKES: dict[str, tuple[tuple[Kind, ...], ...]] = {
     "sum": (("list", "bytes"),),
     "span": (("number",), ("number",)),
     "only": (("text",), ("text",)),
+    "xor": (("bytes",), ("bytes",)),
+    "aes": (("bytes",), ("bytes",), ("bytes",)),
+    "random": (("number",),),
+    "code": (("text",), ("bytes",)),
 }
 """What functions take, as far as it is checked."""
 
@@ -302,6 +307,8 @@ class KindChecker:
                 self._inside(argument.at, f"'{node.function}' takes {wanted} here, this is {WORDS[kind]}")
         if node.function == "len":
             self._length_of_frame(node.arguments[0], kinds[0])
+        if FUNCTIONS[node.function].is_extra:
+            self.problems += not_installed(node.at, f"'{node.function}'")
         gives = FUNCTIONS[node.function].gives
         if gives == "same":
             self._same(node, kinds)
@@ -600,10 +607,14 @@ class _Kinds:
                 self.found.append(Problem(text.at, what, did_you_mean(text.value, values.values())))
 
     def _announces(self, frame: Frame) -> None:
-        checker = self._checker(field_kinds(frame.segments))
-        for name, expression in frame.announces.items():
-            variable = self.protocol.state.get(name)
-            checker.wants(expression, "any" if variable is None else kind_of_state(variable))
+        checker = self._checker({**field_kinds(frame.segments), WIRE: "bytes"})
+        for one in frame.announces:
+            variable = self.protocol.state.get(one.name)
+            if variable is None or variable.keys is not None:
+                checker.kind(one.value)
+            else:
+                checker.wants(one.value, kind_of_state(variable))
+            checker.wants(one.key, "any")
 
     # ---- sequences ----------------------------------------------------------------------------------------
 

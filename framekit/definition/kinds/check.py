@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, Self
 
 from framekit.definition.ciphers import not_installed, wrong_size
-from framekit.definition.expression import Expression
+from framekit.definition.expression import Expression, needs_extra
 from framekit.definition.keys import EXPRESSION, FLAG, NUMBER, Form, KeyReading, here, key, keys, ref, words
 from framekit.definition.kinds.base import Contents, Given, References, Segment
 from framekit.definition.model.checks import CheckMethod
-from framekit.definition.model.macs import MACS
+from framekit.definition.model.macs import MACS, Mac
 from framekit.definition.problems import Position, Problem, plural
 from framekit.definition.tree import Mapping, Node
 from framekit.definition.wire_types import DIGITS, EVERY_BYTE, FieldType, Sizes, exactly, load_type
@@ -235,10 +235,14 @@ class Check(Segment):
 
     def _keyed(self) -> Iterator[Problem]:
         """A code made with a key has one, and stands there as bytes or digits of them, the first ones if not all."""
-        name, mac = self.method.kind, MACS[self.method.kind]
-        if mac.is_extra:
+        name, mac = self.method.name, MACS.get(self.method.kind, Mac(self.method.size))
+        expression = self.method.expression
+        if mac.is_extra or (expression is not None and needs_extra(expression)):
             yield from not_installed(self.at, name)
-        if self.key is None:
+        if self.method.kind == "code":
+            if self.key is not None:
+                yield Problem(self.key.at, f"the expression of {name} says what it is made with", "leave key out")
+        elif self.key is None:
             yield Problem(self.at, f"{name} needs a key", "add key: bytes, or the name of a parameter")
         elif mac.key_sizes:
             yield from wrong_size("the key", self.key, mac.key_sizes, "AES takes keys of 16, 24 or 32 bytes")

@@ -16,10 +16,10 @@ from framekit.definition.kinds.base import KINDS, Segment, Segments, fixed_size
 from framekit.definition.load.items import with_item_words
 from framekit.definition.load.namespace import Namespace, Owned
 from framekit.definition.load.reader import Broken, Reader
-from framekit.definition.model.frames import Frame, Group, Side, change_all, field_names, flat, leaves
+from framekit.definition.model.frames import Announced, Frame, Group, Side, change_all, field_names, flat, leaves
 from framekit.definition.model.segments import Require, Skip
 from framekit.definition.problems import Position, did_you_mean, plural
-from framekit.definition.tree import Mapping, Node, Scalar, Sequence
+from framekit.definition.tree import Entry, Mapping, Node, Scalar, Sequence
 
 MOST_SEGMENTS = 4000
 """Of one frame, with everything it includes."""
@@ -499,7 +499,7 @@ class FrameLoader:
             tail=(),
             inner=True,
             echo={},
-            announces={},
+            announces=(),
         )
         return name
 
@@ -568,9 +568,7 @@ class FrameLoader:
             tail=tail,
             inner=outline.inner,
             echo=self._echo(keys.get("echo")),
-            announces={
-                entry.key.text: reader.expression(entry.value) for entry in reader.entries(keys.get("announces"))
-            },
+            announces=tuple(self._announced(entry) for entry in reader.entries(keys.get("announces"))),
             delimited=reader.flag(keys.get("delimited")),
             surplus=reader.maybe(reader.number, keys.get("surplus")),
             size=reader.maybe(reader.bytes_at_most, keys.get("size")),
@@ -587,6 +585,12 @@ class FrameLoader:
         return all(entry.key.text in FRAME_KEYS for entry in own.entries) and all(
             entry.key.text in GROUP_KEYS for value in values if isinstance(value, Mapping) for entry in value.entries
         )
+
+    def _announced(self, entry: Entry) -> Announced:
+        """`variable: EXPR` or `table[EXPR]: EXPR`."""
+        name, bracket, key = entry.key.text.strip().partition("[")
+        told = self.reader.expression_text(key.rstrip().removesuffix("]"), entry.key.at) if bracket else None
+        return Announced(name.strip(), self.reader.expression(entry.value), told)
 
     def _echo(self, node: Node | None) -> dict[str, Expression]:
         if isinstance(node, Mapping):

@@ -10,7 +10,7 @@ from framekit.definition.expression import names_in
 from framekit.definition.keys import Meanings
 from framekit.definition.load.documents import SourceText, scalar_of
 from framekit.definition.load.reader import Broken, Reader, parse_key
-from framekit.definition.model.checks import CheckMethod, ready_methods
+from framekit.definition.model.checks import WIDEST, CheckMethod, ready_methods
 from framekit.definition.model.frames import expressions_of
 from framekit.definition.model.values import Table, TableValue
 from framekit.definition.nodes import Entry, Mapping, Node, Sequence
@@ -60,6 +60,9 @@ def _method(reader: Reader, entry: Entry, node: Mapping) -> CheckMethod:
         initial = reader.maybe(reader.number, node.get("initial")) or 0
         width = reader.maybe(reader.number, node.get("width")) or 8
         return CheckMethod(name=name, kind="fold", width=width, initial=initial, expression=reader.expression(fold))
+    if (code := node.get("code")) is not None:
+        width = reader.maybe(reader.number, node.get("width")) or WIDEST
+        return CheckMethod(name=name, kind="code", width=width, expression=reader.expression(code))
     if node.get("poly") is not None:
         return _crc(reader, name, node)
     method = reader.text(node.get("method"))

@@ -261,7 +261,7 @@ class ProtocolLoader:
         self, parts: list[Any], frames: Mapping[str, Frame]
     ) -> tuple[dict[str, Parameter], dict[str, StateVariable], dict[str, Table]]:
         """Own parameters, state and tables, and those of used files that something here mentions."""
-        announced = {name for frame in frames.values() for name in frame.announces}
+        announced = {one.name for frame in frames.values() for one in frame.announces}
         result: dict[str, dict[str, Any]] = {"params": {}, "state": {}, "tables": {}}
 
         def add(section: str, name: str, owned: Owned, space: Namespace) -> None:

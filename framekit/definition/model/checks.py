@@ -13,7 +13,7 @@ from framekit.definition.brought import bring_word
 from framekit.definition.expression import Expression
 from framekit.definition.model.macs import MACS
 
-CHECK_KINDS = {"sum", "word_sum", "xor", "sum7", "xor7", "or", "multiply", "crc", "fold", *MACS}
+CHECK_KINDS = {"sum", "word_sum", "xor", "sum7", "xor7", "or", "multiply", "crc", "fold", "code", *MACS}
 Complement = Literal["ones", "twos"]
 WIDEST = 128
 """Bits of the widest check code that is accepted."""
@@ -34,9 +34,10 @@ class CheckMethod:
     - `crc`: polynomial division with the catalogue's parameters; `initial` is its init: the register before the first
       byte, highest power in the highest bit whatever `refin` says.
     - one of `MACS`: a code made with a key, which the check gives.
+    - `code`: `expression` over `data`, all that counts, gives the bytes of the code; those are not shown, as of MACs.
     - `fold`: `expression` over `acc` and `byte` gives the next `acc`; compilers give it its meaning.
 
-    `poly`, `refin`, `refout`, `xorout` are for `crc` only, `expression` for `fold` only.
+    `poly`, `refin`, `refout`, `xorout` are for `crc` only, `expression` for `fold` and `code` only.
     """
 
     name: str
@@ -59,8 +60,8 @@ class CheckMethod:
 
     @property
     def is_keyed(self) -> bool:
-        """Whether it takes a key."""
-        return self.kind in MACS
+        """Whether only who has a key can work it out."""
+        return self.kind in MACS or self.kind == "code"
 
     @property
     def is_of_bytes(self) -> bool:
@@ -71,9 +72,9 @@ class CheckMethod:
         """What is wrong with the parameters, in one sentence; None if nothing is."""
         if self.kind not in CHECK_KINDS:
             return f"'{self.kind}' is no kind of check"
-        if self.is_keyed and self != CheckMethod(name=self.name, kind=self.kind, width=8 * MACS[self.kind].size):
+        if self.kind in MACS and self != CheckMethod(name=self.name, kind=self.kind, width=8 * MACS[self.kind].size):
             return f"{self.kind} takes nothing but a key"
-        if not 1 <= self.width <= WIDEST and not self.is_keyed:
+        if not 1 <= self.width <= WIDEST and self.kind not in MACS:
             return f"a check code of {self.width} bits is not possible: 1 to {WIDEST} are"
         if self.complement not in (None, *get_args(Complement)):
             return f"the complement is 'ones' or 'twos', not '{self.complement}'"
@@ -87,8 +88,10 @@ class CheckMethod:
             return f"an exclusive or of words takes whole bytes, {self.width} bits are none"
         if self.kind == "crc" and self.poly == 0:
             return "a CRC needs its polynomial: poly"
-        if (self.kind == "fold") != (self.expression is not None):
-            return "an expression belongs to a fold, and only there"
+        if (self.kind in ("fold", "code")) != (self.expression is not None):
+            return "an expression belongs to a fold or a code, and only there"
+        if self.kind == "code" and self.width % 8:
+            return f"a code of bytes has no {self.width} bits"
         return None
 
 

@@ -188,13 +188,26 @@ class Group:
     at: Position
 
 
+@dataclass(frozen=True, slots=True)
+class Announced:
+    """What a frame says about later ones: the value of a state variable, or of its entry `key`."""
+
+    name: str
+    value: Expression
+    key: Expression | None = None
+
+
+WIRE = "wire"
+"""In what a frame announces: its bytes as they stand on the line."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
     """One frame: head, body and tail are flat lists of segments (includes inlined, `where` written into the fields).
 
     `groups`: its group and the groups that one extends, nearest first. `inner`: it has no line of its own and is only
     ever part of other frames. `size`: of the whole frame, the rest is `fill`. `most`: longest frame. `echo`: field of
-    this reply → expression over the request's fields. `announces`: state variable → expression over this frame.
+    this reply → expression over the request's fields. `announces`: state variables, by expressions over this frame.
     `refuse`: the frame exists to be refused with this code.
     """
 
@@ -207,7 +220,7 @@ class Frame:
     tail: tuple[Segment, ...]
     inner: bool = False
     echo: Mapping[str, Expression]
-    announces: Mapping[str, Expression]
+    announces: tuple[Announced, ...] = ()
     delimited: bool = False
     surplus: int | None = None
     size: int | None = None

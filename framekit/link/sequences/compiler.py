@@ -12,7 +12,7 @@ from functools import partial
 from types import CodeType
 from typing import Any
 
-from framekit.codec import support
+from framekit.codec.evaluate import HOMES
 from framekit.codec.python.source import literal, quoted
 from framekit.definition.expression import Expression
 from framekit.definition.model.frames import parts_of
@@ -399,7 +399,7 @@ _GLOBALS: dict[str, Any] = {
     "plain": plain,
     "plain_fields": plain_fields,
     "read_as": read_as,
-    "support": support,
+    **HOMES,
     "__name__": "framekit_sequences",
 }
 _BUILTINS = {name: getattr(builtins, name) for name in ("__build_class__", "abs", "len", "max", "min", "str", "sum")}

@@ -28,10 +28,10 @@ from framekit.link.events import (
     Seen,
     Send,
 )
-from framekit.link.frame_table import FrameTable
+from framekit.link.frame_table import FrameTable, announce
 from framekit.link.late import LateReplies
 from framekit.link.output import Output
-from framekit.link.scope import Scope, with_date
+from framekit.link.scope import LinkFunctions, Scope, with_date
 from framekit.link.sequences.state import (
     MOST_STEPS,
     NOT_TAKEN,
@@ -217,9 +217,7 @@ class Machine:
         """What a frame says about later ones, when it is accepted or first sent."""
         info = self.table.infos.get(value.frame)
         if info is not None and info.announces:
-            names = Names(value.complete(), self.scope)
-            for variable, evaluate in info.announces:
-                self.scope.set(variable, evaluate(names))
+            announce(info.announces, value, self.scope)
 
     def put_out(self, run: Run, data: bytes, value: FrameValue, repeated: bool = False) -> None:
         """Gives the bytes of a frame to the line, and shows it."""
@@ -328,10 +326,11 @@ def _plain_of(value: FrameValue) -> dict[str, Any]:
     return {name: plain(one) for name, one in value.complete().items()}
 
 
-class EngineFunctions:
+class EngineFunctions(LinkFunctions):
     """What expressions find under the name `functions`: queues, the device's memory, the clock."""
 
     def __init__(self, machine: Machine) -> None:
+        super().__init__(machine.scope)
         self._machine = machine
 
     def empty(self, queue: str) -> int:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
+from framekit.codec.evaluate import home_of
 from framekit.codec.python.source import Source, literal, quoted
 from framekit.definition.brought import bring, bring_word
 from framekit.definition.expression import (
@@ -200,7 +201,7 @@ class SequenceNames:
     def call(self, function: str, arguments: list[str]) -> str:
         if function in ENGINE_FUNCTIONS:
             return f'{self.writer.local("s")}["functions"].{function}({", ".join(arguments)})'
-        return f"support.{function}({', '.join(arguments)})"
+        return f"{home_of(function)}.{function}({', '.join(arguments)})"
 
 
 class StepWriter:
