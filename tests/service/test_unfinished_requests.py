@@ -31,6 +31,7 @@ INSTRUMENTS = (
     Link("iec62056-21", format="7E1", speed=300, station="", me="", service="readout"),
     Link("dnp3-link", format="8N1", station=1024, service="link_status"),
     Link("bacnet-mstp", format="8N1", station=5, service="poll"),
+    Link("osdp", format="8N1", station=5, service="identify"),
     Link("scpi", format=None, station=None, service="identify"),
 )
 ALL = (*LINKS, *SNP, *PLCS, *INSTRUMENTS)
