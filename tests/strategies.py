@@ -19,6 +19,7 @@ from strategy_values import Draw
 
 from framekit.codec.errors import EncodeError
 from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName, start_values
+from framekit.codec.python.runtime import RangeTable
 from framekit.definition.expression import names_in
 from framekit.definition.model.frames import expressions_of
 from framekit.definition.model.protocol import Protocol
@@ -37,6 +38,13 @@ def base_context(protocol: Protocol) -> dict[str, Any]:
         "clock": dict.fromkeys(("second", "minute", "hour", "day", "month", "year", "weekday"), 7),
     }
     context |= start_values(protocol)
+    for parameter in protocol.params.values():
+        if parameter.secret and context.get(parameter.name) is None:
+            context[parameter.name] = "A" if parameter.type == "text" else bytes(range(parameter.size or 16))
+    for variable in protocol.state.values():
+        if variable.announced and variable.keys is not None:  # as if an earlier frame had announced it for every key
+            value = bytes(range(16)) if variable.type == "bytes" else 3
+            context[variable.name] = RangeTable({}, ((*variable.keys, value),))
     for _ in range(3):  # defaults may stand on other defaults
         items: list[Parameter | StateVariable] = [*protocol.params.values(), *protocol.state.values()]
         for item in items:
