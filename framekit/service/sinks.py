@@ -18,7 +18,7 @@ from framekit.run.model import Point
 from framekit.run.points import PointTable, PointValue
 from framekit.runfile.sinks import fits
 from framekit.sinks import Sink, SinkKind
-from framekit.sinks.base import Moment
+from framekit.sinks.base import Sampled
 from framekit.transport.clock import AsyncioClock, Clock, Handle
 
 log = logging.getLogger(__name__)
@@ -55,7 +55,7 @@ class SinkFeeder:
         self.names = frozenset(point.name for point in self.points)
         self._sink: Sink = kind.make()
         self._threaded = threaded
-        self._waiting: deque[Moment] = deque()
+        self._waiting: deque[Sampled] = deque()
         self._change = threading.Condition()
         self._ending = False
         self._is_open = False
@@ -79,7 +79,7 @@ class SinkFeeder:
             self._thread = threading.Thread(target=self._run, name=name, daemon=True)
             self._thread.start()
 
-    def put(self, sample: Moment) -> None:
+    def put(self, sample: Sampled) -> None:
         """One more sample; never waits for the sink."""
         with self._change:
             if len(self._waiting) >= MOST_WAITING:
@@ -188,7 +188,7 @@ class SinkService:
     def _changed(self, value: PointValue) -> None:
         for feeder in self.feeders:
             if feeder.kind.every is None and value.name in feeder.names:
-                feeder.put(Moment(value.time, (value,)))
+                feeder.put(Sampled(value.time, (value,)))
 
     def _every(self, feeder: SinkFeeder, when: int) -> None:
         """Takes all values at a time, and at the next; times that were missed are left out."""
@@ -197,7 +197,7 @@ class SinkService:
     def _take(self, feeder: SinkFeeder, when: int) -> None:
         period = feeder.kind.every or 1
         values = tuple(value for value in self._table if value.name in feeder.names)
-        feeder.put(Moment(self._wall(when), values))
+        feeder.put(Sampled(self._wall(when), values))
         self._every(feeder, when + period * max(1, (self._clock.now() - when) // period + 1))
 
     @property

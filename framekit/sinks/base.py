@@ -18,7 +18,7 @@ from framekit.run.model import Point
 from framekit.run.points import PointValue
 
 
-class Moment(NamedTuple):
+class Sampled(NamedTuple):
     """Values of one moment (ns since 1970, UTC): one that has changed then, or all as they were then."""
 
     time: int
@@ -73,7 +73,7 @@ class Sink(ABC):
         """Begins, or goes on where another run has left off. `points`: those whose values come."""
 
     @abstractmethod
-    def write(self, samples: Sequence[Moment]) -> int:
+    def write(self, samples: Sequence[Sampled]) -> int:
         """Takes samples, oldest first; how many: the others come again. When it raises, it has taken none."""
 
     @abstractmethod

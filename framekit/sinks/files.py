@@ -17,7 +17,7 @@ from framekit.definition.keys import NUMBER, Form, KeyReading, key, words
 from framekit.definition.tree import Node
 from framekit.run.model import Point
 from framekit.run.points import PointValue, iso_time
-from framekit.sinks.base import FILE, Moment, Sink, SinkKind, good_value
+from framekit.sinks.base import FILE, Sampled, Sink, SinkKind, good_value
 
 _SIZES = {"KB": 1_000, "MB": 1_000_000, "GB": 1_000_000_000}
 _ROTATE = re.compile(r"\s*([0-9]+)\s*(KB|MB|GB)\s*")
@@ -145,7 +145,7 @@ class LinesFile(Sink):
         self._size = 0
         self._put(self.head())
 
-    def write(self, samples: Sequence[Moment]) -> int:
+    def write(self, samples: Sequence[Sampled]) -> int:
         waiting = bytearray()
         for count, sample in enumerate(samples):
             time = iso_time(sample.time)

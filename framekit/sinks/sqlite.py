@@ -11,7 +11,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from framekit.definition.keys import key
 from framekit.run.model import Point
-from framekit.sinks.base import FILE, PERIOD, Moment, Sink, SinkKind, good_value
+from framekit.sinks.base import FILE, PERIOD, Sampled, Sink, SinkKind, good_value
 
 APPLICATION = 0x464B4856
 """What SQLite calls the application's number; it tells our files from others."""
@@ -81,7 +81,7 @@ class SqliteSink(Sink):
             self.close()
             raise
 
-    def write(self, samples: Sequence[Moment]) -> int:
+    def write(self, samples: Sequence[Sampled]) -> int:
         database = self._database
         if database is None or not samples:
             return 0

@@ -24,7 +24,7 @@ from framekit.runfile.schema_files import read_files
 from framekit.service import sinks as at_work
 from framekit.service.sinks import SinkFeeder
 from framekit.sinks import SINKS, Sink, SinkKind
-from framekit.sinks.base import FILE, Moment
+from framekit.sinks.base import FILE, Sampled
 from framekit.sinks.files import CsvFile, JsonLines
 from framekit.sinks.sqlite import HistoryError, SqliteHistory, read_history
 
@@ -42,16 +42,16 @@ def point(name: str, unit: str = "") -> Point:
 POINTS = [point("level", "m"), point("state")]
 
 
-def sample(seconds: float, name: str = "level", value: Any = 1.5, quality: Any = "good", reason: str = "") -> Moment:
+def sample(seconds: float, name: str = "level", value: Any = 1.5, quality: Any = "good", reason: str = "") -> Sampled:
     time = START + round(seconds * SECOND)
-    return Moment(time, (PointValue(name, value, quality, reason, time),))
+    return Sampled(time, (PointValue(name, value, quality, reason, time),))
 
 
 def lines_of(path: Path) -> list[str]:
     return path.read_text("utf-8").splitlines()
 
 
-def taken(sink: Sink, samples: Sequence[Moment]) -> None:
+def taken(sink: Sink, samples: Sequence[Sampled]) -> None:
     """All samples, however many are taken at once."""
     sink.open(POINTS)
     rest = list(samples)
@@ -80,7 +80,7 @@ def test_a_line_for_each_value(tmp_path: Path) -> None:
 def test_a_column_for_each_point(tmp_path: Path) -> None:
     path = tmp_path / "columns.csv"
     both = (PointValue("level", 1, "good", "", START), PointValue("state", "on", "stale", "old", START))
-    taken(CsvFile(csv=str(path), every=SECOND, at=NOWHERE).make(), [Moment(START, both), sample(1, value=2)])
+    taken(CsvFile(csv=str(path), every=SECOND, at=NOWHERE).make(), [Sampled(START, both), sample(1, value=2)])
     assert lines_of(path) == [
         "time,level (m),state",
         "2026-03-01T12:00:00.000Z,1,",
@@ -309,12 +309,12 @@ class Remembering(Sink):
     """Takes two samples at once; `on_write` may raise, or wait."""
 
     def __init__(self) -> None:
-        self.taken: list[Moment] = []
+        self.taken: list[Sampled] = []
         self.on_write: Callable[[], None] = lambda: None
 
     def open(self, points: Sequence[Point]) -> None: ...
 
-    def write(self, samples: Sequence[Moment]) -> int:
+    def write(self, samples: Sequence[Sampled]) -> int:
         self.on_write()
         self.taken += samples[:2]
         return len(samples[:2])
