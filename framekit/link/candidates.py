@@ -547,7 +547,7 @@ class ExpectedFrames:
         rules, marks = self._table.once(rules_and_marks, self._table)
         best = Start(0, {}, wanted, wanted, rules, marks)
         most = len(infos)
-        allowed = [dict(fixed_bytes(info.frame.segments)) for info in infos]
+        allowed = [{} if info.frame.inside else dict(fixed_bytes(info.frame.segments)) for info in infos]
         for place in sorted({place for one in allowed for place in one if place}):
             rows = [(info, one.get(place)) for info, one in zip(infos, allowed, strict=True)]
             values = {value for _, one in rows for value in one or ()}
@@ -586,6 +586,8 @@ def _sure(every: Level, left: Level, place: int, values: set[int], none_of_them:
         if info not in left:
             first = info.frame.segments[0] if info.frame.segments else None
             constant = first.data if isinstance(first, Const) and first.when is None else b""
+            if info.frame.inside:  # what interrupts it may stand at this place
+                return False
             if len(constant) <= place or (constant[place] in values) is not none_of_them:
                 return False
     return True

@@ -358,9 +358,10 @@ class FrameTable:
         for info in self.infos.values():
             info.usual = usual_of(info.frame, repeated)
             info.make = self._maker(info)
-            if info.guesses:
+            if info.guesses and not info.frame.inside:
                 info.sizes = sizes_by_byte(info.frame, shapes)
-            info.quick = quick_of(info, shapes, codec.fused.get(info.name))
+            if not info.frame.inside:  # else what interrupts it may stand at any place
+                info.quick = quick_of(info, shapes, codec.fused.get(info.name))
             info.on_line = not info.frame.inner and info.name not in inner
         outer = [info for info in self.infos.values() if info.on_line and info.frame.side != "none"]
         self.on_line = tuple(info.name for info in sorted(outer, key=lambda info: info.refuse is not None))

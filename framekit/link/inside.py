@@ -1,7 +1,8 @@
 """Frames that may stand in the middle of others: found and taken out before the outer frame is measured.
 
 A byte-stuffed region may hold them anywhere; they begin with the escape byte and something that is neither a doubled
-escape nor the region's end. It knows no protocol, only the segments of a frame.
+escape nor the region's end. Without stuffing they begin with a byte that the outer frame never holds, and stand behind
+any of its bytes. It knows no protocol, only the segments of a frame.
 """
 
 from __future__ import annotations
@@ -10,7 +11,8 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from framekit.definition.model.frames import fixed_size
+from framekit.codec.errors import FrameError
+from framekit.definition.model.frames import bytes_of, fixed_size
 from framekit.definition.model.segments import Const, Segment, Wrap
 from framekit.link.frame_table import FrameInfo, FrameTable
 from framekit.link.stream import Stream
@@ -51,6 +53,22 @@ class InsideRule:
         return position
 
 
+@dataclass(slots=True)
+class OwnByteRule:
+    """Which frames may stand behind any byte of an outer frame, by the byte that they begin with.
+
+    `front`: the bytes that the outer frame may have at each of its first places, as far as these are certain.
+    """
+
+    begins: re.Pattern[bytes]
+    frames: dict[int, tuple[FrameInfo, ...]]
+    front: tuple[frozenset[int], ...]
+
+    def fits(self, begun: bytes | bytearray) -> bool:
+        """Whether the outer frame may begin so."""
+        return all(byte in allowed for byte, allowed in zip(begun, self.front, strict=False))
+
+
 def plain_end(buffer: bytes | bytearray, position: int, end: int, escape: int) -> int | None:
     """Where doubled content ends: at the first escape byte that is not doubled; None when that is not there yet."""
     while True:
@@ -69,10 +87,11 @@ class InsideFinder:
     may hold others. Up to the offset `_clear` of the stream, no frame inside begins that has not been taken out.
     """
 
-    __slots__ = ("_clear", "_lost", "_marks", "_names", "_rules", "holders", "places")
+    __slots__ = ("_clear", "_lost", "_marks", "_names", "_quiet", "_rules", "holders", "places")
 
-    def __init__(self, table: FrameTable, names: Names, lost: int) -> None:
+    def __init__(self, table: FrameTable, names: Names, quiet: int, lost: int) -> None:
         self._names = names
+        self._quiet = quiet
         self._lost = lost
         self._rules, self._marks = table.once(rules_and_marks, table)
         self.holders = frozenset(self._rules)
@@ -97,9 +116,9 @@ class InsideFinder:
         self._clear = base + len(buffer) - 1  # the last byte may begin one
         return True
 
-    def is_none_in(self, outer: str, raw: bytes) -> bool:
-        """Whether no frame may stand inside `outer`, or surely none does in its bytes `raw`."""
-        return outer not in self.holders or (self._marks is not None and self._marks.search(raw) is None)
+    def is_none_in(self, names: tuple[str, ...], raw: bytes) -> bool:
+        """Whether no frame may stand inside one of these, or surely none does in the bytes `raw`."""
+        return self.holders.isdisjoint(names) or (self._marks is not None and self._marks.search(raw) is None)
 
     def first_mark(self, buffer: bytes | bytearray, start: int, end: int) -> int:
         """Up to where there is surely no frame inside another, of the next bytes from `start` on, up to `end`."""
@@ -114,15 +133,60 @@ class InsideFinder:
         place = self.places.get(outer, DONE) if self.places else DONE
         return limit if place == DONE else min(limit, place - base)
 
-    def find(self, stream: Stream, infos: tuple[FrameInfo, ...]) -> tuple[FrameInfo, int, int] | None:
-        """The first frame inside one of `infos`, which begin at the stream's position, and its place."""
+    def find(self, stream: Stream, infos: tuple[FrameInfo, ...], limit: int) -> tuple[FrameInfo, int, int] | None:
+        """The first frame inside one of `infos`, which begin at the stream's position, and its place.
+
+        They have to come whole before `limit`, where a pause is too long.
+        """
         for info in infos:
             rule = self._rules.get(info.name)
-            if rule is not None and self.places.get(info.name, 0) != DONE:
+            if rule is None or self.places.get(info.name, 0) == DONE:
+                continue
+            if isinstance(rule, OwnByteRule):
+                found = self._find_byte(stream, info, rule, infos, limit)
+            else:
                 found = self._find(stream, info, rule)
-                if found is not None:
-                    return found
+            if found is not None:
+                return found
         return None
+
+    def _find_byte(
+        self, stream: Stream, info: FrameInfo, rule: OwnByteRule, infos: tuple[FrameInfo, ...], limit: int
+    ) -> tuple[FrameInfo, int, int] | None:
+        """What begins with a byte of its own before the outer frame ends, unless another frame ends before it."""
+        place = self.places.get(info.name)
+        start = stream.position + 1 if place is None else place - stream.base
+        match = rule.begins.search(stream.buffer, start, limit)
+        if match is None:
+            self.places[info.name] = stream.base + max(start, limit)
+            return None
+        found = match.start()
+        self.places[info.name] = stream.base + found
+        has_begun = rule.fits(stream.buffer[stream.position : found]) and self._goes_on(info, stream, found)
+        if not has_begun or any(self._ends(one, stream, found) for one in infos):
+            self.places[info.name] = DONE
+            return None
+        return self._at(stream, info.name, rule.frames[stream.buffer[found]], found, limit)
+
+    def _goes_on(self, info: FrameInfo, stream: Stream, end: int) -> bool:
+        """Whether a frame has begun at the stream's position and wants more than there is before `end`."""
+        try:
+            return self._quiet < info.measure(stream.buffer, stream.position, end, self._names, 0) < 0
+        except CODEC_ERRORS:
+            return False
+
+    def _ends(self, info: FrameInfo, stream: Stream, end: int) -> bool:
+        """Whether a good frame that begins at the stream's position ends before `end`, or may by silence."""
+        buffer, position = stream.buffer, stream.position
+        try:
+            size = info.measure(buffer, position, end, self._names, 0)
+            if size > 0:
+                info.decode(bytes(buffer[position : position + size]), self._names)
+        except FrameError as error:
+            return error.refuse is not None
+        except CODEC_ERRORS:
+            return False
+        return size > 0 or size == self._quiet
 
     def _find(self, stream: Stream, info: FrameInfo, rule: InsideRule) -> tuple[FrameInfo, int, int] | None:
         end, outer = len(stream.buffer), info.name
@@ -137,7 +201,7 @@ class InsideFinder:
                 return None
             if stream.buffer[found + 1] != rule.escape:
                 self.places[outer] = stream.base + found
-                return self._at(stream, outer, rule, found)
+                return self._at(stream, outer, rule.frames, found, end)
             start = found + 2
 
     def _has_begun(self, info: FrameInfo, stream: Stream, start: int) -> bool:
@@ -148,9 +212,11 @@ class InsideFinder:
             return False
         return size < 0 and size != self._lost
 
-    def _at(self, stream: Stream, outer: str, rule: InsideRule, place: int) -> tuple[FrameInfo, int, int] | None:
-        for info in rule.frames:
-            length = info.measure(stream.buffer, place, len(stream.buffer), self._names, 0)
+    def _at(
+        self, stream: Stream, outer: str, frames: tuple[FrameInfo, ...], place: int, limit: int
+    ) -> tuple[FrameInfo, int, int] | None:
+        for info in frames:
+            length = info.measure(stream.buffer, place, limit, self._names, 0)
             if length > 0:
                 return info, place, place + length
             if length < 0:
@@ -159,27 +225,41 @@ class InsideFinder:
         return None
 
 
-def rules_and_marks(table: FrameTable) -> tuple[dict[str, InsideRule], re.Pattern[bytes] | None]:
+Rules = dict[str, InsideRule | OwnByteRule]
+"""The frames that may hold others, by name."""
+
+
+def rules_and_marks(table: FrameTable) -> tuple[Rules, re.Pattern[bytes] | None]:
     """What a finder looks for, the same for all receivers of a table."""
     rules = inside_rules(table)
     return rules, marks_of(rules.values())
 
 
-def marks_of(rules: Iterable[InsideRule]) -> re.Pattern[bytes] | None:
-    """Matches the first two bytes of every frame that may stand inside another; None if they are not constants."""
+def marks_of(rules: Iterable[InsideRule | OwnByteRule]) -> re.Pattern[bytes] | None:
+    """Matches where every frame begins that may stand inside another; None if that is not told by constants.
+
+    That is its first byte where the outer frame never holds it, else its first two.
+    """
     starts = set()
-    for info in (info for rule in rules for info in rule.frames):
-        first = info.frame.segments[0]
-        if not isinstance(first, Const) or first.when is not None or len(first.data) < 2:
-            return None
-        starts.add(re.escape(first.data[:2]))
-    return re.compile(b"|".join(sorted(starts))) if starts else None
+    for rule in rules:
+        if isinstance(rule, OwnByteRule):
+            starts |= {re.escape(bytes((byte,))) for byte in rule.frames}
+            continue
+        for info in rule.frames:
+            first = info.frame.segments[0]
+            if not isinstance(first, Const) or first.when is not None or len(first.data) < 2:
+                return None
+            starts.add(re.escape(first.data[:2]))
+    return re.compile(b"|".join(sorted(starts)), re.DOTALL) if starts else None
 
 
-def inside_rules(table: FrameTable) -> dict[str, InsideRule]:
+def inside_rules(table: FrameTable) -> Rules:
     """The outer frames that may hold others, by name. Frames whose region has no findable start are left out."""
-    rules = {}
+    rules: Rules = {}
     for info in table.infos.values():
+        if info.frame.inside:
+            rules[info.name] = own_byte_rule(info, tuple(table.infos[name] for name in info.frame.inside))
+            continue
         before: list[Segment] = []
         for segment in info.frame.segments:
             if isinstance(segment, Wrap) and segment.inside and segment.escape is not None:
@@ -190,6 +270,24 @@ def inside_rules(table: FrameTable) -> dict[str, InsideRule]:
                 break
             before.append(segment)
     return rules
+
+
+def own_byte_rule(outer: FrameInfo, frames: tuple[FrameInfo, ...]) -> OwnByteRule:
+    """The rule for frames that begin with bytes which the outer frame never holds."""
+    front: list[frozenset[int]] = []
+    for segment in outer.frame.segments:
+        size = fixed_size(segment)
+        if segment.when is not None or size is None:
+            break
+        if isinstance(segment, Const):
+            front += (frozenset((byte,)) for byte in segment.data)
+        else:
+            front += (bytes_of((segment,)),) * size
+    found: dict[int, tuple[FrameInfo, ...]] = {}
+    for info in frames:
+        if info.first is not None:
+            found[info.first] = (*found.get(info.first, ()), info)
+    return OwnByteRule(re.compile(b"[" + re.escape(bytes(found)) + b"]"), found, tuple(front))
 
 
 def _is_findable(segment: Segment) -> bool:

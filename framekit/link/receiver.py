@@ -89,7 +89,7 @@ class Receiver:
         self._trouble = trouble
         self._quiet, self._lost = codec.QUIET, codec.LOST
         self._candidates = Candidates(self.stream, names, codec.QUIET, codec.LOST, trouble)
-        inside = InsideFinder(self.table, names, codec.LOST)
+        inside = InsideFinder(self.table, names, codec.QUIET, codec.LOST)
         self._inside = inside if inside else None
         self._wanted: tuple[tuple[str, ...], tuple[str, ...]] = (), ()
         self._expected = self._expect((), ())
@@ -437,7 +437,7 @@ class Receiver:
             return False
         if info.guesses and "unknown" in fields[info.inner or ""]:
             return False
-        if self._inside is not None and not (left.sure and self._inside.is_none_in(info.name, raw)):
+        if self._inside is not None and not (left.sure and self._inside.is_none_in(left.names, raw)):
             return False
         noise = self._noise_before()
         found.append(noise or self._arrived(info, fields, raw))
@@ -694,7 +694,7 @@ class Receiver:
         limit, is_cut = self.pauses.reach(self._now)
         levels = frames.levels(stream.buffer, position, limit)
         if self._inside:
-            inside = self._inside.find(stream, sum(levels, ()))
+            inside = self._inside.find(stream, sum(levels, ()), limit)
             if inside is not None:
                 return self._noise_before() or self._taken_out(*inside)
         worst: Bad | None = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from framekit.definition.check.interrupting import check_interrupting
 from framekit.definition.codings import Hex
 from framekit.definition.expression import Expression, Logic, names_in
 from framekit.definition.model.frames import (
@@ -65,6 +66,9 @@ def check_frame(protocol: Protocol, frame: Frame) -> list[Problem]:
     found += _counted_and_open(protocol, frame, ends)
     found += _keys(protocol, frame)
     found += _inner(protocol, frame, ends)
+    found += check_interrupting(
+        protocol, frame, not frame.delimited and frame.size is None and ends.is_open(frame.segments)
+    )
     return found
 
 

@@ -422,6 +422,14 @@ def constant_number(expression: Expression | None) -> int | None:
     return None
 
 
+def bytes_of_number(segment: Numbered, plus: int = 0) -> frozenset[int]:
+    """The bytes that its number may have on the wire; wire number = number + plus. A range limits those of one byte."""
+    is_byte = segment.type.kind == "int" and segment.type.size == 1 and segment.zero_means is None
+    if not is_byte or segment.limits is None or segment.limits[0] + plus < 0:
+        return segment.type.contents
+    return frozenset(range(segment.limits[0] + plus, min(segment.limits[1] + plus, 255) + 1))
+
+
 def limits_that_do_not_fit(segment: Numbered, plus: int = 0) -> Iterator[Problem]:
     bounds = segment.type.bounds
     if bounds is not None and segment.limits is not None:

@@ -7,7 +7,14 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from framekit.definition.keys import FLAG, IDENTIFIER, LABEL, LABELS, NUMBER, RANGE, Form, KeyReading, ValueKind, key
-from framekit.definition.kinds.base import References, Segment, limits_that_do_not_fit, zero_with_a_sign
+from framekit.definition.kinds.base import (
+    Contents,
+    References,
+    Segment,
+    bytes_of_number,
+    limits_that_do_not_fit,
+    zero_with_a_sign,
+)
 from framekit.definition.problems import Problem, did_you_mean
 from framekit.definition.tree import Node
 from framekit.definition.wire_types import FieldType, type_keys
@@ -57,6 +64,9 @@ class Counting(Segment):
     @property
     def given_names(self) -> tuple[str, ...]:
         return ()
+
+    def contents(self, of_frame: Contents) -> frozenset[int]:
+        return bytes_of_number(self)
 
     def check(self) -> Iterator[Problem]:
         if not self.type.is_whole_number:

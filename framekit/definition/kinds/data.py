@@ -65,7 +65,7 @@ class Data(Segment):
 
     KEY: ClassVar[str] = "data"
     HINTS: ClassVar[Mapping[str, str]] = {
-        "inside": "frames interrupt a wrap with a doubled escape byte only: {wrap: {escape: 10}, inside: […], of: […]}"
+        "inside": "write inside: beside body: of the frame, and never: here for the byte that they begin with"
     }
     VALUE: ClassVar[ValueKind | None] = "bytes"
 

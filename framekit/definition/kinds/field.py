@@ -29,6 +29,7 @@ from framekit.definition.kinds.base import (
     Fixing,
     Given,
     Segment,
+    bytes_of_number,
     constant_number,
     limits_that_do_not_fit,
     number_written,
@@ -166,10 +167,7 @@ class Field(Segment):
     def contents(self, of_frame: Contents) -> frozenset[int]:
         if self.long is not None:
             return EVERY_BYTE
-        is_small = self.type.kind == "int" and self.type.size == 1 and self.zero_means is None and self.unit is None
-        if not is_small or self.limits is None or self.limits[0] + self.plus < 0:
-            return self.type.contents
-        return frozenset(range(self.limits[0] + self.plus, min(self.limits[1] + self.plus, 255) + 1))
+        return self.type.contents if self.unit is not None else bytes_of_number(self, self.plus)
 
     def value_kinds(self) -> Iterator[tuple[str, ValueKind]]:
         yield self.name, self.value_kind

@@ -346,7 +346,9 @@ class _Resolver:
 
 
 SIDES: dict[str, Side] = {"client": "client", "server": "server", "both": "both", "none": "none"}
-INHERITED = ("from", "head", "tail", "echo", "announces", "delimited", "surplus", "size", "fill", "max", "doc")
+INHERITED = (
+    "from", "head", "tail", "echo", "announces", "delimited", "surplus", "size", "fill", "max", "inside", "doc",
+)  # fmt: skip
 FRAME_KEYS = frozenset({*INHERITED, "group", "where", "body", "refuse"})
 GROUP_KEYS = frozenset({*INHERITED, "where", "extends"})
 
@@ -574,6 +576,7 @@ class FrameLoader:
             size=reader.maybe(reader.bytes_at_most, keys.get("size")),
             fill=0 if fill is None else reader.byte(fill),
             most=reader.maybe(reader.bytes_at_most, keys.get("max")),
+            inside=tuple(name for node in reader.items(keys.get("inside")) for name in self.find(space, node)),
             refuse=reader.maybe(reader.number, own.get("refuse")),
             doc=reader.maybe(reader.text, keys.get("doc")) or "",
         )

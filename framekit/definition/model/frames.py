@@ -208,7 +208,8 @@ class Frame:
     `groups`: its group and the groups that one extends, nearest first. `inner`: it has no line of its own and is only
     ever part of other frames. `size`: of the whole frame, the rest is `fill`. `most`: longest frame. `echo`: field of
     this reply → expression over the request's fields. `announces`: state variables, by expressions over this frame.
-    `refuse`: the frame exists to be refused with this code.
+    `inside`: frames that may interrupt it behind any of its bytes. `refuse`: the frame exists to be refused with this
+    code.
     """
 
     name: str
@@ -226,6 +227,7 @@ class Frame:
     size: int | None = None
     fill: int = 0
     most: int | None = None
+    inside: tuple[str, ...] = ()
     refuse: int | None = None
     doc: str = ""
 
