@@ -66,9 +66,10 @@ def check_frame(protocol: Protocol, frame: Frame) -> list[Problem]:
     found += _counted_and_open(protocol, frame, ends)
     found += _keys(protocol, frame)
     found += _inner(protocol, frame, ends)
-    found += check_interrupting(
-        protocol, frame, not frame.delimited and frame.size is None and ends.is_open(frame.segments)
-    )
+    if frame.inside:
+        found += check_interrupting(
+            protocol, frame, not frame.delimited and frame.size is None and ends.is_open(frame.segments)
+        )
     return found
 
 

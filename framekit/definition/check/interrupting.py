@@ -34,7 +34,8 @@ def check_interrupting(protocol: Protocol, frame: Frame, is_open: bool) -> Itera
         other = protocol.frames.get(name)
         if other is None:
             continue
-        if other.inner or name in inner or other.size is not None or not all(_is_constant(one) for one in other.segments):
+        is_constant = other.size is None and all(_is_constant(one) for one in other.segments)
+        if other.inner or name in inner or not is_constant:
             what = f"'{name}' cannot interrupt '{frame.name}': it is more than constant bytes"
             yield Problem(frame.at, what, f"make it of const: only, or {todo}")
         elif other.segments:
