@@ -186,6 +186,9 @@ class _Listening:
         self.monitor(Seen("", "open", now))
         return []
 
+    def hear_marks(self) -> None:
+        self.listener.hear_marks()
+
     def closed(self, now: int, reason: str = "") -> list[Command]:
         self.listener.ended(now)
         self.monitor(Seen("", "closed", now, reason=reason))

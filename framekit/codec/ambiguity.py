@@ -37,9 +37,12 @@ WORTH_TELLING = 0.005
 
 
 def check_weak_codes(codec: Codec, sampler: Sampler) -> list[Problem]:
-    """One warning, for the frame that lets the most through; none on lines with parity."""
+    """One warning, for the frame that lets the most through; none on lines that have parity, or no room for it."""
     protocol = codec.protocol
-    if protocol.line.kind != "serial" or parse_format(protocol.line.format, protocol.line.speed or 1).parity != "N":
+    if protocol.line.kind != "serial":
+        return []
+    line = parse_format(protocol.line.format, protocol.line.speed or 1)
+    if line.parity != "N" or line.has_marks:
         return []
     shares = [
         (passing(codec, frame.name, sample, sampler.context), frame, check)

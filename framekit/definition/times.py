@@ -25,12 +25,20 @@ _TIME = re.compile(r"(\d+(?:\.\d+)?)\s*(ns|us|ms|s|min|h|d)")
 
 @dataclass(frozen=True, slots=True)
 class LineFormat:
-    """Speed in bits a second and the shape of a character; `parity` is one of N, E, O, M, S."""
+    """Speed in bits a second and the shape of a character; `parity` is one of N, E, O, M, S.
+
+    With nine `data_bits` the ninth is a mark of the character: bytes are handed over, and which of them are marked.
+    """
 
     speed: int
     data_bits: int = 8
     parity: str = "N"
     stop_bits: float = 1
+
+    @property
+    def has_marks(self) -> bool:
+        """Whether each character has a ninth bit, which marks it."""
+        return self.data_bits == 9
 
     @property
     def character_bits(self) -> float:
@@ -50,9 +58,11 @@ MOST_SPEED = 1_000_000_000
 
 def parse_format(text: str, speed: int) -> LineFormat:
     """`8E1`, `7O2`, `8N1.5` at `speed` bits a second. Raises ValueError with a sentence for anything else."""
-    match = re.fullmatch(r"([5678])([NEOMSneoms])(1|1\.5|2)", text.strip())
+    match = re.fullmatch(r"([5-9])([NEOMSneoms])(1|1\.5|2)", text.strip())
     if match is None:
         raise ValueError(f"'{text}' is not a line format – write data bits, parity and stop bits, such as 8N1 or 7E1")
+    if match[1] == "9" and match[2] not in "Nn":
+        raise ValueError(f"'{text}' has a parity besides the ninth bit – write 9N{match[3]}")
     if not 1 <= speed <= MOST_SPEED:
         raise ValueError(f"{speed} is not a line speed – write 1 to {MOST_SPEED} bits a second")
     return LineFormat(speed, int(match[1]), match[2].upper(), float(match[3]))

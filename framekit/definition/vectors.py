@@ -26,10 +26,14 @@ from framekit.definition.problems import Position, Problem, did_you_mean
 
 @dataclass(frozen=True, slots=True)
 class Wire:
-    """Bytes of a case; None is a byte that is not compared. `tail` follows a computed check code, if there is one."""
+    """Bytes of a case; None is a byte that is not compared. `tail` follows a computed check code, if there is one.
+
+    `marks`: places of the bytes with a ninth bit, those in the tail counted from the end (-1: the last).
+    """
 
     head: tuple[int | None, ...]
     tail: tuple[int | None, ...] | None = None
+    marks: frozenset[int] = frozenset()
 
     @property
     def exact(self) -> bytes | None:
@@ -45,17 +49,31 @@ class Wire:
         free = len(data) - len(self.head) - len(self.tail)
         return free > 0 and _fit(self.head, data) and _fit(self.tail, data[len(self.head) + free :])
 
+    def marks_match(self, marked: int | None, size: int) -> bool:
+        """Whether `marked` of `size` bytes is marked here; of a check code that is not compared."""
+        free = range(0) if self.tail is None else range(len(self.head), size - len(self.tail))
+        wanted = {place % size for place in self.marks}
+        return wanted == (set() if marked is None or marked in free else {marked})
+
     def __str__(self) -> str:
-        words = _words(self.head)
-        return " ".join(words if self.tail is None else [*words, "check", *_words(self.tail)])
+        words = _words(self.head, self.marks)
+        if self.tail is None:
+            return " ".join(words)
+        size = len(self.tail)
+        return " ".join([*words, "check", *_words(self.tail, {place + size for place in self.marks if place < 0})])
 
 
 def _fit(wanted: tuple[int | None, ...], data: bytes) -> bool:
     return all(byte is None or byte == found for byte, found in zip(wanted, data, strict=False))
 
 
-def _words(wanted: tuple[int | None, ...]) -> list[str]:
-    return ["xx" if byte is None else f"{byte:02X}" for byte in wanted]
+def _words(wanted: tuple[int | None, ...], marks: Collection[int]) -> list[str]:
+    return ["xx" if byte is None else f"{byte | (place in marks) << 8:02X}" for place, byte in enumerate(wanted)]
+
+
+def nine_bits(data: bytes, marked: int | None) -> str:
+    """Bytes as a case has them: `10B 0B`, the ninth bit before the marked one."""
+    return " ".join(_words(tuple(data), () if marked is None else (marked,)))
 
 
 KINDS = ("send", "receive", "break", "silence", "wait", "line", "connection")
@@ -64,12 +82,16 @@ WORDS = {
     "connection": ({word: word for word in ("lost", "closed", "opened")}, "what becomes of a connection"),
 }
 _WORD = re.compile(r"(?P<what>[0-9A-Za-z]+)(?:\*(?P<times>\d+))?")
+_NINE_BITS = re.compile("1[0-9A-Fa-f]{2}")
 _MOST_REPEATED = 65_536
 
 
 def parse_wire(text: str) -> Wire:
-    """`1B 41`, `xx`, `00*32`, `check`, names of control characters. Raises ValueError with a sentence."""
+    """`1B 41`, `10B` with a ninth bit, `xx`, `00*32`, `check`, names of control characters. Raises ValueError with a
+    sentence.
+    """
     parts: list[list[int | None]] = [[]]
+    marks: list[tuple[int, int]] = []
     for word in text.split():
         match = _WORD.fullmatch(word)
         if match is None:
@@ -82,9 +104,13 @@ def parse_wire(text: str) -> Wire:
         times = int(match["times"] or 1)
         if times > _MOST_REPEATED:
             raise ValueError(f"{times} is too often – a case has at most {_MOST_REPEATED} bytes")
-        piece: list[int | None] = [None] if match["what"] == "xx" else list(parse_bytes(match["what"]))
+        what = match["what"]
+        if is_marked := _NINE_BITS.fullmatch(what) is not None:
+            marks += [(len(parts) - 1, len(parts[-1]) + place) for place in range(times)]
+        piece: list[int | None] = [None] if what == "xx" else list(parse_bytes(what[is_marked:]))
         parts[-1].extend(piece * times)
-    return Wire(tuple(parts[0]), tuple(parts[1]) if len(parts) > 1 else None)
+    places = frozenset(place if part == 0 else place - len(parts[1]) for part, place in marks)
+    return Wire(tuple(parts[0]), tuple(parts[1]) if len(parts) > 1 else None, places)
 
 
 def plain_of(node: Node | None) -> Any:
@@ -340,6 +366,9 @@ def _frame(vector: FrameVector, protocol: Protocol) -> Iterator[Problem]:
     yield from case.unknown("params", vector.params, protocol.params, "parameter")
     yield from case.unknown("state", vector.state, protocol.state, "variable")
     yield from case.made("request", vector.request, protocol)
+    if vector.wire.marks:
+        what = f"{vector.wire} has a ninth bit, and a frame alone has only its bytes"
+        yield Problem(vector.places.get("bytes", vector.at), what, "write two digits a byte; a conversation has marks")
     if vector.frame is None:
         return
     if vector.frame not in protocol.frames:
@@ -359,6 +388,9 @@ def _conversation(conversation: Conversation, protocol: Protocol) -> Iterator[Pr
     for line in conversation.script:
         for time in (line.time, line.not_before, line.within):
             checker.wants(time, "time")
+        if line.wire is not None and line.wire.marks and not protocol.line.has_marks:
+            what = f"{line.wire} has a ninth bit, and characters of '{protocol.name}' have none"
+            yield Problem(line.at, what, "write two digits a byte")
     yield from checker.problems
     yield from case.unknown("result", conversation.result.state, {*protocol.state, *protocol.params}, "variable")
     if conversation.do is not None:

@@ -61,7 +61,8 @@ class Fault(NamedTuple):
 class BadFrame:
     """A frame with a fault that is not to be answered as a refusal.
 
-    `cause`: check parity framing overrun constant where digits value range require short too_long length surplus cut.
+    `cause`: check parity framing overrun mark constant where digits value range require short too_long length surplus
+    cut.
     `segment` and `place` say where in the frame (name or kind; byte offset), `expected` and `found` what was wrong.
     These cost much more to find out than that there is a fault: they are found out on demand, which has to be
     before a variable or parameter changes that the frame depends on.

@@ -19,6 +19,7 @@ from framekit.link.arrivals import BadFrame, EitherBad, Fault
 from framekit.link.events import LineFault
 from framekit.link.frame_table import NO_SIZES, NOT_QUICK, Ends, FrameInfo, FrameTable, function_does
 from framekit.link.inside import InsideFinder, rules_and_marks
+from framekit.link.marks import Marks, marked_in
 from framekit.link.stream import Stream
 from framekit.link.values import CODEC_ERRORS, Names
 
@@ -109,10 +110,12 @@ Result = Good | Bad | Complete | Unfinished | _No
 class Candidates:
     """What candidates said about the current place (`said`, by their names); `forget` when the place changes.
 
+    `marks`: looks at the ninth bits, where the line tells them.
+
     `shortest_bad`: the size of the shortest complete bad frame of this look that has the bytes it always has.
     """
 
-    __slots__ = ("_context", "_lost", "_quiet", "_stream", "_trouble", "said", "shortest_bad")
+    __slots__ = ("_context", "_lost", "_quiet", "_stream", "_trouble", "marks", "said", "shortest_bad")
 
     def __init__(self, stream: Stream, context: Names, quiet: int, lost: int, trouble: Trouble) -> None:
         self._stream = stream
@@ -122,6 +125,7 @@ class Candidates:
         self._trouble = trouble
         self.said: dict[str, Result] = {}
         self.shortest_bad: int | None = None
+        self.marks: Marks | None = None
 
     def forget(self) -> None:
         if self.said:
@@ -186,18 +190,24 @@ class Candidates:
 
         The shortest good frame is taken, of equally long ones the first: as if the bytes had come one by one. Those
         that silence ends are added to `silent`. Unless a bad one `is_told`, any of them will do. One that is told is
-        told at once, before a longer one that lacks a byte already within its size.
+        told at once, before a longer one that lacks a byte already within its size. One that lacks its mark, and no
+        more, is told where nothing else can stand here.
         """
         worse_of = worse if is_told else first_of
         told_at_once = is_told and inside is None
         complete: list[tuple[int, int, FrameInfo, Complete]] = []
         wanting: list[FrameInfo] = []
+        unmarked: list[tuple[FrameInfo, Complete]] = []
         furthest: Bad | None = None
         shortest: Good | None = None
         for place, info in enumerate(infos):
             end = limit if inside is None else inside.end_for(info.name, limit, self._stream.base)
+            if self.marks is not None:
+                end = self.marks.end_for(info, end)
             result = self.measure(info, end)
-            if type(result) is Complete:
+            if type(result) is Complete and self.marks is not None and not self.marks.ends(info, result.size):
+                unmarked.append((info, result))
+            elif type(result) is Complete:
                 complete.append((result.size, place, info, result))
             elif type(result) is Unfinished:
                 (silent if result.silent else wanting).append(info)
@@ -220,6 +230,9 @@ class Candidates:
             if type(result) is Bad:
                 furthest = result if furthest is None else worse_of(furthest, result)
                 self._note_bad(info, size)
+        if unmarked and furthest is None and not (wanting or silent or shortest):
+            result = self.read(*unmarked[0])
+            furthest = result if type(result) is Bad else None
         if wanting and told_at_once and self.shortest_bad is not None:
             wanting = [info for info in wanting if not self._lacks(info)]
         return shortest, furthest, wanting
@@ -254,7 +267,11 @@ class Candidates:
         start = self._stream.position
         raw = bytes(self._stream.buffer[start:end])
         fault = self._stream.fault_in(start, end)
-        found = Fault("cut" if fault is None else fault.value, place=len(raw), expected="more bytes", found="a pause")
+        wrong = None if self.marks is None else self.marks.wrong_in(info, start, end)
+        if fault is None and wrong is not None and self.marks is not None:
+            return self._wrongly_marked(info, raw, wrong)
+        what = "a pause" if self.marks is None or self.marks.next(end) != end else "the first byte of another frame"
+        found = Fault("cut" if fault is None else fault.value, place=len(raw), expected="more bytes", found=what)
         return self._bad(info, raw, lambda: found, False)
 
     def _read(self, info: FrameInfo, start: int, end: int) -> Result:
@@ -262,6 +279,8 @@ class Candidates:
         fault = self._stream.fault_in(start, end)
         if fault is not None:
             return self._damaged(info, raw, fault, True)
+        if self.marks is not None and (wrong := self.marks.wrong_in(info, start, end)) is not None:
+            return self._wrongly_marked(info, raw, wrong)
         if info.intact is not None and not info.intact(raw):
             return self.misread(info, raw, info.misread(raw, self._context), True)
         try:
@@ -289,6 +308,13 @@ class Candidates:
 
     def _damaged(self, info: FrameInfo, raw: bytes, fault: LineFault, known_end: bool) -> Bad:
         return self._bad(info, raw, lambda: Fault(fault.value, found="a damaged character"), known_end)
+
+    def _wrongly_marked(self, info: FrameInfo, raw: bytes, wrong: int) -> Bad:
+        """A byte of it has the ninth bit of another one."""
+        expected, found = "no mark", "a mark"
+        if wrong == marked_in(info, len(raw)):
+            expected, found = found, expected
+        return self._bad(info, raw, lambda: Fault("mark", place=wrong, expected=expected, found=found), True)
 
     def _bad(self, info: FrameInfo, raw: bytes, explain: Callable[[], Fault], known_end: bool) -> Bad:
         return Bad(partial(self._report, info, raw, explain), len(raw), known_end)

@@ -15,7 +15,7 @@ from framekit.codec.shown import code_text, explain
 from framekit.definition.load.reader import parse_number
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER, LineFormat, parse_format, readable_time
-from framekit.definition.vectors import Conversation, FrameVector, ScriptLine, role_of
+from framekit.definition.vectors import Conversation, FrameVector, ScriptLine, nine_bits, role_of
 from framekit.link.arrivals import Arrival, BadFrame, FrameArrived
 from framekit.link.engine import Engine
 from framekit.link.events import (
@@ -282,6 +282,7 @@ class _Sent:
     data: bytes
     started: int
     ended: int
+    marked: int | None = None
 
 
 @dataclass(slots=True)
@@ -335,6 +336,8 @@ class _Player:
             self.side.troubles.append(seen.reason)
 
     def run(self) -> list[str]:
+        if self.engine.protocol.line.has_marks:
+            self.engine.hear_marks()
         self._do(self.engine.opened(0))
         if self.case.do is not None:
             if self.side.start is None:
@@ -370,7 +373,7 @@ class _Player:
             line.waiting.popleft()
             if isinstance(command, Send):
                 end = self.now + self.engine.scope.line.chars(len(command.data))
-                line.outgoing = _Sent(command.data, self.now, end)
+                line.outgoing = _Sent(command.data, self.now, end, command.marked)
                 line.sent.append(line.outgoing)
             elif isinstance(command, Break):
                 line.outgoing = _Sent(b"", self.now, self.now + command.duration)
@@ -428,8 +431,8 @@ class _Player:
             self._note(script, f"nothing was sent, expected {script.wire}")
             return
         sent = self.line.sent.popleft()
-        if not script.wire.matches(sent.data):
-            self._note(script, f"sent {sent.data.hex(' ').upper()}, expected {script.wire}")
+        if not (script.wire.matches(sent.data) and script.wire.marks_match(sent.marked, len(sent.data))):
+            self._note(script, f"sent {nine_bits(sent.data, sent.marked)}, expected {script.wire}")
         self._check_times(script, "sent", sent.started)
         self._go_to(sent.ended)
         self._go_to(NEVER, lambda: self.line.outgoing is not sent)
@@ -453,9 +456,11 @@ class _Player:
             return
         step = self.engine.scope.line.chars(1)
         pieces = [data] if step == 0 else [data[index : index + 1] for index in range(len(data))]
-        for piece in pieces:
+        for place, piece in enumerate(pieces):
             self._go_to(self.now + step)
-            faults = () if self.fault is None else (CharacterFault(0, self.fault),)
+            faults: tuple[CharacterFault, ...] = () if self.fault is None else (CharacterFault(0, self.fault),)
+            if place in script.wire.marks:
+                faults += (CharacterFault(0, LineFault.MARK),)
             self.fault = None
             self._do(self.engine.receive(piece, self.now, faults))
         self.before = self.now

@@ -19,6 +19,7 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER, LineFormat, parse_format
 from framekit.link.events import (
     Ask,
+    ChangeLine,
     CharacterFault,
     Command,
     Exchange,
@@ -102,7 +103,8 @@ class Engine:
         machine.late.expected = program.replies_of(role)
         machine.session = SessionState(protocol.sessions.get(model.session or "") if model else None, self.scope)
         machine.session.on_end = self.output.own_line
-        self.output.on_change = machine.line_changed
+        self.output.on_change = self._line_changed
+        self._port_hears_marks = False
         self.lanes = Lanes(model.lanes if model else (), machine)
         self.shutdown = Shutdown(machine, self.lanes, self.output)
         self.dispatcher = Dispatcher(machine, self.lanes)
@@ -120,6 +122,7 @@ class Engine:
         if self.scope.line.line != self.scope.line.own:
             self.scope.change_line(self.scope.line.own)
         self.receiver.reset()
+        self.receiver.hear_marks(self._hears_marks)
         self.machine.late.forget()
         self.machine.is_open = self.output.is_open = True
         self.lanes.was_closed = False
@@ -127,6 +130,20 @@ class Engine:
         self.machine.show("open")
         self.output.poll()
         return self._finish()
+
+    def hear_marks(self) -> None:
+        """Of the port, before it opens: it tells the ninth bits of characters."""
+        self._port_hears_marks = True
+
+    @property
+    def _hears_marks(self) -> bool:
+        line = self.scope.line.line
+        return self._port_hears_marks and self.protocol.line.has_marks and line is not None and line.has_marks
+
+    def _line_changed(self, change: ChangeLine, is_other: bool) -> None:
+        if is_other:
+            self.receiver.hear_marks(self._hears_marks)
+        self.machine.line_changed(change, is_other)
 
     def closed(self, now: int, reason: str = "") -> list[Command]:
         """The connection is gone; what was to be sent is dropped, and a run that does not handle it fails."""

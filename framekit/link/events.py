@@ -20,16 +20,17 @@ _NOTHING: Mapping[str, Any] = {}
 
 
 class LineFault(enum.Enum):
-    """What a port found wrong with one character."""
+    """What a port found wrong with one character; `MARK` is no damage: the ninth bit of a line of nine bits is set."""
 
     PARITY = "parity"
     FRAMING = "framing"
     OVERRUN = "overrun"
+    MARK = "mark"
 
 
 @dataclass(frozen=True, slots=True)
 class CharacterFault:
-    """A damaged character: its place in the bytes handed over with it (0 = first byte) and what was wrong."""
+    """A damaged or marked character: its place in the bytes handed over with it (0 = first byte) and what it is."""
 
     index: int
     fault: LineFault
@@ -39,6 +40,7 @@ class CharacterFault:
 class Send:
     """Send these bytes, not before the given time; the driver answers with `Engine.sent` when the last bit has left.
 
+    `marked`: the byte (0 = first) that goes out with its ninth bit set; None for none.
     `inside` allows to put the bytes into the frame that is going out now (embedded responses). For the engine: the
     `run` that sends (None: none), what is known of the frame (`info`), and who is told when the last bit has left.
     """
@@ -46,6 +48,7 @@ class Send:
     data: bytes
     not_before: int = 0
     inside: bool = False
+    marked: int | None = field(default=None, kw_only=True)
     run: Any = field(default=None, repr=False, compare=False)
     info: Any = field(default=None, repr=False, compare=False)
     on_sent: Callable[[], None] | None = field(default=None, repr=False, compare=False)

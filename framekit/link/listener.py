@@ -70,6 +70,14 @@ class Listener:
         self._frames = self._sides()
         self._announcing = any(info.announces for info in self.table.infos.values())
         self._next_side: Side = "client"
+        self._hears_marks = False
+
+    def hear_marks(self) -> None:
+        """The port, or the capture, tells the ninth bits of characters."""
+        line = self.scope.line.line
+        self._hears_marks = self.protocol.line.has_marks and line is not None and line.has_marks
+        for wires in self._wires.values():
+            wires.receiver.hear_marks(self._hears_marks)
 
     def _sides(self) -> dict[Side, tuple[tuple[str, ...], tuple[str, ...]]]:
         """For each side that may speak next: its frames and those of both, then the other side's."""
@@ -83,6 +91,7 @@ class Listener:
         wires = self._wires.get(direction)
         if wires is None:
             receiver = Receiver(self._codec, self.protocol, self._names, self.table, self._trouble)
+            receiver.hear_marks(self._hears_marks)
             side: Side | None = None
             if self._client is not None and direction:
                 side = "client" if direction == self._client else "server"

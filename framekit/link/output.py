@@ -11,6 +11,7 @@ from collections.abc import Callable
 from framekit.definition.model.sections import Line
 from framekit.definition.times import LineFormat
 from framekit.link.events import Break, ChangeLine, Command, Send, SetRts
+from framekit.link.marks import marked_in
 from framekit.link.scope import Scope
 from framekit.link.values import compile_optional
 
@@ -37,11 +38,14 @@ class Output:
         self._rts = False
         self._turnaround = compile_optional(line.turnaround)
         self._key_delay = compile_optional(line.key_delay)
+        self._has_marks = line.has_marks
         self.is_immediate = self._turnaround is None and self._key_delay is None
 
     def put(self, item: Send | Break) -> bool:
         """Queues something. False: it goes into the frame that is leaving, and counts as sent with that."""
         outgoing = self.outgoing
+        if self._has_marks and type(item) is Send and item.info is not None:
+            item.marked = marked_in(item.info, len(item.data))
         if outgoing is None and self.is_immediate and self.is_open and not self.pending and self.clear_to_send:
             self.outgoing = item
             self.commands.append(item)

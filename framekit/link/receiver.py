@@ -29,6 +29,7 @@ from framekit.link.candidates import (
 from framekit.link.events import CharacterFault
 from framekit.link.frame_table import FrameInfo, FrameTable, ProtocolCodec, any_of, are_bad, table_of
 from framekit.link.inside import InsideFinder
+from framekit.link.marks import Marks
 from framekit.link.stream import LONGEST, NoiseRun, Pauses, Stream, scope_of
 from framekit.link.values import CODEC_ERRORS, Names
 
@@ -103,6 +104,11 @@ class Receiver:
         self._bad_end = self._bad_until = 0
         self._bad_busy = 0
         self._good_since = False
+        self._marks: Marks | None = None
+
+    def hear_marks(self, on: bool) -> None:
+        """Whether the line tells the ninth bits of characters: frames have to be marked as they say."""
+        self._marks = self._candidates.marks = Marks(self.stream) if on else None
 
     # ---- bytes in -----------------------------------------------------------------------------------------
 
@@ -266,6 +272,8 @@ class Receiver:
                     if found and not is_all:
                         break
                     continue
+            elif self._marks is not None:
+                is_plain = False
             elif not is_plain:
                 self._pass_over(frames, found)
             elif self._read_row(frames, found, is_all):
@@ -693,6 +701,8 @@ class Receiver:
             return self._noise.take()
         limit, is_cut = self.pauses.reach(self._now)
         levels = frames.levels(stream.buffer, position, limit)
+        if self._marks is not None:
+            levels = self._marks.beginning(levels)
         if self._inside:
             inside = self._inside.find(stream, sum(levels, ()), limit)
             if inside is not None:
@@ -706,13 +716,16 @@ class Receiver:
             good, bad, wanting = self._candidates.validate(infos, limit, silent, self._inside, is_told)
             if good is not None:
                 return self._noise_before() or self._arrived(good.info, good.fields, good.raw, good.refusal)
-            if wanting and not is_cut:
-                self._wait((*wanting, *silent))
+            going_on = wanting
+            if self._marks is not None:
+                going_on = [info for info in wanting if not self._marks.stops(info, limit)]
+            if going_on and not is_cut:
+                self._wait((*going_on, *silent))
                 return None
             if bad is not None:
                 worst = bad if worst is None else worse_of(worst, bad)
             if wanting and worst is None:
-                worst = self._candidates.cut(wanting[0], limit)
+                worst = self._candidates.cut(wanting[0], self._end_for(wanting[0], limit))
         if worst is not None:
             return self._bad(worst)
         return self._ended_by_silence(silent) if silent else self._unusable()
@@ -722,19 +735,26 @@ class Receiver:
 
     def _ended_by_silence(self, silent: list[FrameInfo]) -> Arrival | Again | None:
         """Rule 4: nothing else applies; the frame ends where a silence begins."""
-        stop = self.pauses.silence_behind(self.stream.position, self._now)
-        if stop is None:
+        stop, end = self.pauses.silence_behind(self.stream.position, self._now), len(self.stream.buffer)
+        waiting = silent if stop is None else []
+        if stop is None and self._marks is not None:
+            waiting = [info for info in silent if not self._marks.stops(info, end)]
+        if waiting:
             self._needs_silence = True
-            self._wait(tuple(silent))
+            self._wait(tuple(waiting))
             return None
         worst: Bad | None = None
         for info in silent:
-            result = self._candidates.at_silence(info, stop)
+            result = self._candidates.at_silence(info, self._end_for(info, end if stop is None else stop))
             if isinstance(result, Good):
                 return self._noise_before() or self._arrived(result.info, result.fields, result.raw, result.refusal)
             if isinstance(result, Bad):
                 worst = result if worst is None else worse(worst, result)
         return self._unusable() if worst is None else self._bad(worst)
+
+    def _end_for(self, info: FrameInfo, limit: int) -> int:
+        """How far a frame here can reach (buffer index): up to `limit`, where no mark ends it before."""
+        return limit if self._marks is None else self._marks.end_for(info, limit)
 
     # ---- good frames --------------------------------------------------------------------------------------
 
@@ -836,10 +856,19 @@ class Receiver:
         self.stream.clear()
         self._moved()
 
+    @property
+    def _begins_with_mark(self) -> bool:
+        """Whether a frame that is looked for has a mark at its first byte."""
+        infos = self.table.infos
+        return any(infos[name].frame.mark == "first" for names in self._wanted for name in names)
+
     def _skip(self) -> Again | None:
         """After a bad frame, where reading goes on only behind a silence."""
         stream = self.stream
         place = self.pauses.silence_behind(stream.position - 1, self._now)
+        if self._marks is not None and self._begins_with_mark:
+            marked = self._marks.next(stream.position)
+            place = marked if marked is not None and (place is None or marked < place) else place
         self._skipping = place is None
         stop = len(stream.buffer) if place is None else place
         if stop > stream.position:

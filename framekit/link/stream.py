@@ -39,11 +39,11 @@ class Stream:
     `ends` and `times`: of the pieces the bytes came in, the offsets behind them and when they came. The buffer is
     `bytes` as long as it is short, so that it is not copied. `taken_out`: what has been behind the position, so
     that offsets there do not count on evenly; `removed`: how many bytes have been before it. `is_marked`: there may be
-    something in it, or a fault, silence or pause.
+    something in it, or a fault, silence or pause. `marks`: offsets of the bytes whose ninth bit is set.
     """
 
     __slots__ = (
-        "base", "buffer", "ends", "faults", "is_marked", "last", "pauses", "position", "removed", "silences",
+        "base", "buffer", "ends", "faults", "is_marked", "last", "marks", "pauses", "position", "removed", "silences",
         "taken_out", "times",
     )  # fmt: skip
 
@@ -59,6 +59,7 @@ class Stream:
         self.faults: list[tuple[int, LineFault]] = []
         self.silences: list[int] = []
         self.pauses: list[int] = []
+        self.marks: list[int] = []
         self.is_marked = False
 
     @property
@@ -108,8 +109,11 @@ class Stream:
         self.ends.append(end)
         self.times.append(now)
         for fault in faults:
-            self.faults.append((end - len(data) + fault.index, fault.fault))
-        self.is_marked = bool(self.faults or self.silences or self.pauses or self.taken_out)
+            if fault.fault is LineFault.MARK:
+                self.marks.append(end - len(data) + fault.index)
+            else:
+                self.faults.append((end - len(data) + fault.index, fault.fault))
+        self.is_marked = self._has_marks()
         self.last = now
         return bool(rest)
 
@@ -144,7 +148,11 @@ class Stream:
             self.faults = [item for item in self.faults if buffer and item[0] >= base]
             self.silences = [item for item in self.silences if buffer and item >= base]
             self.pauses = [item for item in self.pauses if buffer and item >= base]
-            self.is_marked = bool(self.faults or self.silences or self.pauses or self.taken_out)
+            self.marks = [item for item in self.marks if buffer and item >= base]
+            self.is_marked = self._has_marks()
+
+    def _has_marks(self) -> bool:
+        return bool(self.faults or self.silences or self.pauses or self.taken_out or self.marks)
 
     def time_of(self, index: int) -> int:
         """When the byte at `buffer[index]` came."""
@@ -187,6 +195,9 @@ class Stream:
             (place - count if place >= low + count else place, fault)
             for place, fault in self.faults
             if not low <= place < low + count
+        ]
+        self.marks = [
+            place - count if place >= low + count else place for place in self.marks if not low <= place < low + count
         ]
         self.silences = [max(place - count, low) if place > low else place for place in self.silences]
         self.pauses = [max(place - count, low) if place > low else place for place in self.pauses]

@@ -543,7 +543,7 @@ class LineLoader:
         if line.speed not in known:
             near = ", ".join(map(str, sorted(sorted(known, key=lambda speed: abs(speed - line.speed))[:3])))
             self._note("speed", f"{settings.type} ports have no speed of {line.speed}", f"the nearest are {near}")
-        if line.data_bits not in (7, 8) or line.parity not in "NEO" or line.stop_bits not in (1, 2):
+        if line.data_bits not in (7, 8, 9) or line.parity not in "NEO" or line.stop_bits not in (1, 2):
             what = f"{settings.type} ports have no format {line.data_bits}{line.parity}{line.stop_bits:g}"
             self._note("format", what, "7 or 8 data bits, parity N, E or O, 1 or 2 stop bits")
 

@@ -188,7 +188,8 @@ def _pieces(event: LineEvent) -> Iterator[tuple[EventType, bytes]]:
     """Sent bytes begin at their time, received ones are complete then; damaged characters stand by themselves."""
     kind = EventType.DATA_TX_START if event.direction == "out" else EventType.DATA_RX_END
     place = 0
-    for fault in sorted(event.faults, key=lambda fault: fault.index):
+    damaged = [fault for fault in event.faults if fault.fault in _FAULTS]  # the format has no word for a mark
+    for fault in sorted(damaged, key=lambda fault: fault.index):
         if place <= fault.index < len(event.data):
             yield from _cut(kind, event.data[place : fault.index])
             yield _FAULTS[fault.fault], event.data[fault.index : fault.index + 1]

@@ -77,6 +77,8 @@ class Driven(Protocol):
 
     def opened(self, now: int) -> list[Command]: ...
 
+    def hear_marks(self) -> None: ...
+
     def closed(self, now: int, reason: str = "") -> list[Command]: ...
 
     def receive(self, data: bytes, now: int, faults: Iterable[CharacterFault] = ()) -> list[Command]: ...
@@ -189,6 +191,8 @@ class Driver(PortEvents):
         own = self.port.settings
         if own is not None and own.character_time != self.load.character_time:
             self.load.change(own)
+        if self.port.hears_marks:
+            self.engine.hear_marks()
         self.carry_out(self.engine.opened(now))
 
     def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...] = ()) -> None:
@@ -263,7 +267,9 @@ class Driver(PortEvents):
             pending.popleft()
             if isinstance(command, Send):
                 self.load.bytes_out += len(command.data)
-                if self.port.write_through(command.data):  # all has left: `sent` will not be told
+                if command.marked is not None:
+                    self.port.write_marked(command.data, command.marked)
+                elif self.port.write_through(command.data):  # all has left: `sent` will not be told
                     pending.extend(self.engine.sent(self.clock.now()))
             elif isinstance(command, Break):
                 self.port.send_break(command.duration)

@@ -228,6 +228,7 @@ class _Item:
     silence: int = 0
     cut: int | None = None
     owners: bool = True
+    marked: int | None = None
 
 
 class FaultyPort(PassingPort):
@@ -307,7 +308,7 @@ class FaultyPort(PassingPort):
 
     # ---- out ----------------------------------------------------------------------------------------------
 
-    def write(self, data: bytes) -> None:
+    def write(self, data: bytes, marked: int | None = None) -> None:
         if self.events is None:
             return
         before, self._held = self._held, b""
@@ -328,9 +329,21 @@ class FaultyPort(PassingPort):
             return
         for pause, piece in treated.pieces:
             self._queue.append(_Item(pause, piece))
+        if marked is not None and treated.pieces:
+            self._mark(marked, len(data), len(treated.pieces))
         if not treated.pieces:
             self._queue.append(_Item(0, silence=len(data) * self._character))
         self._go_on()
+
+    def write_marked(self, data: bytes, marked: int) -> None:
+        self.write(data, marked)
+
+    def _mark(self, marked: int, size: int, pieces: int) -> None:
+        """Of what has just been queued for `size` bytes, the first byte stays the first and the last one the last."""
+        if marked == 0:
+            self._queue[-pieces].marked = 0
+        elif marked == size - 1:
+            self._queue[-1].marked = len(self._queue[-1].data) - 1
 
     def send_break(self, duration: int) -> None:
         if self.events is not None:
@@ -357,7 +370,11 @@ class FaultyPort(PassingPort):
 
     def _put(self, item: _Item) -> None:
         if item.data:
-            self.inner.write(item.data if self._on_wire else self.injector.damaged(item.data))
+            data = item.data if self._on_wire else self.injector.damaged(item.data)
+            if item.marked is None:
+                self.inner.write(data)
+            else:
+                self.inner.write_marked(data, item.marked)
         elif item.duration:
             self.inner.send_break(item.duration)
         elif item.cut is not None:

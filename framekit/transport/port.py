@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 from framekit.definition.times import LineFormat
-from framekit.link.events import CharacterFault
+from framekit.link.events import CharacterFault, LineFault
 from framekit.transport.clock import Clock
 
 
@@ -59,6 +59,8 @@ class Port(ABC):
     """Whether what is written is only a row of bytes, without times or pieces that the other side sees."""
     sender = ""
     """Who sent what was told last, HOST:PORT, where several can be on the other side."""
+    hears_marks = False
+    """Whether it tells, while it is open, which characters have their ninth bit set."""
     in_time = False
     """Whether its time is that of the clock's calls, however late they come: so a busy process delays no device."""
 
@@ -74,6 +76,10 @@ class Port(ABC):
         """As `write`, for ports that can say at once that everything has left: True, and then `sent` is not told."""
         self.write(data)
         return False
+
+    def write_marked(self, data: bytes, marked: int) -> None:
+        """As `write`, the byte at index `marked` with its ninth bit set and the others without, where there is one."""
+        self.write(data)
 
     @abstractmethod
     def close(self) -> None:
@@ -173,9 +179,16 @@ class PassingPort(Port, PortEvents):
     def set_rts(self, on: bool) -> None:
         self.inner.set_rts(on)
 
+    def write_marked(self, data: bytes, marked: int) -> None:
+        self.inner.write_marked(data, marked)
+
     @property
     def sender(self) -> str:  # type: ignore[override]
         return self.inner.sender
+
+    @property
+    def hears_marks(self) -> bool:  # type: ignore[override]
+        return self.inner.hears_marks
 
     def release(self) -> None:
         self.inner.release()
@@ -312,6 +325,15 @@ class UserPort(Port):
             self.shared.sending.add(self)
             self.shared.port.write(data)
 
+    def write_marked(self, data: bytes, marked: int) -> None:
+        if self in self.shared.users:
+            self.shared.sending.add(self)
+            self.shared.port.write_marked(data, marked)
+
+    @property
+    def hears_marks(self) -> bool:  # type: ignore[override]
+        return self.shared.port.hears_marks
+
     def close(self) -> None:
         self.shared.close(self)
 
@@ -335,7 +357,7 @@ Way = Literal["in", "out", ""]
 class LineEvent:
     """Something on a line. `at` (ns): when the last byte was complete, or when it was handed over for sending.
 
-    `faults`: the damaged characters of `data`; `lines`: control lines by name; `reason`: why it was closed.
+    `faults`: the damaged and marked characters of `data`; `lines`: control lines by name; `reason`: why it was closed.
     """
 
     kind: LineEventKind
@@ -369,9 +391,13 @@ class TappedPort(PassingPort):
         self._show(data)
         return self.inner.write_through(data)
 
-    def _show(self, data: bytes) -> None:
+    def write_marked(self, data: bytes, marked: int) -> None:
+        self._show(data, (CharacterFault(marked, LineFault.MARK),))
+        self.inner.write_marked(data, marked)
+
+    def _show(self, data: bytes, marks: tuple[CharacterFault, ...] = ()) -> None:
         if self.is_open and data:
-            self.tap(LineEvent("data", self.clock.now(), "out", data))
+            self.tap(LineEvent("data", self.clock.now(), "out", data, marks))
 
     def close(self) -> None:
         if self.is_open:

@@ -7,7 +7,11 @@ raises: the owner is told that the port is closed, and why.
 A device with a file descriptor (POSIX) is watched by the loop: reads and writes never wait. Damaged characters and
 breaks are told where the driver marks them: with PARMRK a character with a parity or framing fault is read as FF 00 and
 the character, a break as FF 00 00, and a good FF as FF FF (termios(3), "Input modes"). A pseudo-terminal has no
-marks, no bit times, no parity and no break. Where there is no descriptor (a pyserial URL, a device of Windows),
+marks, no bit times, no parity and no break.
+
+Characters of nine bits are sent as eight with a parity bit: mark parity for the marked byte, space parity for all
+others, switched when all before has left. While the port listens it has space parity, so a marked byte comes as one
+with a parity fault. Where there is no descriptor (a pyserial URL, a device of Windows),
 opening, writing and closing may take seconds: two threads do all of it.
 """
 
@@ -42,6 +46,11 @@ if sys.platform != "win32":
 READ_SIZE = 1024
 POLL = 0.05
 """How long a thread waits at a time for a device without a file descriptor (s)."""
+MARK_PARITY, SPACE = "M", "S"
+"""What pyserial calls the parities whose bit is always 1 and always 0."""
+STICKY_PARITY = 0x40000000
+"""CMSPAR of Linux (termios(3)): the parity bit is always the same, 1 with PARODD and 0 without."""
+NO_STICKY_PARITY = "its driver has no mark and space parity, so no ninth bit – use an adapter that has it"
 SERIAL_ERRORS: tuple[type[Exception], ...] = (OSError, ValueError, TypeError, AttributeError, KeyError)
 """What pyserial raises when a device is not there, goes away, is closed while a thread reads it, or a URL is wrong."""
 SWITCH_ERRORS: tuple[type[Exception], ...] = (*SERIAL_ERRORS, NotImplementedError)
@@ -69,9 +78,13 @@ _REASONS = {
 
 
 class SerialConnection(ABC):
-    """A device from opening to closing. `has_bit_times`: bytes take their time on a line (they do not on a pty)."""
+    """A device from opening to closing. `has_bit_times`: bytes take their time on a line (they do not on a pty).
+
+    `hears_marks`: it tells which characters have their ninth bit set.
+    """
 
     has_bit_times = True
+    hears_marks = False
 
     @abstractmethod
     def write(self, data: bytes) -> None:
@@ -96,6 +109,10 @@ class SerialConnection(ABC):
         """Gives the device another speed and format; where it cannot have them it is lost."""
 
     @abstractmethod
+    def set_ninth_bit(self, on: bool) -> None:
+        """The ninth bit of the characters written from now on, where the device has one; all before has left."""
+
+    @abstractmethod
     def drop_output(self) -> None:
         """Drops what has not left, where closing the device would wait for it."""
 
@@ -113,8 +130,8 @@ def open_device(url: str, settings: LineFormat | None, wiring: LineSettings = PL
     opened = serial.serial_for_url(
         url,
         baudrate=line.speed,
-        bytesize=line.data_bits,
-        parity=line.parity,
+        bytesize=min(line.data_bits, 8),
+        parity=SPACE if line.has_marks else line.parity,
         stopbits=line.stop_bits,
         rtscts=wiring.handshake == "rtscts",
         xonxoff=wiring.handshake == "xonxoff",
@@ -150,8 +167,8 @@ def _let_driver_switch(device: Any, direction: Direction) -> None:
 def change_device(device: Any, line: LineFormat) -> None:
     """Gives an open device another speed and format. Raises OSError where it cannot have them."""
     try:
-        device.baudrate, device.bytesize = line.speed, line.data_bits
-        device.parity, device.stopbits = line.parity, line.stop_bits
+        device.baudrate, device.bytesize = line.speed, min(line.data_bits, 8)
+        device.parity, device.stopbits = SPACE if line.has_marks else line.parity, line.stop_bits
     except CHANGE_ERRORS as error:
         raise OSError(f"the device cannot be set to {line}: {error}") from error
 
@@ -294,6 +311,15 @@ class ThreadConnection(SerialConnection):
     def change_line(self, line: LineFormat) -> None:
         self._orders.put(lambda device: change_device(device, line))
 
+    def set_ninth_bit(self, on: bool) -> None:
+        self._orders.put(partial(self._switch, MARK_PARITY if on else SPACE))
+
+    @staticmethod
+    def _switch(parity: str, device: Any) -> None:
+        """In the thread that writes, which may wait until all before has left."""
+        device.flush()
+        device.parity = parity
+
     def drop_output(self) -> None:
         """Nothing: a thread of its own closes the device, which is not waited for."""
 
@@ -349,6 +375,15 @@ class SerialPort(Port):
         if self._use is not None:
             self._use.put(data)
 
+    def write_marked(self, data: bytes, marked: int) -> None:
+        if self._use is not None:
+            self._use.put_marked(data, marked)
+
+    @property
+    def hears_marks(self) -> bool:  # type: ignore[override]
+        use = self._use
+        return use is not None and use.connection is not None and use.connection.hears_marks
+
     def send_break(self, duration: int) -> None:
         if self._use is not None:
             self._use.put(duration)
@@ -362,6 +397,13 @@ class SerialPort(Port):
             self._use.set_line("rts", on)
 
 
+@dataclass(frozen=True, slots=True)
+class NinthBit:
+    """In what is to be sent: the ninth bit of the characters behind it."""
+
+    on: bool
+
+
 class _SerialUse:
     """A port from being opened to being closed: its events in, its bytes and breaks (ns) out, in order."""
 
@@ -373,7 +415,8 @@ class _SerialUse:
         self.is_open = False
         self._over = False
         self._character_time = (port.settings or LineFormat(9600)).character_time
-        self._queue: deque[bytes | int] = deque()
+        self._queue: deque[bytes | int | NinthBit] = deque()
+        self._has_marks = port.settings is not None and port.settings.has_marks
         self._free = 0
         self._in_break = False
         self._looking = False
@@ -429,6 +472,15 @@ class _SerialUse:
             self._queue.append(what)
             self._go_on()
 
+    def put_marked(self, data: bytes, marked: int) -> None:
+        """As `put`, one byte with its ninth bit set where the device has such bits."""
+        if self.is_open and self._has_marks and self.connection is not None and self.connection.has_bit_times:
+            rest = (data[marked : marked + 1], NinthBit(False), data[marked + 1 :])
+            self._queue += [piece for piece in (data[:marked], NinthBit(True), *rest) if piece]
+            self._go_on()
+        else:
+            self.put(data)
+
     def set_line(self, name: str, on: bool) -> None:
         if self.is_open and self.connection is not None:
             self.connection.set_line(name, on)
@@ -436,10 +488,11 @@ class _SerialUse:
     def change_line(self, line: LineFormat) -> None:
         if self.is_open and self.connection is not None:
             self._character_time = line.character_time
+            self._has_marks = line.has_marks
             self.connection.change_line(line)
 
     def _go_on(self) -> None:
-        """Hands over what may go out now; a break waits until everything before it has left."""
+        """Hands over what may go out now; a break or another ninth bit waits until everything before it has left."""
         connection = self.connection
         if connection is None or self._in_break:
             return
@@ -466,6 +519,10 @@ class _SerialUse:
             self._looking = True
             rest = max(SHORTEST_LOOK, waiting * self._character_time) if waiting else 0
             self.clock.call_at(max(self._free, now + rest), self._look)
+        elif self._queue and isinstance(bit := self._queue[0], NinthBit):
+            self._queue.popleft()
+            connection.set_ninth_bit(bit.on)
+            self._go_on()
         elif self._queue:
             self._begin_break(now)
         else:
@@ -561,6 +618,28 @@ def mark_damage(descriptor: int) -> bool:
         return False
 
 
+def has_sticky_parity(descriptor: int) -> bool:
+    """Whether the driver has kept mark or space parity; many that have none take it back. Raises nothing."""
+    try:
+        return bool(termios.tcgetattr(descriptor)[2] & STICKY_PARITY)
+    except (OSError, termios.error):
+        return False
+
+
+def set_sticky_parity(descriptor: int, on: bool) -> None:
+    """Mark parity, or space parity, for all that is written from now on; what is still to leave is waited for.
+
+    Raises OSError.
+    """
+    try:
+        attributes = termios.tcgetattr(descriptor)
+        attributes[2] |= termios.PARENB | STICKY_PARITY
+        attributes[2] = attributes[2] | termios.PARODD if on else attributes[2] & ~termios.PARODD
+        termios.tcsetattr(descriptor, termios.TCSADRAIN, attributes)
+    except termios.error as error:
+        raise OSError(NO_STICKY_PARITY) from error
+
+
 def read_at_least_one(descriptor: int) -> None:
     """Makes "nothing there" and "the other end is gone" different answers to a non-blocking read. Raises nothing."""
     try:
@@ -588,6 +667,14 @@ class DescriptorConnection(SerialConnection):
         self._descriptor: int = device.fileno()
         self.has_bit_times = not is_pseudo(self._descriptor)
         self._marks: Marks | None = None
+        if (
+            settings is not None
+            and settings.has_marks
+            and self.has_bit_times
+            and not has_sticky_parity(self._descriptor)
+        ):
+            device.close()
+            raise OSError(NO_STICKY_PARITY)
         self._line_is_set(settings)
         self._counts = damage_counts(self._descriptor)
         self._unsent = bytearray()
@@ -599,12 +686,17 @@ class DescriptorConnection(SerialConnection):
 
     def _line_is_set(self, line: LineFormat | None) -> None:
         """Speed and format have been set, and with them all else: what is not pyserial's is set again."""
+        has_marks = line is not None and line.has_marks
         self._fault = LineFault.FRAMING if line is None or line.parity == "N" else LineFault.PARITY
+        self._parity_fault = LineFault.MARK if has_marks else LineFault.PARITY
+        if has_marks:
+            self._fault = LineFault.MARK
         read_at_least_one(self._descriptor)
         if not self.has_bit_times or not mark_damage(self._descriptor):
             self._marks = None
         elif self._marks is None:
             self._marks = Marks()
+        self.hears_marks = has_marks and self._marks is not None
 
     def change_line(self, line: LineFormat) -> None:
         try:
@@ -615,6 +707,13 @@ class DescriptorConnection(SerialConnection):
                 self.clock.call_soon(lambda: None if self._stopped else self._lost(reason))
                 return
         self._line_is_set(line)
+
+    def set_ninth_bit(self, on: bool) -> None:
+        try:
+            set_sticky_parity(self._descriptor, on)
+        except OSError as error:
+            reason = reason_of(error)
+            self.clock.call_soon(lambda: None if self._stopped else self._lost(reason))
 
     def stop(self) -> None:
         if self._stopped:
@@ -664,9 +763,11 @@ class DescriptorConnection(SerialConnection):
         if added is not None:
             # A break is read as a marked 00, and so is a damaged 00; the driver's counts tell how many were breaks.
             breaks = breaks[: max(0, added.breaks)]
+        elif self.hears_marks:  # a marked 00 is common, a break is not
+            breaks = []
         fault = self._fault
         if added is not None and (added.parity > 0) != (added.framing > 0):
-            fault = LineFault.PARITY if added.parity > 0 else LineFault.FRAMING
+            fault = self._parity_fault if added.parity > 0 else LineFault.FRAMING
         start = 0
         for end in [*breaks, len(data)]:
             if self._stopped:

@@ -32,11 +32,11 @@ class Transmission:
     `sender` is the name of the port that sends, `number` counts the transmissions of the line from 0, `start` is when
     the first start bit begins (ns), `step` what a character takes (0 on a stream). `told` characters have been told
     to the others, or never will be. An empty transmission is not heard at all. `echo`: its sender hears it as well;
-    `connection` is the one it belongs to, on a stream.
+    `connection` is the one it belongs to, on a stream; `marks` are the characters whose ninth bit is set.
     """
 
     __slots__ = (
-        "_pauses", "connection", "data", "echo", "faults", "flips",
+        "_pauses", "connection", "data", "echo", "faults", "flips", "marks",
         "number", "sender", "settings", "start", "step", "told",
     )  # fmt: skip
 
@@ -51,6 +51,7 @@ class Transmission:
         self.step = step
         self.faults: dict[int, LineFault] = {}
         self.flips: dict[int, int] = {}
+        self.marks: set[int] = set()
         self.echo = False
         self.connection = 0
         self.told = 0
@@ -124,11 +125,16 @@ class Transmission:
         flagged = self.faults and {index - first: self.faults[index] for index in self.faults if first <= index < count}
         sent = self.settings
         if line is not sent and line is not None and sent is not None and line != sent:
-            heard = [misheard(value, sent, line) for value in data]
-            data = bytes(value for value, _ in heard)
+            ninth = [(first + index in self.marks) << 8 for index in range(len(data))]
+            heard = [misheard(value | bit, sent, line) for value, bit in zip(data, ninth, strict=True)]
+            data = bytes(value & 0xFF for value, _ in heard)
             found = {index: fault for index, (_, fault) in enumerate(heard) if fault is not None}
             flagged = {**found, **flagged}
-        return data, tuple(CharacterFault(index, flagged[index]) for index in sorted(flagged))
+            marks = [index for index, (value, _) in enumerate(heard) if value > 0xFF]
+        else:
+            marks = sorted(index - first for index in self.marks if first <= index < count) if self.marks else []
+        told = [CharacterFault(index, flagged[index]) for index in sorted(flagged)]
+        return data, (*told, *(CharacterFault(index, LineFault.MARK) for index in marks))
 
     # ---- what is done to it -------------------------------------------------------------------------------
 
@@ -147,7 +153,9 @@ class Transmission:
         """
         flips = self.flips[index] = self.flips.get(index, 0) ^ mask
         data_bits = 8 if self.settings is None else self.settings.data_bits
-        self.data[index] ^= mask & ((1 << data_bits) - 1)
+        self.data[index] ^= mask & ((1 << data_bits) - 1) & 0xFF
+        if data_bits == 9 and mask >> 8 & 1:
+            self.marks ^= {index}
         fault = self._fault_of(flips, data_bits)
         if fault is not None:
             self.faults[index] = fault
@@ -168,6 +176,7 @@ class Transmission:
     def truncate(self, count: int) -> None:
         """Only the first `count` characters are heard."""
         del self.data[count:]
+        self.marks = {index for index in self.marks if index < count}
         for places in (self.faults, self.flips, self._pauses):
             for index in [index for index in places if index >= count]:
                 del places[index]
@@ -186,7 +195,10 @@ TOLERANCE = 20
 
 @lru_cache(4096)
 def misheard(value: int, sent: LineFormat, line: LineFormat) -> tuple[int, LineFault | None]:
-    """A character as a receiver of another speed or format reads it, and what it finds wrong with it."""
+    """A character as a receiver of another speed or format reads it, and what it finds wrong with it.
+
+    `value` and what is read have a ninth bit where the format has one.
+    """
     bits = [0, *(value >> place & 1 for place in range(sent.data_bits))]
     if sent.parity != "N":
         bits.append(_parity_of(value, sent.parity))
@@ -272,6 +284,10 @@ class SimulatedPort(Port):
         self._sent_due = False
 
     @property
+    def hears_marks(self) -> bool:  # type: ignore[override]
+        return self.format is not None and self.format.has_marks
+
+    @property
     def wanted(self) -> bool:
         return self._events is not None
 
@@ -336,12 +352,15 @@ class SimulatedPort(Port):
 
     # ---- out ----------------------------------------------------------------------------------------------
 
-    def write(self, data: bytes) -> None:
+    def write(self, data: bytes, marked: int | None = None) -> None:
         if not self.is_open:
             return
         start = max(self._free, self._now())
-        self._free = self.line.transmit(self, data, start) if data else start
+        self._free = self.line.transmit(self, data, start, marked) if data else start
         self._tell_when_sent()
+
+    def write_marked(self, data: bytes, marked: int) -> None:
+        self.write(data, marked)
 
     def send_break(self, duration: int) -> None:
         if not self.is_open:
@@ -445,14 +464,19 @@ class SimulatedLine:
 
     # ---- sending ------------------------------------------------------------------------------------------
 
-    def transmit(self, sender: SimulatedPort, data: bytes, start: int) -> int:
-        """Puts characters on the line from `start` on; when the last of them will have left the sender (ns)."""
+    def transmit(self, sender: SimulatedPort, data: bytes, start: int, marked: int | None = None) -> int:
+        """Puts characters on the line from `start` on; when the last of them will have left the sender (ns).
+
+        `marked`: which one has its ninth bit set, where characters have nine bits.
+        """
         line = sender.format
         step = self.character_time if line is self.settings or line is None else line.character_time
         if line is not None and line.data_bits < 8:
             data = data.translate(_LACKING[line.data_bits])
         heard_from = max(start + self.latency, sender.heard_until)
         transmission = Transmission(sender.name, self.transmissions, data, heard_from, line, step)
+        if marked is not None and line is not None and line.has_marks:
+            transmission.marks.add(marked)
         transmission.echo = self.echo
         transmission.connection = sender.connection
         self.transmissions += 1

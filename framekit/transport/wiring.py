@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from functools import partial
 
 from framekit.definition.times import Direction, LineFormat, LineSettings, Modem
-from framekit.link.events import CharacterFault
+from framekit.link.events import CharacterFault, LineFault
 from framekit.transport.clock import Clock
 from framekit.transport.port import PassingPort, Port, PortEvents
 
@@ -30,7 +30,7 @@ class DirectionPort(PassingPort):
         super().__init__(inner)
         self.direction = direction
         self.clock = clock
-        self._waiting: deque[bytes | int] = deque()
+        self._waiting: deque[bytes | int | tuple[bytes, int]] = deque()
         self._sending = self._ready = False
         self._alarm = clock.alarm(self._go_on)
 
@@ -56,13 +56,16 @@ class DirectionPort(PassingPort):
     def write(self, data: bytes) -> None:
         self._put(data)
 
+    def write_marked(self, data: bytes, marked: int) -> None:
+        self._put((data, marked))
+
     def send_break(self, duration: int) -> None:
         self._put(duration)
 
     def set_rts(self, on: bool) -> None:
         """RTS belongs to the direction; a protocol that keys it by itself has nothing to say here."""
 
-    def _put(self, what: bytes | int) -> None:
+    def _put(self, what: bytes | int | tuple[bytes, int]) -> None:
         if self.events is None:
             return
         self._waiting.append(what)
@@ -87,6 +90,8 @@ class DirectionPort(PassingPort):
             what = self._waiting.popleft()
             if isinstance(what, bytes):
                 self.inner.write(what)
+            elif isinstance(what, tuple):
+                self.inner.write_marked(*what)
             else:
                 self.inner.send_break(what)
 
@@ -129,6 +134,11 @@ class EchoFreePort(PassingPort):
         self._until = None
         super().write(data)
 
+    def write_marked(self, data: bytes, marked: int) -> None:
+        self._expected += data
+        self._until = None
+        super().write_marked(data, marked)
+
     def sent(self, now: int) -> None:
         self._until = now + LATEST
         super().sent(now)
@@ -137,7 +147,7 @@ class EchoFreePort(PassingPort):
         if self._expected and self._until is not None and now > self._until:
             self.missing += 1
             self._expect_nothing()
-        flagged = {fault.index for fault in faults}
+        flagged = {one.index for one in faults if one.fault is not LineFault.MARK}
         taken = 0
         while taken < len(data) and self._expected:
             wrong = data[taken] != self._expected[0] or taken in flagged
@@ -273,6 +283,9 @@ class ModemPort(PassingPort):
     def write(self, data: bytes) -> None:
         if self.connected:
             super().write(data)
+
+    def write_marked(self, data: bytes, marked: int) -> None:
+        self.write(data)
 
     def send_break(self, duration: int) -> None:
         if self.connected:

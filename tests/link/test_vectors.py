@@ -38,7 +38,20 @@ def test_bytes_of_a_case() -> None:
     assert str(wire) == "02 41 41 41 xx 0D 0A check 03"
 
 
-@pytest.mark.parametrize("text", ["0", "check check", "01 zz", "00*99999999", "01*x"])
+def test_bytes_with_a_ninth_bit() -> None:
+    wire = parse_wire("10B 100*2 0B")
+    assert wire.exact == b"\x0b\x00\x00\x0b" and wire.marks == {0, 1, 2}
+    assert str(wire) == "10B 100 100 0B"
+    last = parse_wire("01 check 103")
+    assert last.marks == {-1} and str(last) == "01 check 103"
+    assert last.marks_match(3, 4) and not last.marks_match(0, 4) and not last.marks_match(None, 4)
+    first = parse_wire("101 02")
+    assert first.marks_match(0, 2) and not first.marks_match(1, 2) and not first.marks_match(None, 2)
+    computed = parse_wire("01 check")
+    assert computed.marks_match(1, 2) and computed.marks_match(None, 2) and not computed.marks_match(0, 2)
+
+
+@pytest.mark.parametrize("text", ["0", "check check", "01 zz", "00*99999999", "01*x", "20B"])
 def test_bytes_that_are_none(text: str) -> None:
     with pytest.raises(ValueError):
         parse_wire(text)

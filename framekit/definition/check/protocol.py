@@ -139,6 +139,7 @@ def check_sections(protocol: Protocol) -> Iterator[Problem]:
         yield from _locals(protocol, sequence)
     yield from _station(protocol)
     yield from _line(protocol)
+    yield from _marks(protocol)
     yield from _delimiter(protocol)
 
 
@@ -264,6 +265,31 @@ def _station(protocol: Protocol) -> Iterator[Problem]:
         yield Problem(default.at, f"the default station {number} is not in {low}..{high}", "correct one of them")
     if station.type == "none":
         yield Problem(default.at, "there are no stations here", "leave default out")
+
+
+def _marks(protocol: Protocol) -> Iterator[Problem]:
+    """Frames say which byte is marked where characters have nine bits, and only there."""
+    line = protocol.line
+    formats = [text.strip() for text in (line.format, *line.formats)]
+    marked = [frame for frame in protocol.frames.values() if frame.mark is not None]
+    inside = {
+        name for frame in protocol.frames.values() for one in parts_of(frame.segments, Inner) for name in one.frames
+    }
+    for frame in marked:
+        if frame.inner or (frame.side == "none" and frame.name in inside):
+            what = f"'{frame.name}' stands inside other frames, so no byte of it is marked by itself"
+            yield Problem(frame.at, what, "write mark in the frame around it")
+        elif line.kind == "stream":
+            yield Problem(frame.at, f"no byte of '{frame.name}' can be marked on a stream", "leave mark out")
+        elif other := [text for text in formats if not text.startswith("9")]:
+            what = f"'{frame.name}' marks a byte, and characters of {other[0]} have no ninth bit"
+            yield Problem(frame.at, what, "write line: {format: 9N1}, or leave mark out")
+    if line.has_marks and all(frame.mark in (None, "none") for frame in marked) and protocol.frames:
+        what = f"the line has characters of nine bits ({line.format}), and no frame marks a byte"
+        yield Problem(line.at, what, "write mark: first in a frame, or format: 8S1")
+    if line.has_marks and protocol.receiver.delimiter is not None:
+        what = "frames of nine-bit characters have no delimiter: the mark shows where one begins or ends"
+        yield Problem(protocol.receiver.delimiter_at, what, "leave delimiter out")
 
 
 def _delimiter(protocol: Protocol) -> Iterator[Problem]:

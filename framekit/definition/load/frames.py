@@ -16,7 +16,7 @@ from framekit.definition.kinds.base import KINDS, Segment, Segments, fixed_size
 from framekit.definition.load.items import with_item_words
 from framekit.definition.load.namespace import Namespace, Owned
 from framekit.definition.load.reader import Broken, Reader
-from framekit.definition.model.frames import Announced, Frame, Group, Side, change_all, field_names, flat, leaves
+from framekit.definition.model.frames import Announced, Frame, Group, Mark, Side, change_all, field_names, flat, leaves
 from framekit.definition.model.segments import Require, Skip
 from framekit.definition.problems import Position, did_you_mean, plural
 from framekit.definition.tree import Entry, Mapping, Node, Scalar, Sequence
@@ -346,8 +346,9 @@ class _Resolver:
 
 
 SIDES: dict[str, Side] = {"client": "client", "server": "server", "both": "both", "none": "none"}
+MARKS: dict[str, Mark] = {"first": "first", "last": "last", "none": "none"}
 INHERITED = (
-    "from", "head", "tail", "echo", "announces", "delimited", "surplus", "size", "fill", "max", "inside", "doc",
+    "from", "head", "tail", "echo", "announces", "delimited", "surplus", "size", "fill", "max", "inside", "mark", "doc",
 )  # fmt: skip
 FRAME_KEYS = frozenset({*INHERITED, "group", "where", "body", "refuse"})
 GROUP_KEYS = frozenset({*INHERITED, "where", "extends"})
@@ -578,6 +579,7 @@ class FrameLoader:
             most=reader.maybe(reader.bytes_at_most, keys.get("max")),
             inside=tuple(name for node in reader.items(keys.get("inside")) for name in self.find(space, node)),
             refuse=reader.maybe(reader.number, own.get("refuse")),
+            mark=None if (mark := keys.get("mark")) is None else MARKS.get(reader.text(mark)),
             doc=reader.maybe(reader.text, keys.get("doc")) or "",
         )
 

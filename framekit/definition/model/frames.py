@@ -175,6 +175,7 @@ def names_read_in(segments: Iterable[Segment]) -> set[str]:
 __all__ = ["Frame", "Group", "Layout", "Side", "StaticSizes", "all_fixed", "bytes_of", "fixed_size", "least_size"]
 
 Side = Literal["client", "server", "both", "none"]
+Mark = Literal["first", "last", "none"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -209,7 +210,7 @@ class Frame:
     ever part of other frames. `size`: of the whole frame, the rest is `fill`. `most`: longest frame. `echo`: field of
     this reply → expression over the request's fields. `announces`: state variables, by expressions over this frame.
     `inside`: frames that may interrupt it behind any of its bytes. `refuse`: the frame exists to be refused with this
-    code.
+    code. `mark`: which byte has its ninth bit set.
     """
 
     name: str
@@ -229,6 +230,7 @@ class Frame:
     most: int | None = None
     inside: tuple[str, ...] = ()
     refuse: int | None = None
+    mark: Mark | None = None
     doc: str = ""
 
     @property

@@ -138,6 +138,11 @@ class Line:
     tcp: int | None = key("tcp", NUMBER, default=None)
     at: Position = NOWHERE
 
+    @property
+    def has_marks(self) -> bool:
+        """Whether characters have a ninth bit, by which frames say which byte is marked."""
+        return self.kind == "serial" and self.format.strip().startswith("9")
+
     def port_of(self, url: str) -> str:
         """A port as users name it: `tcp://HOST` gets the protocol's own port number."""
         if self.tcp is None or not WITHOUT_NUMBER.fullmatch(url):
