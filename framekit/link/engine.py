@@ -103,7 +103,7 @@ class Engine:
         machine.late.expected = program.replies_of(role)
         machine.session = SessionState(protocol.sessions.get(model.session or "") if model else None, self.scope)
         machine.session.on_end = self.output.own_line
-        self.output.on_change = self._line_changed
+        self.output.on_change = self._line_changed if protocol.line.has_marks else machine.line_changed
         self._port_hears_marks = False
         self.lanes = Lanes(model.lanes if model else (), machine)
         self.shutdown = Shutdown(machine, self.lanes, self.output)

@@ -113,7 +113,7 @@ class Stream:
                 self.marks.append(end - len(data) + fault.index)
             else:
                 self.faults.append((end - len(data) + fault.index, fault.fault))
-        self.is_marked = self._has_marks()
+        self.is_marked = bool(self.faults or self.silences or self.pauses or self.taken_out or self.marks)
         self.last = now
         return bool(rest)
 
@@ -149,10 +149,7 @@ class Stream:
             self.silences = [item for item in self.silences if buffer and item >= base]
             self.pauses = [item for item in self.pauses if buffer and item >= base]
             self.marks = [item for item in self.marks if buffer and item >= base]
-            self.is_marked = self._has_marks()
-
-    def _has_marks(self) -> bool:
-        return bool(self.faults or self.silences or self.pauses or self.taken_out or self.marks)
+            self.is_marked = bool(self.faults or self.silences or self.pauses or self.taken_out or self.marks)
 
     def time_of(self, index: int) -> int:
         """When the byte at `buffer[index]` came."""

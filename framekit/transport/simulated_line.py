@@ -133,6 +133,8 @@ class Transmission:
             marks = [index for index, (value, _) in enumerate(heard) if value > 0xFF]
         else:
             marks = sorted(index - first for index in self.marks if first <= index < count) if self.marks else []
+        if not flagged and not marks:
+            return data, ()
         told = [CharacterFault(index, flagged[index]) for index in sorted(flagged)]
         return data, (*told, *(CharacterFault(index, LineFault.MARK) for index in marks))
 
