@@ -330,7 +330,7 @@ class FaultyPort(PassingPort):
         for pause, piece in treated.pieces:
             self._queue.append(_Item(pause, piece))
         if marked is not None and treated.pieces:
-            self._mark(marked, len(data), len(treated.pieces))
+            self._mark(marked, len(data), len(treated.pieces), len(before))
         if not treated.pieces:
             self._queue.append(_Item(0, silence=len(data) * self._character))
         self._go_on()
@@ -338,10 +338,12 @@ class FaultyPort(PassingPort):
     def write_marked(self, data: bytes, marked: int) -> None:
         self.write(data, marked)
 
-    def _mark(self, marked: int, size: int, pieces: int) -> None:
-        """Of what has just been queued for `size` bytes, the first byte stays the first and the last one the last."""
+    def _mark(self, marked: int, size: int, pieces: int, before: int) -> None:
+        """Of what has just been queued for `size` bytes, the first byte stays the first, behind those held back
+        `before`, and the last one the last.
+        """
         if marked == 0:
-            self._queue[-pieces].marked = 0
+            self._queue[-pieces].marked = before
         elif marked == size - 1:
             self._queue[-1].marked = len(self._queue[-1].data) - 1
 

@@ -8,17 +8,19 @@ from itertools import pairwise
 import pytest
 from link.link_world import MS, compiled, feed
 from link.nine_bits import VENDING
+from transport.line_world import Listener
 from transport.line_world import World as Wires
 
-from framekit.definition.times import LineFormat, parse_format
+from framekit.definition.times import Direction, LineFormat, LineSettings, parse_format
 from framekit.link.engine import Engine
 from framekit.link.events import CharacterFault, Exchange, LineFault, Outcome, Seen
 from framekit.link.receiver import Receiver
 from framekit.link.scope import Scope
 from framekit.service.driver import Driver
 from framekit.transport.clock import Clock, VirtualClock
-from framekit.transport.port import LineEvent, Port, TappedPort
+from framekit.transport.port import LineEvent, Port, SharedPort, TappedPort
 from framekit.transport.simulated_line import SimulatedLine
+from framekit.transport.wiring import wired
 
 NINE = parse_format("9N1", 9600)
 POLL, SELL, DONE = bytes.fromhex("0B 0B"), bytes.fromhex("0C 02 0E"), b"\x00"
@@ -131,7 +133,7 @@ def test_who_disagrees_about_marks_sees_damaged_frames(of: str) -> None:
     world = World(machine=text)
     assert not world.ask().ok
     side = world.machine if of == "command" else world.client
-    assert {cause for _, cause, _ in side.bad} == {"mark"} if of == "command" else side.bad or side.seen
+    assert {cause for _, cause, _ in side.bad} == {"mark"}
 
 
 @pytest.mark.parametrize("other", ["8N1", "8E1"])
@@ -236,6 +238,27 @@ def test_a_ninth_bit_can_be_damaged_too() -> None:
     wires.clock.run_for(100 * MS)
     assert wires.listeners[1].bytes == POLL
     assert dict(wires.listeners[1].faults) == {0: LineFault.MARK, 1: LineFault.MARK}
+
+
+def test_what_stands_around_a_port_passes_marks_on() -> None:
+    """The direction, the echo that is taken away, the port of one station of several."""
+    wires = Wires(text="9N1", echo=True)
+    for port in wires.ports:
+        port.close()
+    wired_up = wired(wires.ports[0], LineSettings(direction=Direction(), echo=True), wires.clock)
+    shared = SharedPort(wired_up, wires.clock).user()
+    here, there = Listener(wires.ports[0]), Listener(wires.ports[1])
+    shared.open(here)
+    wires.ports[1].open(there)
+    wires.clock.run_for(MS)
+    assert shared.hears_marks
+    shared.write_marked(POLL, 0)
+    wires.clock.run_for(100 * MS)
+    assert there.bytes == POLL and there.faults == [(0, LineFault.MARK)]
+    assert here.bytes == b"", "a marked byte of the echo is the same byte"
+    wires.ports[1].write_marked(TAKEN, 0)
+    wires.clock.run_for(100 * MS)
+    assert here.bytes == TAKEN and here.faults == [(0, LineFault.MARK)]
 
 
 def test_a_port_without_ninth_bits_sends_none() -> None:

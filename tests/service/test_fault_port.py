@@ -41,6 +41,7 @@ class Recorder(Port):
     def __init__(self, clock: VirtualClock) -> None:
         self.clock = clock
         self.written: list[bytes] = []
+        self.marks: list[tuple[int, int]] = []
         self.events: PortEvents | None = None
 
     def open(self, events: PortEvents) -> None:
@@ -50,6 +51,10 @@ class Recorder(Port):
     def write(self, data: bytes) -> None:
         self.written.append(data)
         self.clock.call_at(self.clock.now() + MS, self._left)
+
+    def write_marked(self, data: bytes, marked: int) -> None:
+        self.marks.append((len(self.written), marked))
+        self.write(data)
 
     def _left(self) -> None:
         if self.events is not None:
@@ -75,6 +80,20 @@ def sent(*rules: FaultRule) -> tuple[list[bytes], list[tuple[str, int]]]:
     return port.written, events.told
 
 
+def marks_of(marked: int, *rules: FaultRule) -> tuple[list[bytes], list[tuple[int, int]]]:
+    """What leaves when A and B are sent with a marked byte each, and which byte of which piece is marked."""
+    clock = VirtualClock()
+    protocol = load_protocol("modbus-rtu")
+    frames = FrameFaults(protocol, compile_protocol(protocol), Scope(protocol, role="server"), answers=True)
+    port = Recorder(clock)
+    faulty = FaultyPort(port, FaultInjector(FaultPlan(rules=rules), clock, frames))
+    faulty.open(Events())
+    for frame in (A, B):
+        faulty.write_marked(frame, marked)
+        clock.run_for(10 * MS)
+    return port.written, port.marks
+
+
 GLUE = FaultRule(kind="glue", times=1)
 
 
@@ -98,3 +117,20 @@ def test_a_frame_that_was_held_back_leaves_before_the_line_is_lost() -> None:
 def test_several_held_back_go_out_together(times: int) -> None:
     rules = FaultRule(kind="glue", times=times), FaultRule(kind="no_reply", every=3)
     assert sent(*rules)[0] == ([A + B] if times == 2 else [])
+
+
+@pytest.mark.parametrize(
+    ("marked", "rules", "written", "marks"),
+    [
+        (0, (), [A, B], [(0, 0), (1, 0)]),
+        (2, (), [A, B], [(0, 2), (1, 2)]),
+        (0, (GLUE,), [A + B], [(0, 3)]),
+        (0, (FaultRule(kind="split", size=2, times=1),), [A[:2], A[2:], B], [(0, 0), (2, 0)]),
+        (2, (FaultRule(kind="split", size=2, times=1),), [A[:2], A[2:], B], [(1, 0), (2, 2)]),
+    ],
+)
+def test_a_ninth_bit_goes_with_its_byte(
+    marked: int, rules: tuple[FaultRule, ...], written: list[bytes], marks: list[tuple[int, int]]
+) -> None:
+    """The first byte of a frame, or its last one; of a frame that is held back nothing is marked."""
+    assert marks_of(marked, *rules) == (written, marks)
