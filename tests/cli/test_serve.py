@@ -210,7 +210,7 @@ def test_nobody_reads_the_output_any_more() -> None:
         (("mldp", "--port", "pty:", "--param", "retires=1"), "--param retires=1: 'mldp' has no parameter 'retires'", 2),
         (("mldp", "--port", "pty:", "--memory", "masterlogik"), "there is no memory profile 'masterlogik'", 2),
         (("mldp", "--port", "pty:", "--role", "servant"), "--role servant: there is no role 'servant'", 2),
-        (("mldp", "--port", "pty:", "--format", "9N1"), "'9N1' is not a line format", 2),
+        (("mldp", "--port", "pty:", "--format", "8X1"), "'8X1' is not a line format", 2),
         (("mldp", "--port", "pty:", "--for", "a while"), "--for: ", 2),
         (("modbus-tcp", "--port", "tcp://127.0.0.1:0", "--speed", "9600"), "neither speed nor format", 2),
         (("modbus-rtu", "--port", "pty:", "--memory", "masterlogic", "--map", "coils=M0"), "has no area 'coils'", 2),
