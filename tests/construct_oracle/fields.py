@@ -153,6 +153,8 @@ class FieldConstruct(ValueSegment):
             write_wire(field.long.type, wire, name, filling, stream, context)
         else:
             write_wire(field.type, wire, name, filling, stream, context)
+        if field.type.stops:
+            context._state.texts.append((field, stream, stream.tell()))
 
 
 def measured_value(segment: Field | Bits, name: str, filling: Filling, stream: BytesIO, context: Container) -> Any:

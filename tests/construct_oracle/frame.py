@@ -22,8 +22,8 @@ from construct_oracle.names import Names
 from construct_oracle.sizes import KnownSizes
 from construct_oracle.state import Reading, Region, Writing
 from framekit.codec.evaluate import MissingName
-from framekit.definition.model.frames import Frame
-from framekit.definition.model.segments import Const
+from framekit.definition.model.frames import Frame, in_place_of_records
+from framekit.definition.model.segments import Const, Segment
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,11 +191,21 @@ class FrameConstruct(Construct):
         except MissingName as error:
             raise ConstructEncodeError(prefix.rstrip("."), str(error), path) from None
         data = stream.getvalue()
+        for segment, written, place in writing.texts:
+            stops = b"" if segment.number_type is None else segment.number_type.stops
+            if written is stream and segment in self.open_texts and data[place : place + 1] not in _each(stops):
+                raise ConstructEncodeError(prefix + (segment.name or ""), f"'{segment.name}' does not end there", path)
         if self.frame.most is not None and len(data) > self.frame.most:
             raise ConstructEncodeError(
                 prefix.rstrip("."), f"{self.frame.name} has at most {self.frame.most} bytes, not {len(data)}", path
             )
         return data
+
+    @property
+    def open_texts(self) -> list[Segment]:
+        """Texts that end before one of several bytes, and are followed by other segments of the frame."""
+        behind = [one for one in in_place_of_records(self.frame.segments) if one.takes_bytes]
+        return [one for one in behind[:-1] if one.number_type is not None and one.number_type.stops]
 
     def _write_sections(self, filling: Filling, stream: BytesIO, context: Container, path: str) -> None:
         self.head._build(filling, stream, context, path)
@@ -211,3 +221,7 @@ class FrameConstruct(Construct):
             stream.write(fill)
             context._state.leaf(fill)
         self.tail._build(filling, stream, context, path)
+
+
+def _each(data: bytes) -> tuple[bytes, ...]:
+    return tuple(bytes((byte,)) for byte in data)

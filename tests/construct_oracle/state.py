@@ -262,12 +262,16 @@ class Reading(State):
 
 
 class Writing(State):
-    """A frame being built. `measuring`: only sizes are asked for, so that checks need not be right."""
+    """A frame being built. `measuring`: only sizes are asked for, so that checks need not be right.
+
+    `texts`: what ends before one of several bytes, with its stream and the place where it ended.
+    """
 
     def __init__(self, names: Names, measuring: bool = False) -> None:
         super().__init__(names)
         self.measuring = measuring
         self.later: list[Callable[[], None]] = []
+        self.texts: list[tuple[Segment, BytesIO, int]] = []
 
     @contextmanager
     def deeper(self) -> Iterator[None]:

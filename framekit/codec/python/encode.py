@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 from framekit.codec.python import forms
 from framekit.codec.python.encode_plan import Coverage, RuleWriter, Task, run_in_order
@@ -117,6 +118,14 @@ class PackArgument:
     digits: tuple[FieldType, ...] = ()
 
 
+class _Ended(NamedTuple):
+    """A text before whose end one of several bytes has to follow, and the locals of what stands behind it."""
+
+    segment: Segment
+    scope: Scope
+    behind: list[str]
+
+
 @dataclass(slots=True)
 class KeptBytes:
     """Some bytes of a buffer: the names of the segments in them, and their text.
@@ -140,7 +149,7 @@ def write_encoder(
     writer.values(segments, scope, given)
     writer.flush()
     writer.check_names(given)
-    text = writer.region(segments, scope, writer.buffer, tail=tail_of(module, frame))
+    text = writer.region(segments, scope, writer.buffer, tail=tail_of(module, frame), is_whole=True)
     longest = module.static.all(segments).most
     if frame is not None and frame.most is not None and (longest is None or longest > frame.most):
         writer.limit(text, frame.most)
@@ -748,15 +757,18 @@ class EncodeWriter(FunctionWriter):
         buffer: str,
         before: str = "",
         tail: tuple[Const, int | Segment] | None = None,
+        is_whole: bool = False,
     ) -> str:
         """Text of the bytes of a list of segments.
 
         Checks are worked out on what is in the local `buffer` by then, and on what stands `before` it (a text). `tail`:
-        the constant whose first byte must not stand before it, from so many bytes or a segment on.
+        the constant whose first byte must not stand before it, from so many bytes or a segment on. `is_whole`: nothing
+        stands around them, so that what follows a text shows whether it ends there.
         """
         placed = self.placed(segments, scope)
         texts: list[str] = []
         waiting: list[Waiting] = []
+        ended: list[_Ended] = []
         apart = [at for at, (one, _) in enumerate(placed) if any(one is mark for mark in tail or ())]
         place = 0
         while place < len(placed):
@@ -787,7 +799,12 @@ class EncodeWriter(FunctionWriter):
                 end = next((one for one in apart if one > place), len(placed))
                 count = self.length_of_run(placed[place:end])
                 texts.append(self._kept(placed[place : place + count], self.run(placed[place : place + count])))
+            if ended:
+                self._follows(ended, texts, any(self.static.of(one).least for one, _ in placed[place : place + count]))
+            if is_whole and count == 1 and self._may_go_on(segment, placed[place + 1 :]):
+                ended.append(_Ended(segment, inside, []))
             place += count
+        self._refuse_open(ended)
         while waiting:
             others = {check.name for _, check, _ in waiting}
             ready = next((one for one in waiting if others.isdisjoint(self.coverage.names(one[1]) or ())), None)
@@ -795,6 +812,40 @@ class EncodeWriter(FunctionWriter):
                 raise _covered_itself((ready or waiting[0])[1])
             self._work_out(ready, waiting, texts)
         return sum_of(texts)
+
+    def _may_go_on(self, segment: Segment, behind: list[Placed]) -> bool:
+        """Whether what stands behind a text need not begin with one of the bytes before which that ends."""
+        stops = b"" if segment.number_type is None else segment.number_type.stops
+        first = behind[0][0] if behind else None
+        is_end = isinstance(first, Const) and first.when is None and first.data[0] in stops
+        return bool(stops) and first is not None and not is_end
+
+    def _follows(self, ended: list[_Ended], texts: list[str], is_surely_there: bool) -> None:
+        """The last bytes come behind texts whose ends are not certain; `is_surely_there`: there is one at least."""
+        if texts[-1].startswith("<") or len(texts) < 2:  # a code that is put there later, or what fills a frame up
+            ended.clear()
+            return
+        if not texts[-1].startswith('b"'):
+            local = self.names.fresh("after")
+            self.add(f"{local} = {texts[-1]}")
+            texts[-1] = local
+        for one in ended:
+            one.behind.append(texts[-1])
+        if is_surely_there:
+            self._refuse_open(ended)
+
+    def _refuse_open(self, ended: list[_Ended]) -> None:
+        """Refuses texts behind which none of the bytes stands before which they end: they would be read as longer."""
+        for segment, scope, behind in ended:
+            stops = segment.number_type.stops if segment.number_type is not None else b""
+            first = behind[0] if len(behind) == 1 else f"({' or '.join(behind)})"
+            condition = f"{first}[:1] not in ({', '.join(bytes_literal(bytes((one,))) for one in stops)},)"
+            if segment.when is not None:
+                condition = f"{self.text(segment.when, scope, AND)} and {condition}"
+            shown = " or ".join(f"{one:02X}" for one in stops)
+            what = f"{segment.title} ends before {shown}, and something else follows it"
+            self.complain(condition, quoted(segment.name or ""), quoted(what))
+        ended.clear()
 
     def _settle(self, waiting: list[Waiting], texts: list[str], by: Check) -> None:
         """Works out the codes that had to wait for what comes later, which `by` covers: all of that is there by now."""

@@ -258,7 +258,7 @@ class FlatWriter(EncodeWriter):
         is_limited = frame.most is not None and (longest is None or longest > frame.most)
         if frame.most is not None and is_limited:
             is_limited = not self._limit_list(frame.most, scope)
-        text = self.region(segments, scope, self.buffer, tail=tail_of(self.module, frame))
+        text = self.region(segments, scope, self.buffer, tail=tail_of(self.module, frame), is_whole=True)
         if frame.most is not None and is_limited:
             self.limit(text, frame.most)
             text = self.buffer

@@ -1,0 +1,67 @@
+# ruff: noqa: E501 - definitions in YAML
+"""Texts that end before one of several bytes: what would be read as a longer text is not built, by both compilers."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import Any
+
+import pytest
+from construct_oracle import compile_construct
+from link.link_world import load
+
+from framekit.codec.codec import Builders, compile_protocol
+from framekit.codec.errors import EncodeError
+
+BODIES = {
+    "text": "[{field: a, type: ascii, end: [20, 0A]}, {field: b, type: ascii, end: [0A], default: \"''\"}, {const: LF}]",
+    "three": "[{field: a, type: ascii, end: [20, 2C]}, {field: b, type: ascii, end: [2C]}, {const: 2C}, {field: c, type: ascii, end: [0A]}, {const: LF}]",
+    "number": "[{field: n, type: u8}, {field: a, type: ascii, end: [20, 2C]}, {field: b, type: ascii, size: 2}]",
+    "when": "[{field: n, type: u8}, {field: a, type: ascii, end: [20], when: n == 1}, {field: b, type: ascii, size: 1}, {field: c, type: ascii, end: [0A]}, {const: LF}]",
+    "record": "[{include: words, as: r}, {field: b, type: ascii, size: 1}, {check: sum8}]",
+    "sure": "[{field: a, type: ascii, end: [20, 2C]}, {const: 2C}, {field: b, type: ascii, end: [0A]}, {const: LF}]",
+    "header": "[{check: sum8, over: [a, b]}, {field: a, type: ascii, end: [20]}, {field: b, type: ascii, size: 2}]",
+}  # fmt: skip
+TEXTS = ("", "x", "xy", " ", " x", ",", ",y", "x,", "y ")
+
+
+def values(name: str) -> list[dict[str, Any]]:
+    if name == "record":
+        return [{"r": {"k": k, "a": a}, "b": b} for k, a, b in product((1,), TEXTS, TEXTS)]
+    names = [one for one in "nabc" if f"field: {one}," in BODIES[name]]
+    return [
+        {one: value for one, value in zip(names, found, strict=True) if value is not None}
+        for found in product(*((0, 1) if one == "n" else (*TEXTS, None) for one in names))
+    ]
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_what_is_built_reads_the_same(name: str) -> None:
+    protocol = load(
+        f"protocol: p\nlayouts: {{words: [{{field: k, type: u8}}, {{field: a, type: ascii, end: [20, 2C]}}]}}\n"
+        f"frames: {{f: {{body: {BODIES[name]}}}}}"
+    )
+    generated, oracle = compile_protocol(protocol), compile_construct(protocol)
+    build: Any = Builders(generated, {}).builder("f")
+    built = refused = 0
+    for given in values(name):
+        try:
+            data = generated.encode("f", given)
+        except EncodeError:
+            refused += 1
+            with pytest.raises(EncodeError):
+                oracle.encode("f", given)
+            with pytest.raises((EncodeError, TypeError)):  # TypeError: a value is missing
+                build(**given)
+            continue
+        built += 1
+        assert oracle.encode("f", given) == data == build(**given)
+        read = generated.decode("f", data)
+        assert {one: read[one] for one in given} == given, data
+    assert built > 5 and refused > 5
+
+
+def test_the_message_names_the_text() -> None:
+    protocol = load(f"protocol: p\nframes: {{f: {{body: {BODIES['text']}}}}}")
+    with pytest.raises(EncodeError, match="'a' ends before 20 or 0A, and something else follows it"):
+        compile_protocol(protocol).encode("f", {"a": "x", "b": "y"})
