@@ -13,9 +13,11 @@ from typing import Literal, NamedTuple
 from framekit.definition.coding import Coding
 from framekit.definition.expression import Binary, Bytes, Expression, Node, Number
 from framekit.definition.keys import EXPRESSION, NUMBER, KeyReading, Schema, words
+from framekit.definition.load.reader import MOST_BYTES, Reader
 from framekit.definition.model.macs import AES_KEY_SIZES
 from framekit.definition.problems import Position, Problem, plural
 from framekit.definition.tree import Mapping as Keys
+from framekit.definition.tree import Node as TreeNode
 from framekit.definition.wire_types import Sizes
 
 BLOCK = 16
@@ -134,7 +136,7 @@ CIPHER_KEYS: Schema = {
         "description": "What fills the content up to whole blocks (aes-cbc): none (the default), pkcs7 or iso7816.",
     },
     "tag": {**NUMBER.schema, "description": "Bytes of the tag behind the content (aes-gcm); default 16."},
-    "clear": {**NUMBER.schema, "description": "So many bytes at the beginning are not enciphered; default 0."},
+    "clear": {**NUMBER.schema, "description": "So many bytes at the beginning are not enciphered: 1 or more."},
     "also": {**EXPRESSION.schema, "description": "Bytes that count in the tag and are not enciphered (aes-gcm)."},
 }
 """The keys of `wrap` for ciphers."""
@@ -161,5 +163,15 @@ def load_cipher(reading: KeyReading, node: Keys) -> Ciphered:
         "none" if pad is None else reader.one_of(pad, PADDINGS, "a padding"),
         (16 if tag is None else reader.number(tag)) if options.tags else 0,
         reader.maybe(reader.expression, also),
-        reader.maybe(reader.number, node.get("clear")) or 0,
+        reader.maybe(lambda given: _clear(reader, given), node.get("clear")) or 0,
     )
+
+
+def _clear(reader: Reader, node: TreeNode) -> int:
+    """How many bytes stand as they are. Raises Broken for fewer than 1."""
+    clear = reader.number(node)
+    if not 1 <= clear <= MOST_BYTES:
+        raise reader.broken(
+            node.at, f"clear: {clear} is not possible", f"give 1 to {MOST_BYTES} bytes, or leave it out"
+        )
+    return clear

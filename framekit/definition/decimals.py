@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from decimal import Decimal
 
+from framekit.definition.expression import whole_and_places
 from framekit.definition.keys import Schema, words
 from framekit.definition.load.reader import Reader
 from framekit.definition.tree import Mapping as Keys
@@ -181,8 +182,10 @@ def load_scale(reader: Reader, keys: Keys) -> Scale | None:
     offset = Decimal(0) if offset_node is None else _number(reader, offset_node)
     if not factor:
         raise reader.broken(scale_node.at, "a scale of 0 leaves nothing of the number", "correct it")
-    places = max(-int(one.as_tuple().exponent) for one in (factor, offset))
-    return Scale(int(factor.scaleb(places)), int(offset.scaleb(places)), places)
+    pairs = [whole_and_places(one) for one in (factor, offset)]
+    places = max(behind for _, behind in pairs)
+    times, more = (whole * 10 ** (places - behind) for whole, behind in pairs)
+    return Scale(times, more, places)
 
 
 def _number(reader: Reader, node: Node) -> Decimal:

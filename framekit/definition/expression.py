@@ -347,9 +347,8 @@ class _Emitter:
             case Real(value=value, is_float=is_float):
                 if is_float:
                     return f"({float(value)!r})", ATOM
-                _, _, exponent = value.as_tuple()
-                places = max(0, -int(exponent))
-                return self.names.call("scaled", [str(int(value.scaleb(places))), "1", "0", str(places)]), ATOM
+                number, places = whole_and_places(value)
+                return self.names.call("scaled", [str(number), "1", "0", str(places)]), ATOM
             case Text(value=value):
                 return repr(value), ATOM
             case Bytes(value=data):
@@ -526,6 +525,16 @@ def real_number(text: str, at: Position, float_bits: int = 0) -> Expression | No
     if float_bits == 32:
         value = Decimal(struct.unpack("<f", struct.pack("<f", value))[0])
     return Expression(text.strip(), Real(at, value, bool(float_bits)))
+
+
+def whole_and_places(value: Decimal) -> tuple[int, int]:
+    """The whole number and the places behind the point that make up a finite number: -0.25 → (-25, 2).
+
+    Unlike arithmetic of Decimal, it rounds nothing, however many digits there are.
+    """
+    sign, digits, exponent = value.as_tuple()
+    number = int("".join(map(str, digits))) * 10 ** max(0, int(exponent))
+    return -number if sign else number, max(0, -int(exponent))
 
 
 _COMPARE = {"==", "!=", "<", "<=", ">", ">=", "in", "not in"}

@@ -13,7 +13,7 @@ from decimal import Decimal
 from typing import Literal, get_args
 
 from framekit.definition.decimals import DECIMAL_KEYS, SCALE_KEYS, DecimalForm, Scale, load_form, load_scale
-from framekit.definition.expression import Expression
+from framekit.definition.expression import Expression, whole_and_places
 from framekit.definition.keys import BYTE, Form, KeyReading, Meanings, Schema, ValueKind, here, keys, ref, words
 from framekit.definition.load.reader import Reader
 from framekit.definition.problems import did_you_mean
@@ -143,12 +143,15 @@ class FieldType:
 
     def writes(self, value: Decimal) -> bool:
         """Whether a number with a fraction is one that is written exactly."""
+        number, places = whole_and_places(value)
         if self.scale is not None:
-            wire = value.scaleb(self.scale.places) - self.scale.offset
-            return wire % self.scale.factor == 0
+            common = max(places, self.scale.places)
+            number *= 10 ** (common - places)
+            grown = 10 ** (common - self.scale.places)
+            return bool((number - self.scale.offset * grown) % (self.scale.factor * grown) == 0)
         if self.form is None or self.form.decimals is None or self.form.exponent:
             return True
-        return value.scaleb(self.form.decimals) % 1 == 0
+        return bool(number * 10**self.form.decimals % 10**places == 0)
 
     @property
     def value_kind(self) -> ValueKind:

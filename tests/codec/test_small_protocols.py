@@ -316,3 +316,16 @@ def test_a_length_of_the_body_counts_an_empty_one(frame: str, values: dict[str, 
     assert [event[:2] for event in whole] == [("frame", frame)] * 3
     parts = [stream[at : at + 1] for at in range(len(stream))]
     assert feed(receiver_of(COMMANDS), parts, tuple(protocol.frames)) == whole
+
+
+def test_fractions_of_more_digits_than_python_works_with_are_built_whole() -> None:
+    protocol = load_protocol_text(
+        "protocol: long\nframes:\n  f:\n    body:\n"
+        "      - {field: a, type: decimal, size: 40, decimals: 15, default: 1234567890123456789.123456789012345}\n"
+        "      - {field: b, type: u8, scale: 12345678901234567890.12345678901234567890,\n"
+        "         default: 12345678901234567890.12345678901234567890}\n"
+    )
+    wire = b"1234567890123456789.123456789012345".rjust(40, b"0") + b"\x01"
+    for codec in (compile_protocol(protocol), compile_construct(protocol)):
+        assert codec.encode("f", {}) == wire
+        assert str(codec.decode("f", wire)["b"]) == "12345678901234567890.12345678901234567890"

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from decimal import Decimal
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from framekit.definition.expression import ExpressionError, names_in, parse_expression
+from framekit.definition.expression import ExpressionError, names_in, parse_expression, real_number
 from framekit.definition.problems import Position
 from framekit.definition.times import NEVER
 from framekit.link.values import Names, compile_expression
@@ -106,3 +108,12 @@ def test_any_text_parses_or_is_refused(text: str) -> None:
         assert error.problem.at.line == 3
     else:
         assert parsed.text == text
+
+
+@pytest.mark.parametrize("text", ["-0.25", "12345678901234567890.12345678901234567890"])
+def test_all_digits_of_a_fraction_count(text: str) -> None:
+    given = real_number(text, HERE)
+    assert given is not None
+    found = compile_expression(given)(Names())
+    assert isinstance(found, Decimal)
+    assert found.as_tuple() == Decimal(text).as_tuple()

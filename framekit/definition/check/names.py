@@ -21,7 +21,17 @@ from framekit.definition.check.services import (
     takes_something,
     without_parts,
 )
-from framekit.definition.expression import Attribute, Call, Expression, Name, Node, Text, names_in, walk
+from framekit.definition.expression import (
+    ENGINE_FUNCTIONS,
+    Attribute,
+    Call,
+    Expression,
+    Name,
+    Node,
+    Text,
+    names_in,
+    walk,
+)
 from framekit.definition.kinds.base import Segment
 from framekit.definition.model.checks import ready_methods
 from framekit.definition.model.frames import WIRE, Frame, expressions_of, field_names, flat, parts_of
@@ -67,6 +77,7 @@ class NameChecker:
         self._expressions(protocol.server_refusals, EXCHANGE | (IN_BLOCKS if protocol.commands else set()))
         for method in protocol.checks.values():
             self._expressions([method.expression], {"data"} if method.kind == "code" else {"acc", "byte"})
+            self._without_a_link([method.expression])
         self._commands()
         self._errors()
         return self.problems
@@ -80,6 +91,14 @@ class NameChecker:
         known = self.globally | set(local)
         for expression in expressions_of(holder):
             self._names(expression, known)
+
+    def _without_a_link(self, holder: Any) -> None:
+        """Frames, layouts and check codes are built and read where no link runs, too."""
+        for expression in expressions_of(holder):
+            for node in walk(expression.root):
+                if isinstance(node, Call) and node.function in ENGINE_FUNCTIONS:
+                    what = f"'{node.function}' is known only while a link runs"
+                    self._note(node.at, what, "work it out in a sequence or a service")
 
     def _names(self, expression: Expression, known: Collection[str]) -> None:
         for node in walk(expression.root):
@@ -116,6 +135,7 @@ class NameChecker:
         known = set(outer) | field_names(segments)
         for segment in flat(segments):
             self._expressions(without_parts(segment), known)
+            self._without_a_link(without_parts(segment))
             self._from_itself(segment, outer, records)
             if segment.inner_record is not None:
                 around = (*records, segment.name or "") if segment.is_record else ()

@@ -386,6 +386,7 @@ class _SequenceChecker:
             self._ask(step, step.ask)
         if step.decode is not None:
             self._variable(step.decode.into, step.decode.at)
+            self._takes_frame(step.decode.into, step.decode.at)
             if not step.decode.frames and not self.broken:
                 self._note(step.decode.at, "this names no frame that the bytes could be", "name frames or groups")
         if "into" in step.places and not alone:
@@ -432,6 +433,13 @@ class _SequenceChecker:
             if name not in given:
                 self._note(at, f"'{giver}' gives no '{name}'", did_you_mean(name, given))
             self._variable(variable, at)
+
+    def _takes_frame(self, name: str, at: Position) -> None:
+        """A variable for what `decode` gives."""
+        variable = self.protocol.state.get(name)
+        type_ = self.sequence.local.get(name) or ("frame" if variable is None else variable.type)
+        if name not in self.sequence.takes and type_ != "frame":
+            self._note(at, f"decode gives a frame, and '{name}' is of type {type_}", "give a variable of type frame")
 
     def _variable(self, name: str, at: Position) -> None:
         """A variable that is to be set."""
