@@ -13,7 +13,6 @@ from functools import partial
 from typing import Any
 
 from framekit.codec.errors import FrameError
-from framekit.codec.python.choices import fixed_bytes
 from framekit.definition.model.segments import Const
 from framekit.link.arrivals import BadFrame, EitherBad, Fault
 from framekit.link.events import LineFault
@@ -573,7 +572,7 @@ class ExpectedFrames:
         rules, marks = self._table.once(rules_and_marks, self._table)
         best = Start(0, {}, wanted, wanted, rules, marks)
         most = len(infos)
-        allowed = [{} if info.frame.inside else dict(fixed_bytes(info.frame.segments)) for info in infos]
+        allowed = [{} if info.frame.inside else dict(info.fixed_bytes) for info in infos]
         for place in sorted({place for one in allowed for place in one if place}):
             rows = [(info, one.get(place)) for info, one in zip(infos, allowed, strict=True)]
             values = {value for _, one in rows for value in one or ()}

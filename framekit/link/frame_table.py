@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from binascii import unhexlify
-from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import cache, partial
 from typing import Any, Literal, NamedTuple, Protocol, TypeVar, TypeVarTuple, Unpack
@@ -84,15 +83,15 @@ class FrameInfo:
     `carries`: frames that may be put into this one when `insert` holds. `value_names`: its fields. `sizes`: what
     `extent` says by one byte. `quick`: how a frame that is good is read by it. `usual`: fields that replies repeat, and
     the names that give them where the frame does not. `optional`: fields that need not be given, and their defaults;
-    `may_lack`: their names. `fixed_bytes`: bytes that it always has, with their places; `is_fixed`: it has
-    always the same size.
+    `may_lack`: their names. `fixed_bytes`: bytes that it always has, with their places; `restricted`: those of them
+    that measuring does not look at, up to where its tail may move; `is_fixed`: it has always the same size.
     """
 
     __slots__ = (
         "_diagnose", "announces", "behind", "carries", "computed", "decode", "echo",
         "encode", "extent", "first", "fixed_bytes", "flat", "frame", "guesses", "inner", "insert", "intact", "is_fixed",
         "known", "make", "may_lack", "measure", "most", "name", "numbers", "on_line", "optional", "quick", "refuse",
-        "shape", "sizes", "usual", "value_names",
+        "restricted", "shape", "sizes", "usual", "value_names",
     )  # fmt: skip
 
     def __init__(self, frame: Frame, codec: FrameCodec) -> None:
@@ -104,6 +103,7 @@ class FrameInfo:
         self.encode, self.decode, self.measure = codec.encode, codec.decode, codec.measure
         self.first = first_byte(frame.segments)
         self.fixed_bytes = tuple(fixed_bytes(frame.segments))
+        self.restricted = tuple(_restricted(frame, self.fixed_bytes))
         self.is_fixed = frame.size is None and all_fixed(frame.segments) is not None
         self.shape = shape_of(frame.segments)
         self.flat = not self.shape
@@ -139,7 +139,10 @@ class FrameInfo:
 
     def lacks(self, buffer: bytes | bytearray, start: int, size: int) -> bool:
         """Whether `size` bytes from `start` on lack one that the frame always has."""
-        return any(buffer[start + place] not in allowed for place, allowed in self.fixed_bytes if place < size)
+        for place, allowed in self.fixed_bytes:  # noqa: SIM110 - called for noise: a generator costs as much as a look
+            if place < size and buffer[start + place] not in allowed:
+                return True
+        return False
 
     def misread(self, raw: bytes, names: Mapping[str, Any]) -> FrameError:
         """What `decode` raises for a frame that is not `intact`."""
@@ -175,6 +178,9 @@ class FrameInfo:
         elif is_ is not None:
             self.computed.append((name, compile_expression(is_)))
 
+
+Fixed = tuple[int, frozenset[int]]
+"""A place in a frame, and the values that its byte can have."""
 
 Intact = Callable[[bytes | bytearray], bool]
 """Whether these bytes may be good: false if they are surely no good frame, and none that is refused."""
@@ -697,13 +703,16 @@ def _counted_at(segment: Segment, places: Mapping[str, int]) -> int | None:
 
 
 def intact_of(frame: Frame) -> Intact | None:
-    """For a frame that ends in a check code over all before it, or is hex digits of that; None for every other."""
+    """By the bytes that only some values are right for, and the check code of a frame that ends in one over all before
+    it, or is hex digits of that; None for a frame that has neither."""
     check = _check_of(frame) or _check_in_digits(frame)
-    restricted = _restricted(frame, digits=True)
-    if check is None or not restricted:
+    restricted = tuple(_restricted(frame, fixed_bytes(frame.segments, True), True))
+    if not restricted or (check is None and frame.inside):  # others may stand between its bytes
         return check
 
     fits = _fitting(restricted).match
+    if check is None:
+        return lambda raw: fits(raw) is not None
     return lambda raw: fits(raw) is not None and check(raw)
 
 
@@ -738,19 +747,24 @@ def any_intact(infos: Sequence[FrameInfo]) -> Intact:
     """Whether bytes may be a good one of several frames, told apart by one byte first; always where nothing tells."""
     looks: dict[Intact | None, dict[int, frozenset[int]]] = {}
     for info in infos:
-        bytes_at = dict(_restricted(info.frame))
+        bytes_at = dict(info.restricted)
         before = looks.get(info.intact, bytes_at)
         looks[info.intact] = {place: before[place] | allowed for place, allowed in bytes_at.items() if place in before}
     if None in looks:
         return _always
-    known = Counter(place for allowed in looks.values() for place in allowed)
-    if len(looks) == 1 or not known:
+    places = sorted({place for allowed in looks.values() for place in allowed})
+    if len(looks) == 1 or not places:
         return any_of([look for look in looks if look is not None])
-    place = known.most_common(1)[0][0]
-    left = [
-        tuple(look for look, allowed in looks.items() if look and (place not in allowed or byte in allowed[place]))
-        for byte in range(256)
-    ]
+
+    def left_at(place: int) -> list[tuple[Intact, ...]]:
+        return [
+            tuple(look for look, allowed in looks.items() if look and (place not in allowed or byte in allowed[place]))
+            for byte in range(256)
+        ]
+
+    left_by = {place: left_at(place) for place in places}
+    place = min(places, key=lambda place: max(len(looks) for looks in left_by[place]))
+    left = left_by[place]
 
     def intact(raw: bytes | bytearray) -> bool:
         try:
@@ -775,16 +789,17 @@ def any_of(looks: Sequence[Intact]) -> Intact:
     return different[0] if len(different) == 1 else lambda raw: any(look(raw) for look in different)
 
 
-def _restricted(frame: Frame, digits: bool = False) -> list[tuple[int, frozenset[int]]]:
-    """Bytes that only some values are right for; what measures a frame looks at the constants it begins with."""
+def _restricted(frame: Frame, found: Iterable[Fixed], digits: bool = False) -> Iterable[Fixed]:
+    """Of the bytes `found` that only some values are right for: what measures a frame looks at the constants it begins
+    with, and its tail may move."""
     begin = 0
     for segment in frame.segments:
         if not isinstance(segment, Const) or segment.when is not None:
             break
         begin += len(segment.data)
-    moves = frame.delimited or frame.size is not None
-    segments = frame.head + frame.body if moves else frame.segments
-    return [(place, allowed) for place, allowed in fixed_bytes(segments, digits) if place >= begin]
+    if frame.delimited or frame.size is not None:
+        found = fixed_bytes(frame.head + frame.body, digits)
+    return [one for one in found if one[0] >= begin]
 
 
 def _check_of(frame: Frame) -> Intact | None:

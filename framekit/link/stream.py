@@ -20,8 +20,11 @@ COPIED = 4096
 """A rest of so many bytes is copied when more come; behind a longer one they are appended, which grows no slower."""
 
 
-QUIET_CHARACTERS = 3
-"""Silence that ends noise, and frames without another end, where a definition does not say `quiet`."""
+QUIET_CHARACTERS, QUIET_ON_STREAM = 3, 50_000_000
+"""Silence that ends noise, and frames without another end, where a definition does not say `quiet`.
+
+Characters on a line. On a stream characters take no time, so it is a time (ns): else each piece would end noise.
+"""
 
 GAP_CHARACTERS, GAP_TIME, GAP_ON_STREAM = 20, 50_000_000, 10_000_000_000
 """The longest pause inside a frame while no step limits its time and the definition has no `gap`.
@@ -237,9 +240,7 @@ class Pauses:
         version = -1 if self._scope is None else self._scope.version
         found = self._worked_out
         if found is None or found[0] != version:
-            quiet = self._time(self._quiet_of)
-            if quiet is None:
-                quiet = self.line.chars(QUIET_CHARACTERS)
+            quiet = self._time(self._quiet_of) or self.line.chars(QUIET_CHARACTERS) or QUIET_ON_STREAM
             found = self._worked_out = (version, quiet, self._time(self._gap_of))
         if not self.own_gap:
             return found[1], None

@@ -335,6 +335,38 @@ def test_cutting_changes_nothing_where_an_end_is_found_and_silence_is_waited_for
     assert feed(receiver_of(MAYBE_MORE), [data[at : at + 1] for at in range(len(data))], ("note",)) == whole
 
 
+ON_A_STREAM = """
+protocol: on-a-stream
+line: {kind: stream}
+frames:
+  note: {body: [{const: FD}, {length: n, type: u8, of: [d]}, {data: d, size: n}, {check: sum8}]}
+"""
+
+
+@given(st.lists(st.sampled_from([b"\xfd\x01\x05\x03", b"\xfd\x00\x01", b"\x05\x06", b"\xfc"]), max_size=8), CUTS)
+def test_cutting_changes_nothing_on_a_stream_where_characters_take_no_time(
+    parts: list[bytes], places: list[int]
+) -> None:
+    """Noise goes on in the next piece, also where the definition has no `quiet` and the pieces come a while apart."""
+    data = b"".join(parts)
+    whole = feed(receiver_of(ON_A_STREAM), [data], ("note",))
+    assert feed(receiver_of(ON_A_STREAM), cut_at(data, places), ("note",)) == whole
+    pieces = [data[at : at + 1] for at in range(len(data))]
+    assert feed(receiver_of(ON_A_STREAM), pieces, ("note",), step=MS) == whole
+
+
+def test_noise_on_a_stream_is_told_when_nothing_more_comes() -> None:
+    receiver = receiver_of(ON_A_STREAM)
+    receiver.append(b"\x05", 0)
+    assert receiver.next(("note",)) is None and receiver.deadline == 50 * MS
+    receiver.append(b"\x06", 49 * MS)
+    receiver.tick(98 * MS)
+    assert receiver.next(("note",)) is None
+    receiver.tick(99 * MS)
+    noise = receiver.next(("note",))
+    assert isinstance(noise, Noise) and noise.data == b"\x05\x06"
+
+
 LOST_AND_LONG = """
 protocol: lost
 frames:
