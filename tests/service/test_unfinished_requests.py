@@ -50,10 +50,10 @@ class World(FaultWorld):
         super().__init__(link)
         transmit = self.line.transmit
 
-        def noted(sender: object, data: bytes, start: int) -> int:
+        def noted(sender: object, data: bytes, start: int, marked: int | None = None) -> int:
             if sender is self.port:
                 self.sent.append(bytes(data))
-            return transmit(sender, data, start)  # type: ignore[arg-type]
+            return transmit(sender, data, start, marked)  # type: ignore[arg-type]
 
         self.line.transmit = noted  # type: ignore[method-assign]
         self.exchange()
