@@ -60,8 +60,10 @@ class RunPoint:
         return self.now.reason
 
     @property
-    def time(self) -> datetime:
-        """When the last byte of its reply came, or when it failed (UTC)."""
+    def time(self) -> datetime | None:
+        """When its reply came, or when it failed or became stale (UTC); None before that."""
+        if not self.now.time:
+            return None
         return _EPOCH + timedelta(microseconds=self.now.time // 1000)
 
     @property
@@ -122,7 +124,7 @@ class RunPoints(Mapping[str, RunPoint]):
 
     def __init__(self, service: PointService, do: Do) -> None:
         self._service, self._do = service, do
-        self._names = [value.name for value in service.table]
+        self._names = dict.fromkeys(value.name for value in service.table)
 
     def __getitem__(self, name: str) -> RunPoint:
         """Raises KeyError for a point there is not."""
@@ -145,4 +147,9 @@ class RunPoints(Mapping[str, RunPoint]):
         """Calls back in the run's thread for each change of value or quality; what is given ends that."""
         listeners = self._service.table.listeners
         self._do(lambda: listeners.append(callback))
-        return lambda: self._do(lambda: listeners.remove(callback))
+
+        def end() -> None:
+            if callback in listeners:
+                listeners.remove(callback)
+
+        return lambda: self._do(end)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sqlite3
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -11,13 +12,14 @@ from framekit.api.errors import RequestError
 from framekit.run.points import iso_time as iso_time
 from framekit.runfile.run_file import load_run
 from framekit.runfile.vendor_tables import Imported as Imported
+from framekit.runfile.vendor_tables import label_of
 from framekit.runfile.vendor_tables import read_vendor_table as read_vendor_table
 from framekit.sinks.sqlite import HistoryError, HistoryRow, SqliteHistory, read_history
 
 
 def points_text(imported: Imported, name: str, source: str) -> str:
     """A points file with what was read of a register list."""
-    lines = [f"points: {name}", f"source: {_scalar(source)}", "values:"]
+    lines = [f"points: {label_of(name) or 'points'}", f"source: {_scalar(source)}", "values:"]
     for point, keys in imported.points.items():
         inside = ", ".join(f"{key}: {_scalar(value)}" for key, value in keys.items())
         lines.append(f"  {point}: {{{inside}}}")
@@ -44,5 +46,5 @@ def history_of(
         path = found[0]
     try:
         yield from read_history(path, points, since, until)
-    except HistoryError as error:
-        raise RequestError(str(error)) from None
+    except (HistoryError, sqlite3.Error) as error:
+        raise RequestError(f"{path}: {error}" if isinstance(error, sqlite3.Error) else str(error)) from None

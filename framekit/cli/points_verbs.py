@@ -11,6 +11,9 @@ from pathlib import Path
 
 from framekit.cli.common import VerbError, WordsError, in_words, table, time_of
 
+FURTHEST = (1 << 63) - 1
+"""No time in a history lies further from 1970 (ns)."""
+
 
 def add_points_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("what", choices=("import",), help="import: a register list (CSV) becomes a points file")
@@ -73,7 +76,7 @@ def run_history(arguments: argparse.Namespace) -> int:
             (
                 iso_time(row.time),
                 row.point,
-                "" if row.value is None else str(row.value),
+                _shown(row.value),
                 row.unit,
                 row.quality,
                 row.reason,
@@ -98,4 +101,8 @@ def _moment(option: str, text: str, now: int) -> int:
         moment = datetime.fromisoformat(text)
     except ValueError:
         return now - time_of(option, text)
-    return round((moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp() * 1_000_000) * 1_000
+    try:
+        seconds = (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+    except (OverflowError, ValueError):
+        raise WordsError(f"{option}: '{text}' is no time that a history has") from None
+    return max(-FURTHEST, min(FURTHEST, round(seconds * 1_000_000) * 1_000))

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import heapq
 import itertools
+import logging
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from decimal import Decimal
+from decimal import Context, Decimal
 from functools import partial
 from typing import Any, Literal
 
@@ -31,6 +32,8 @@ from framekit.run.own_memory import piece_reader
 from framekit.run.transfer import Read, neighbours
 from framekit.run.triggers import Every
 
+log = logging.getLogger(__name__)
+
 Quality = Literal["good", "stale", "failed"]
 
 
@@ -39,7 +42,7 @@ class PointValue:
     """A point at one moment. `value`: the last good one, None before there was one.
 
     `quality`: good; stale, it was not read for too long; failed, with the `reason`. `time`: nanoseconds since 1970
-    (UTC) of the last byte of the reply, or of the failure. `number`: the value before `enum` names it.
+    (UTC) of the reply, or of the moment when it failed or became stale. `number`: the value before `enum` names it.
     """
 
     name: str
@@ -61,14 +64,20 @@ def iso_time(time: int) -> str:
     return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{rest // 1_000_000:03d}Z"
 
 
+EXACT = Context(prec=80, traps=[])
+"""Scaling is exact whatever the program has set for decimals: no number of 64 bits and no scale has more digits."""
+
+
 def scaled(point: Point, number: Any) -> Any:
     """The value of what stands in memory. Raises ValueError for a floating-point number that is none."""
+    scaling = point.scaling
     if isinstance(number, float) and not math.isfinite(number):
         raise ValueError(f"{number} is no number")
-    scaling = point.scaling
     if scaling is not None:
-        exact = Decimal(number) * scaling.factor + scaling.offset
+        exact = EXACT.add(EXACT.multiply(Decimal(number), scaling.factor), scaling.offset)
         number = int(exact) if scaling.is_whole and isinstance(number, int) else float(exact)
+        if not math.isfinite(number):
+            raise ValueError("the scaled value is beyond all numbers")
     if point.decimals is not None and isinstance(number, float):
         number = round(number, point.decimals)
     return number
@@ -80,18 +89,25 @@ def unscaled(point: Point, value: Any) -> Any:
         found = next((number for number, name in point.names.items() if name == value), None)
         if found is None:
             raise ValueError(f"'{value}' is no value of {point.name} – known: {', '.join(point.names.values())}")
-        return found
+        value = found
     if isinstance(value, str) or point.form.type == "string":
         return value
     if isinstance(value, bool):
         value = int(value)
     if not isinstance(value, (int, float)) or not math.isfinite(value):
         raise ValueError(f"{value!r} is no number")
-    if point.limits is not None and not point.limits[0] <= value <= point.limits[1]:
-        raise ValueError(f"{value} is not in {point.limits[0]:g}..{point.limits[1]:g}, the range of {point.name}")
+    _within(point, value, value)
+    exact = Decimal(str(value))
     if point.scaling is not None:
-        value = (Decimal(str(value)) - point.scaling.offset) / point.scaling.factor
-    return float(value) if point.form.is_float else int(Decimal(str(value)).to_integral_value())
+        exact = EXACT.divide(EXACT.subtract(exact, point.scaling.offset), point.scaling.factor)
+    number: int | float = float(exact) if point.form.is_float else int(exact.to_integral_value(context=EXACT))
+    _within(point, scaled(point, number), value)  # the nearest number may lie beyond the limit
+    return number
+
+
+def _within(point: Point, number: float, value: Any) -> None:
+    if point.limits is not None and not point.limits[0] <= number <= point.limits[1]:
+        raise ValueError(f"{value} is not in {point.limits[0]:g}..{point.limits[1]:g}, the range of {point.name}")
 
 
 # ---- planning ---------------------------------------------------------------------------------------------------
@@ -254,13 +270,15 @@ class _Planning:
 class _State:
     """A point at work: what it is now, how it is read from memory, and when its value is too old."""
 
-    __slots__ = ("due", "point", "read", "told", "value")
+    __slots__ = ("due", "failed_blocks", "point", "read", "told", "value", "waits")
 
     def __init__(self, point: Point, memory: DeviceMemory) -> None:
         self.point = point
         self.value = PointValue(point.name)
         self.told: Any = None
         self.due = NEVER
+        self.waits = False
+        self.failed_blocks: dict[int, str] = {}
         self.read = piece_reader(memory, point.place, point.bits)
 
 
@@ -287,11 +305,17 @@ class PointTable:
             for block in point.blocks:
                 self._by_block.setdefault(block, []).append(state)
             if point.channel is None:  # others than its blocks may write it, too
-                place = point.place.address
-                first, last = place.first_bit // 16, (place.first_bit + point.bits - 1) // 16
-                memory.watch(place.area, first, last - first + 1, partial(self._note, state))
+                self._watch(state, memory)
                 if not point.blocks:
                     self._changed[point.name] = state
+
+    def _watch(self, state: _State, memory: DeviceMemory) -> None:
+        """Notes changes of the bits of a point, and of no others in the words that they stand in."""
+        place = state.point.place.address
+        first, end = place.first_bit, place.first_bit + state.point.bits
+        for word in range(first // 16, -(-end // 16)):
+            low, high = max(first - 16 * word, 0), min(end - 16 * word, 16)
+            memory.watch(place.area, word, 1, partial(self._note, state), (1 << high) - (1 << low))
 
     def _note(self, state: _State, *_: object) -> None:
         self._changed[state.point.name] = state
@@ -318,32 +342,49 @@ class PointTable:
         return block in self._by_block
 
     def ended(self, block: int, failure: Failure | None, now: int) -> None:
-        """A block has ended: its points have been read anew, or could not be."""
+        """A block has ended: its points have been read anew, or could not be.
+
+        A point that several blocks store in is good when the last end of each was.
+        """
         for state in self._by_block.get(block, ()):
-            if failure is None:
-                self._read(state, now)
-            else:
+            if failure is not None:
+                state.failed_blocks[block] = str(failure)
                 self._fail(state, str(failure), now)
+                continue
+            state.failed_blocks.pop(block, None)
+            if not state.failed_blocks:
+                self._read(state, now)
+
+    def forget_changes(self) -> None:
+        """What has come into memory from before the start is no reading of points that blocks bring."""
+        self._changed = {name: state for name, state in self._changed.items() if not state.point.blocks}
 
     def tick(self, now: int) -> None:
         """Reads what has changed in memory, and sees what has become too old."""
         if self._changed:
             changed, self._changed = self._changed, {}
             for state in changed.values():
-                self._read(state, now)
+                if not state.failed_blocks:
+                    self._read(state, now)
         while self._ages and self._ages[0][0] <= now:
-            when, _, state = heapq.heappop(self._ages)
-            if when == state.due and state.value.quality == "good":
+            _, _, state = heapq.heappop(self._ages)
+            state.waits = False
+            if state.due > now:
+                self._wait(state)
+            elif state.value.quality == "good":
                 age = f"not read for {format_time(state.point.stale)}"
-                self._tell(state, replace(state.value, quality="stale", reason=age))
+                self._tell(state, replace(state.value, quality="stale", reason=age, time=self.wall(now)))
+
+    def _wait(self, state: _State) -> None:
+        """Looks again when the value is too old; each point has one place among those that wait."""
+        if not state.waits and state.due < NEVER:
+            state.waits = True
+            heapq.heappush(self._ages, (state.due, next(self._order), state))
 
     @property
     def deadline(self) -> int:
         """When the next point may be too old."""
-        ages = self._ages
-        while ages and ages[0][0] != ages[0][2].due:
-            heapq.heappop(ages)
-        return ages[0][0] if ages else NEVER
+        return self._ages[0][0] if self._ages else NEVER
 
     def _read(self, state: _State, now: int) -> None:
         point, data = state.point, state.read()
@@ -355,7 +396,7 @@ class PointTable:
             return
         if point.stale < NEVER:
             state.due = now + point.stale
-            heapq.heappush(self._ages, (state.due, next(self._order), state))
+            self._wait(state)
         name = point.names.get(number, number) if point.names else number
         value = PointValue(point.name, name, "good", "", self.wall(now), number)
         if state.value.quality == "good" and not _differs(point, number, state.told):
@@ -373,11 +414,14 @@ class PointTable:
 
     def _tell(self, state: _State, value: PointValue) -> None:
         state.value = value
-        for listener in self.listeners:
-            listener(value)
+        for listener in tuple(self.listeners):
+            try:
+                listener(value)
+            except Exception:  # whoever listens is anybody's: the run goes on
+                log.exception("point %s: what listens to it has failed", value.name)
 
 
 def _differs(point: Point, number: Any, told: Any) -> bool:
     if point.deadband and isinstance(number, (int, float)) and isinstance(told, (int, float)):
-        return abs(number - told) > point.deadband
+        return EXACT.abs(EXACT.subtract(Decimal(repr(number)), Decimal(repr(told)))) > Decimal(repr(point.deadband))
     return bool(number != told)

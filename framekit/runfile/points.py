@@ -27,12 +27,14 @@ from framekit.memory.views import VIEWS
 from framekit.run.model import Block, Channel, OwnPlace, Point, Scaling
 from framekit.run.own_memory import stored_by
 from framekit.run.points import PointRead, planned
+from framekit.run.triggers import Every
 from framekit.runfile.channels import Attempts, needs_station, read_station
 
 EVERY = 1_000_000_000
 """How often a point is read that does not say (ns)."""
 
 PERIODS_TO_STALE = 3
+MOST_DECIMALS = 15
 
 SUFFIX = ".points.yaml"
 TYPES = (*UNIT_BITS, *VIEWS)
@@ -64,10 +66,13 @@ def _table(path: Path) -> tuple[Entry, ...]:
         what = f"the table cannot be read: {error}"
         raise DefinitionError([Problem(Position(str(path), 1, 1), what, "give a table in UTF-8 with commas")]) from None
     columns = [name.strip() for name in rows[0]] if rows else []
+    doubled = next((name for name in columns if name and columns.count(name) > 1), None)
     start = Position(str(path), 1, 1)
     if "name" not in columns or "address" not in columns:
         what = "the first row does not name the columns name and address"
         raise DefinitionError([Problem(start, what, "write name,address,type,scale,unit, or framekit points import")])
+    if doubled is not None:
+        raise DefinitionError([Problem(start, f"there are two columns '{doubled}'", "take one of them out")])
     entries = []
     for line, row in enumerate(rows[1:], 2):
         if any(cell.strip() for cell in row):
@@ -132,6 +137,9 @@ class PointsLoader:
         self.reader, self.folder, self.grammar, self.channels = reader, folder, grammar, channels
         self.attempts = Attempts()
         self._grammars: dict[int, AddressGrammar] = {}
+        self._cycles = {
+            block.id: trigger.period for block in blocks for trigger in block.triggers if isinstance(trigger, Every)
+        }
         frames = {number: channel.protocol.frames for number, channel in channels.items()}
         self._stored = [
             (block.id, place.address, bits)
@@ -183,7 +191,11 @@ class PointsLoader:
             path = self.folder / f"{name}{SUFFIX}"
         if ".." in Path(name).parts or Path(name).is_absolute():
             raise self.reader.broken(node.at, f"'{name}' leaves the run's folder", "name a file beside it")
-        if not path.is_file():
+        try:
+            there = path.is_file()
+        except OSError:  # a name that no system takes
+            there = False
+        if not there:
             known = [one.name for one in self.folder.glob(f"*{SUFFIX}")] + [
                 one.name for one in self.folder.glob("*.csv")
             ]
@@ -206,6 +218,9 @@ class PointsLoader:
         type_ = self.attempts.maybe(reader.text, keys.get("type"))
         order = self.attempts.maybe(reader.text, keys.get("order"))
         size = self.attempts.maybe(reader.number, keys.get("size"))
+        if type_ == "string" and (size is None or size < 1):
+            what = "nothing says how many characters the string has" if size is None else f"a string of {size} is none"
+            raise reader.broken(self._at(keys, "type" if size is None else "size"), what, "give size: with 1 or more")
         if size is not None and type_ != "string":
             raise reader.broken(
                 self._at(keys, "size"), "only a string has a size", "leave it out, or give type: string"
@@ -227,6 +242,7 @@ class PointsLoader:
         every = self._time(keys, group, "every") or EVERY
         stale = self._time(keys, group, "stale")
         numeric = form.type != "string"
+        sources = () if channel is not None else self._sources(address.area, address.first_bit, form)
         point = Point(
             name=name,
             form=form,
@@ -234,19 +250,19 @@ class PointsLoader:
             address=text,
             channel=None if channel is None else channel.number,
             station=None if channel is None else self._station(keys, group, channel, entry),
-            blocks=() if channel is not None else self._sources(address.area, address.first_bit, form),
+            blocks=sources,
             scaling=self._scaling(keys, numeric),
             unit=self.attempts.maybe(reader.text, keys.get("unit")) or "",
             decimals=self._number_of(keys, "decimals", numeric, reader.number),
             names=self._names(keys),
             deadband=float(self._number_of(keys, "deadband", numeric, self._exact) or 0),
-            stale=stale or (NEVER if channel is None else PERIODS_TO_STALE * every),
+            stale=stale or PERIODS_TO_STALE * (every if channel is not None else self._period(sources)),
             is_writable=self._writable(keys, channel, address),
             limits=self._limits(keys),
             about=self.attempts.maybe(reader.text, keys.get("about")) or "",
             at=entry.key.at,
         )
-        self._effects(keys, channel, point)
+        self._effects(keys, channel, point, every)
         if self.attempts.spoilt:
             raise Broken(name)
         return point if channel is None else PointRead(point, address, every)
@@ -302,6 +318,12 @@ class PointsLoader:
             for block, address, bits in self._stored
             if address.area == area and address.first_bit < end and first < address.first_bit + bits
         )
+
+    def _period(self, sources: tuple[int, ...]) -> int:
+        """The longest cycle of the blocks that bring an own point; so long that it is never over where one has none."""
+        periods = [self._cycles.get(block) for block in sources]
+        known = [period for period in periods if period is not None]
+        return max(known) if known and len(known) == len(periods) else NEVER
 
     # ---- its value ----------------------------------------------------------------------------------------
 
@@ -369,13 +391,14 @@ class PointsLoader:
         try:
             limits = float(low), float(high)
         except ValueError:
-            raise Broken("the schema has told that it is no range") from None
+            what = f"'{self.reader.text(node)}' is no range"
+            raise self.reader.broken(node.at, what, "write it like 0..100") from None
         if limits[0] > limits[1]:
             self.reader.note(node.at, f"the range {self.reader.text(node)} is empty", "give the smaller number first")
             self.attempts.spoilt = True
         return limits
 
-    def _effects(self, keys: Mapping, channel: Channel | None, point: Point) -> None:
+    def _effects(self, keys: Mapping, channel: Channel | None, point: Point, every: int) -> None:
         """Keys that mean nothing here."""
         reader = self.reader
         useless = []
@@ -383,6 +406,24 @@ class PointsLoader:
             useless = [(key, "without a channel nothing is read") for key in ("every", "station") if key in keys]
         if point.limits is not None and not point.is_writable:
             useless.append(("range", "the point is not written; access: rw allows it"))
+        if point.names and point.form.type == "string":
+            useless.append(("enum", "a string has no numbers"))
+        most, none = f"0 to {MOST_DECIMALS} are", "give more than every:"
+        wrong = [
+            (point.deadband < 0, "deadband", "a dead band is not below 0", "give 0 or more"),
+            (not 0 <= (point.decimals or 0) <= MOST_DECIMALS, "decimals", "so many decimals are not possible", most),
+            (
+                len(set(point.names.values())) < len(point.names),
+                "enum",
+                "two numbers have one word",
+                "name each its own",
+            ),
+            (channel is not None and point.stale < every, "stale", "a value is stale before it is read again", none),
+        ]
+        for is_wrong, key, what, todo in wrong:
+            if is_wrong:
+                reader.note(self._at(keys, key), what, todo)
+                self.attempts.spoilt = True
         if point.names and (point.deadband or point.decimals is not None):
             useless += [(key, "words are shown") for key in ("deadband", "decimals") if key in keys]
         for key, why in useless:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -19,12 +20,12 @@ SHORTEST = 100_000_000
 
 
 class SinksLoader:
-    """Reads the sinks of a run in `folder`."""
+    """Reads the sinks of a run in `folder`. `state`: the file in which it keeps its state, if any."""
 
-    def __init__(self, reader: Reader, folder: Path, points: Sequence[Point]) -> None:
+    def __init__(self, reader: Reader, folder: Path, points: Sequence[Point], state: str = "") -> None:
         self.reader, self.folder = reader, folder
         self.names = [point.name for point in points]
-        self.targets: dict[tuple[str, str], int] = {}
+        self.taken: dict[str, str] = {os.path.abspath(folder / state): "where the state is kept"} if state else {}
 
     def load(self, node: Node | None) -> tuple[SinkKind, ...]:
         """The sinks. Problems are noted, and what is broken is left out."""
@@ -32,7 +33,7 @@ class SinksLoader:
         for item in self.reader.items(node):
             with self.reader.going_on():
                 found.append(self._sink(self.reader.mapping(item)))
-        if node is not None and not self.names and not self.reader.problems:
+        if node is not None and not self.names and all(one.warning for one in self.reader.problems):
             self.reader.note(node.at, "the run has no points whose values could go there", "add points:")
         return tuple(found)
 
@@ -45,17 +46,24 @@ class SinksLoader:
         if kind.every is not None and kind.every < SHORTEST:
             node = keys.value("every") or keys
             raise self.reader.broken(node.at, "values are taken every 100 ms at most", "leave every out, or write 1 s")
-        line = self.targets.setdefault((words[0], kind.target), keys.at.line)
-        if line != keys.at.line:
-            raise self.reader.broken(keys.at, f"{kind.target} is the sink of line {line} already", "name another")
+        if getattr(kind, "keep", None) is not None and kind.keep < 1:  # type: ignore[attr-defined]
+            node = keys.value("keep") or keys
+            raise self.reader.broken(node.at, "nothing would be kept", "give 1 or more, or leave keep out")
         return kind
 
     def file(self, node: Node) -> str:
-        """A file; a relative name counts from the run's folder. Raises Broken."""
+        """A file of its own; a relative name counts from the run's folder. Raises Broken."""
         name = self.reader.text(node).strip()
         if not name:
             raise self.reader.broken(node.at, "this is no file", "write a name")
-        return str(self.folder / name)
+        path = self.folder / name
+        if path.suffix in (".yaml", ".yml"):
+            raise self.reader.broken(node.at, f"'{name}' is a name of definitions and runs", "name another file")
+        whole = os.path.abspath(path)
+        if whole in self.taken:
+            raise self.reader.broken(node.at, f"'{name}' is {self.taken[whole]} already", "name another file")
+        self.taken[whole] = f"the file of a sink in line {node.at.line}"
+        return str(path)
 
     def patterns(self, node: Node) -> tuple[str, ...]:
         """Names of points, with `*` for any text. Raises Broken for one that no point has."""

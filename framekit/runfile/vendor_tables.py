@@ -23,7 +23,7 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
     "offset": ("offset", "bias"),
     "unit": ("unit", "units", "engineering unit", "uom", "eng unit"),
     "access": ("access", "rw", "r w", "read write", "mode"),
-    "size": ("size", "length", "characters"),
+    "size": ("size", "characters"),
     "about": ("about", "description", "comment", "remark", "remarks", "note", "notes", "meaning"),
 }
 """The keys of a point, and what columns are called that say them; all in small letters, other signs as one blank."""
@@ -68,7 +68,10 @@ def read_vendor_table(path: Path, address: str = "{}", add: int = 0, order: str 
         text = path.read_bytes().decode("cp1252", "replace")
     except OSError as error:
         raise DefinitionError([Problem(start, f"the table cannot be read: {error}", "name another file")]) from None
-    rows = list(csv.reader(io.StringIO(text), delimiter=_delimiter(text)))
+    try:
+        rows = list(csv.reader(io.StringIO(text), delimiter=_delimiter(text)))
+    except csv.Error as error:
+        raise DefinitionError([Problem(start, f"the table cannot be read: {error}", "give a table")]) from None
     at = next((number for number, row in enumerate(rows) if _keys(row).keys() >= {"address"}), None)
     if at is None:
         known = ", ".join(COLUMNS["address"][:4])
@@ -82,7 +85,7 @@ def read_vendor_table(path: Path, address: str = "{}", add: int = 0, order: str 
     problems: list[Problem] = []
     for number, row in enumerate(rows[at + 1 :], at + 2):
         cells = {key: row[column].strip() for key, column in columns.items() if column < len(row)}
-        if not cells.get("address") or not cells.get(naming):
+        if not cells.get("address"):
             continue  # a heading between the rows, or an empty one
         line = Position(str(path), number, 1)
         try:
@@ -123,9 +126,9 @@ def _keys(row: Sequence[str]) -> dict[str, int]:
 
 def _point(cells: Mapping[str, str], naming: str, address: str, add: int) -> tuple[str, dict[str, str]]:
     """The name and the keys of a point. Raises ValueError for a row that cannot be read."""
-    name = re.sub(r"[^A-Za-z0-9_.-]+", "_", cells[naming]).strip("_.-")
+    name = label_of(cells.get(naming, ""))
     if not name:
-        raise ValueError(f"'{cells[naming]}' has no letters or digits for a name")
+        raise ValueError(f"'{cells.get(naming, '')}' has no letters or digits for a name")
     keys = {"address": _address(cells["address"], address, add)}
     if type_ := cells.get("type"):
         keys["type"] = _type(type_)
@@ -148,14 +151,19 @@ def _point(cells: Mapping[str, str], naming: str, address: str, add: int) -> tup
     return name, keys
 
 
+def label_of(text: str) -> str:
+    """A text as a name of a point or a file of points; '' where nothing of it can stand in one."""
+    return re.sub(r"[^A-Za-z0-9_.-]+", "_", text).strip("_.-")
+
+
 def _address(text: str, form: str, add: int) -> str:
-    """The first number of `40001`, `0x10`, `10h` or `40001-40002` in the form; other addresses stay as they are."""
-    first = re.split(r"\s*(?:-|–|\.\.|…|/)\s*", text, maxsplit=1)[0]
+    """The first number of `40001`, `0x10`, `10h` or `40001-40002` in the form; as it stands where none is asked for."""
+    first = re.split(r"\s*(?:-|–|\.\.|…)\s*", text, maxsplit=1)[0]
+    if form == "{}" and not add:
+        return first
     match = _PLACE.fullmatch(first)
     if match is None:
-        if form != "{}" or add:
-            raise ValueError(f"'{text}' is no number of a register")
-        return text
+        raise ValueError(f"'{text}' is no number of a register")
     number = int(match["x"] or match["h"], 16) if match["plain"] is None else int(match["plain"])
     return form.replace("{}", str(number + add))
 
@@ -177,6 +185,8 @@ def _digits(text: str) -> str:
 
 def _number(text: str, key: str) -> Decimal:
     """`0.1`, `0,1`, `1/10`, `x0.1`. Raises ValueError."""
+    if re.search(r"[1-9][0-9]{0,2},[0-9]{3}(?![0-9])", text):
+        raise ValueError(f"'{text}' may be a {key} of thousands or a fraction")
     plain = text.lower().lstrip("x*× ").replace(",", ".")
     over, slash, under = plain.partition("/")
     try:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 from framekit.definition.problems import no_such
@@ -13,7 +13,7 @@ from framekit.memory.memory import DeviceMemory
 from framekit.run.block_state import BlockState, Failure
 from framekit.run.model import Block, Point, RunModel
 from framekit.run.own_memory import piece_writer
-from framekit.run.points import PointTable, PointValue, unscaled
+from framekit.run.points import PointTable, unscaled
 from framekit.transport.clock import Clock, utc_at
 
 log = logging.getLogger(__name__)
@@ -27,7 +27,7 @@ MOST_WAITING = 64
 
 
 class PointService:
-    """The points of one run. `fire` makes a block due by its id."""
+    """The points of one run. `fire` makes a block due by its id; `at_work`: the run has started and not ended."""
 
     def __init__(
         self, run: RunModel, memory: DeviceMemory, clock: Clock, wake: Callable[[], None], fire: Callable[[int], None]
@@ -35,10 +35,8 @@ class PointService:
         self.table = PointTable(run.points, memory, utc_at(clock), wake)
         self._memory, self._clock, self._wake, self._fire = memory, clock, wake, fire
         self._blocks: dict[int, Block] = {block.id: block for block in run.blocks}
+        self.at_work = False
         self._waiting: dict[int, deque[tuple[bytes, Written]]] = {}
-
-    def __iter__(self) -> Iterator[PointValue]:
-        return iter(self.table)
 
     # ---- what happens -------------------------------------------------------------------------------------
 
@@ -77,8 +75,10 @@ class PointService:
         if point.writer is None:
             piece_writer(self._memory, point.place, point.bits)(data)
             self._wake()
-            written(None)
+            _tell(written, None)
             return
+        if not self.at_work:
+            raise ValueError(f"'{name}' cannot be written: the run is not at work")
         waiting = self._waiting.setdefault(point.writer, deque())
         if len(waiting) >= MOST_WAITING:
             raise ValueError(f"{MOST_WAITING} values for '{name}' wait to be written – nothing answers on its channel")
@@ -94,13 +94,19 @@ class PointService:
 
     def _has_written(self, block: Block, waiting: deque[tuple[bytes, Written]], failure: Failure | None) -> None:
         """The next value goes out, or the point is read anew; then it is told how it ended."""
-        _, told = waiting.popleft()
+        _, written = waiting.popleft()
         if waiting:
             self._begin(block, waiting)
         elif failure is None:
             for reader in self.table.point(block.name).blocks:
                 self._fire(reader)
-        told(failure)
+        _tell(written, failure)
+
+    def give_up(self, why: str) -> None:
+        """What waits to be written never will be."""
+        for waiting in self._waiting.values():
+            while waiting:
+                _tell(waiting.popleft()[1], Failure(outcome="closed", cause=why))
 
     def point(self, name: str) -> Point:
         """What a point is. Raises ValueError for one there is not."""
@@ -108,3 +114,11 @@ class PointService:
             return self.table.point(name)
         except KeyError:
             raise ValueError(no_such("there is no point", name, (one.name for one in self.table))) from None
+
+
+def _tell(written: Written, failure: Failure | None) -> None:
+    """How a write ended; what the program that wanted it raises does not stop the run."""
+    try:
+        written(failure)
+    except Exception:
+        log.exception("what waited for a point to be written has failed")

@@ -224,7 +224,7 @@ class RunService(ChannelOwner):
         self._has_points = bool(run.points)
         self.sinks = SinkService(run.sinks, run.points, self.points.table, clock)
         self.keeper = self._keeper()
-        awaited = awaited_bits(run.triggers, self.resolve)
+        awaited = self._awaited()
         self.system = SystemBits(self.memory, run.memory, self._bit, awaited, date_at(clock))
         self._bits_first = self._looks_at_bits(awaited)
         self.running = False
@@ -255,6 +255,12 @@ class RunService(ChannelOwner):
     def resolve(self, text: str) -> Address:
         """The place of the own memory that a text names. Raises AddressError."""
         return self.grammar.parse(text)
+
+    def _awaited(self) -> set[tuple[str, int]]:
+        """The bits that triggers and points of the own memory look at."""
+        places = ((point.place.address, point.bits) for point in self.run.points if point.channel is None)
+        shown = {(place.area, place.first_bit + bit) for place, bits in places for bit in range(bits)}
+        return awaited_bits(self.run.triggers, self.resolve) | shown
 
     def _bit(self, text: str) -> tuple[str, int]:
         address = self.grammar.parse(text)
@@ -312,7 +318,8 @@ class RunService(ChannelOwner):
 
     def start(self) -> None:
         """Opens the ports and arms the triggers."""
-        self.running = True
+        self.running = self.points.at_work = True
+        self.points.table.forget_changes()
         self.loop.start()
         now = self.clock.now()
         for number in self.channels:
@@ -338,6 +345,8 @@ class RunService(ChannelOwner):
             self.close_channel(number)
         if self.jobs is not None:
             self.jobs.hosts.close_all()
+        self.points.at_work = False
+        self.points.give_up("the run was stopped")
         self.sinks.stop()
         if self.keeper is not None:
             self.keeper.stop()
@@ -397,7 +406,7 @@ class RunService(ChannelOwner):
         """The blocks are others: frames go to those that receive now, clocks tick for those that look at them."""
         self.lines.receive_for(self.run, keep=() if self.jobs is None else self.jobs.hosts.opened)
         self.refresh()
-        awaited = awaited_bits(self.run.triggers, self.resolve)
+        awaited = self._awaited()
         self.system.wait_for(awaited)
         self._bits_first = self._looks_at_bits(awaited)
 
@@ -427,6 +436,7 @@ class RunService(ChannelOwner):
     def reset(self) -> None:
         """As after the start: counters at zero, triggers afresh, the first scan again. Memory stays as it is."""
         now = self.clock.now()
+        self.points.give_up("the run was reset")
         self.system.start(now)
         self.exchanges.reset()
         self.removed.clear()

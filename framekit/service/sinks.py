@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from framekit.codec.shown import explain
 from framekit.run.model import Point
 from framekit.run.points import PointTable, PointValue
 from framekit.runfile.sinks import fits
@@ -90,13 +90,17 @@ class SinkFeeder:
         if not self._threaded:
             self._feed()
 
-    def stop(self) -> None:
-        """What waits is written, for 5 s at most; the rest is dropped."""
+    def end(self) -> None:
+        """Nothing more comes: what waits is written, and that is the end."""
         with self._change:
             self._ending = True
             self._change.notify()
+
+    def stop(self, within: float = AT_END) -> None:
+        """Waits for the end for so many seconds; what then still waits is dropped."""
+        self.end()
         if self._thread is not None:
-            self._thread.join(AT_END)
+            self._thread.join(within)
         else:
             self._feed()
             self._close()
@@ -110,12 +114,15 @@ class SinkFeeder:
         pause = 0.0
         while True:
             with self._change:
-                while not self._ending and (pause or not self._waiting):
-                    if not self._change.wait(pause or None) or self._ending:
-                        break
-                if self._ending and (pause or not self._waiting):
-                    break
-            pause = 0.0 if self._feed() else min(max(1.0, 2 * pause), LONGEST_WAIT)
+                if pause:  # values that come meanwhile do not make it shorter
+                    self._change.wait_for(lambda: self._ending, pause)
+                else:
+                    self._change.wait_for(lambda: self._ending or self._waiting)
+                ending = self._ending
+            went_well = self._feed()
+            if ending:
+                break
+            pause = 0.0 if went_well else min(max(1.0, 2 * pause), LONGEST_WAIT)
         self._close()
 
     def _feed(self) -> bool:
@@ -131,8 +138,10 @@ class SinkFeeder:
                 if not samples:
                     return True
                 taken = self._sink.write(samples)
+                if not isinstance(taken, int) or not 1 <= taken <= len(samples):
+                    raise ValueError(f"write took {taken!r} of {len(samples)} samples")
             except Exception as error:  # a sink is anybody's: whatever it raises, lines go on
-                self._fail(explain(error))
+                self._fail(_in_words(error))
                 return False
             with self._change:
                 lost = self._dropped - dropped  # of these, while they were written
@@ -154,7 +163,13 @@ class SinkFeeder:
         try:
             self._sink.close()
         except Exception as error:  # as above
-            log.warning("sink %s %s: %s", self.kind.word, self.kind.target, explain(error))
+            log.warning("sink %s %s: %s", self.kind.word, self.kind.target, _in_words(error))
+
+
+def _in_words(error: Exception) -> str:
+    """What went wrong, as the system or the library says it."""
+    words = error.strerror if isinstance(error, OSError) else str(error)
+    return words or type(error).__name__
 
 
 class SinkService:
@@ -168,7 +183,7 @@ class SinkService:
         self._wall: Callable[[int], int] = table.wall
 
     def start(self) -> None:
-        """Begins; values that there are already count as changes."""
+        """Begins."""
         for feeder in self.feeders:
             feeder.start()
             if feeder.kind.every is not None:
@@ -183,7 +198,10 @@ class SinkService:
         if self._changed in self._table.listeners:
             self._table.listeners.remove(self._changed)
         for feeder in self.feeders:
-            feeder.stop()
+            feeder.end()
+        until = time.monotonic() + AT_END  # one limit for all
+        for feeder in self.feeders:
+            feeder.stop(max(0.0, until - time.monotonic()))
 
     def _changed(self, value: PointValue) -> None:
         for feeder in self.feeders:

@@ -221,8 +221,10 @@ def _whole_lines(file: io.BufferedRandom) -> int:
 
 
 def _csv_line(*cells: object) -> bytes:
+    """A row in one line: line ends within a text are written as \\n and \\r, so that each line is whole by itself."""
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerow(["" if cell is None else cell for cell in cells])
+    plain = [cell.replace("\r", "\\r").replace("\n", "\\n") if isinstance(cell, str) else cell for cell in cells]
+    csv.writer(text, lineterminator="\n").writerow(["" if cell is None else cell for cell in plain])
     return text.getvalue().encode()
 
 
@@ -244,9 +246,9 @@ class CsvRows(LinesFile):
 class CsvColumns(LinesFile):
     """A column for each point, its unit in the head; a cell is empty where the value is not good."""
 
-    def open(self, points: Sequence[Point]) -> None:
+    def __init__(self, path: Path, rotate: int | None, keep: int | None) -> None:
+        super().__init__(path, rotate, keep)
         self._last: dict[str, Any] = {}
-        super().open(points)
 
     def head(self) -> bytes:
         titles = (f"{point.name} ({point.unit})" if point.unit else point.name for point in self._points)

@@ -17,7 +17,6 @@ APPLICATION = 0x464B4856
 """What SQLite calls the application's number; it tells our files from others."""
 
 VERSION = 1
-QUALITIES = ("good", "stale", "failed")
 CLEANING = 600_000_000_000
 """How often values that are too old are taken out (ns of the values' time)."""
 
@@ -89,7 +88,7 @@ class SqliteSink(Sink):
             (
                 self._numbers[one.name],
                 sample.time,
-                good_value(one),
+                _storable(good_value(one)),
                 one.quality,
                 one.reason,
             )
@@ -105,7 +104,8 @@ class SqliteSink(Sink):
                 self._cleaned = now
             database.execute("COMMIT")
         except BaseException:
-            database.execute("ROLLBACK")
+            if database.in_transaction:
+                database.execute("ROLLBACK")
             raise
         return len(samples)
 
@@ -113,6 +113,11 @@ class SqliteSink(Sink):
         database, self._database = self._database, None
         if database is not None:
             database.close()
+
+
+def _storable(value: Any) -> Any:
+    """Whole numbers that SQLite has no room for as texts."""
+    return str(value) if isinstance(value, int) and not -(1 << 63) <= value < 1 << 63 else value
 
 
 def _is_history(database: sqlite3.Connection, path: Path) -> bool:

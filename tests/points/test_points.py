@@ -191,7 +191,9 @@ def test_the_time_is_that_of_the_reply(tmp_path: Path) -> None:
     run.run_for("200 ms")
     request_and_reply, gap = 8 + 7, 3  # characters of 11 bits at 19200
     least = (request_and_reply + gap) * 11 / 19200
-    seconds = (run.points["a"].time.timestamp()) % 60
+    time = run.points["a"].time
+    assert time is not None
+    seconds = time.timestamp() % 60
     assert least <= seconds < least + 0.02
     assert run.points["a"].now.text_time.startswith("2000-01-01T00:00:00.0")
     run.stop()
@@ -291,6 +293,81 @@ def test_a_write_that_fails_says_so(tmp_path: Path) -> None:
     run.points["a"].write(1, done=ends.append)
     run.run_for("30 s")
     assert [str(end) for end in ends] == ["no_reply"]
+    run.stop()
+
+
+def test_a_word_is_written_in_the_scale_it_is_read_in(tmp_path: Path) -> None:
+    run = run_of(tmp_path, 'a: {channel: 1, address: "40001", scale: 10, enum: {20: half}, access: rw}', '"40001": 0')
+    run.run_for("10 ms")
+    run.points["a"].write("half")
+    run.run_for("1 s")
+    assert (run.device("meter").read("40001"), run.points["a"].value) == ([2], "half")
+    run.stop()
+
+
+def test_a_rounded_value_stays_within_its_range(tmp_path: Path) -> None:
+    run = run_of(tmp_path, 'a: {channel: 1, address: "40001", scale: 0.5, access: rw, range: 0..0.3}', '"40001": 0')
+    run.run_for("10 ms")
+    with pytest.raises(RequestError, match=r"0\.3 is not in 0\.\.0\.3"):
+        run.points["a"].write(0.3)
+    run.stop()
+
+
+def test_writes_that_never_happen_are_told(tmp_path: Path) -> None:
+    run = run_of(tmp_path, 'a: {channel: 1, address: "40001", access: rw}', '"40001": 0')
+    with pytest.raises(RequestError, match="the run is not at work"):
+        run.points["a"].write(1)
+    run.run_for("10 ms")
+    run.enable_channel(1, False)
+    ends: list[Any] = []
+    run.points["a"].write(1, done=ends.append)
+    run.reset()
+    run.points["a"].write(2, done=ends.append)
+    run.stop()
+    assert [str(end) for end in ends] == ["closed: the run was reset", "closed: the run was stopped"]
+
+
+def test_listeners_that_end_or_fail_leave_the_others_alone(tmp_path: Path) -> None:
+    run = run_of(tmp_path, 'a: {channel: 1, address: "40001"}', '"40001": 7')
+    told: list[Any] = []
+    ends: list[Any] = []
+
+    def once(value: PointValue) -> None:
+        ends.pop()()
+
+    ends.append(run.points.watch(once))
+    run.points.watch(lambda value: 1 // 0)
+    run.points.watch(lambda value: told.append(value.value))
+    run.run_for("1500 ms")
+    assert told == [7]
+    run.stop()
+
+
+BITS = """run: bits
+memory: masterlogic
+channels:
+  1: {port: "sim:meter.device.yaml", protocol: modbus-tcp, station: 9}
+points:
+  bit: {address: M02000}
+  clock: {address: F00093}
+blocks:
+  0: {read: "00001", into: M02000, channel: 1, every: 1 s}
+"""
+
+
+def test_a_change_beside_a_point_is_none_and_clock_bits_tick(tmp_path: Path) -> None:
+    (tmp_path / "meter.device.yaml").write_text(
+        DEVICE.format(protocol="modbus-tcp", station=1, values='"40001": 1'), "utf-8"
+    )
+    (tmp_path / "bits.run.yaml").write_text(BITS, "utf-8")
+    run = VirtualRun(tmp_path / "bits.run.yaml")
+    told: list[tuple[str, Any, str]] = []
+    run.points.watch(lambda value: told.append((value.name, value.value, value.quality)))
+    run.run_for("2600 ms")
+    run.memory["M02005"] = 1
+    run.run_for("1 ms")
+    assert [one for one in told if one[0] == "bit"] == [("bit", None, "failed")]
+    assert len([one for one in told if one[0] == "clock"]) >= 4
     run.stop()
 
 

@@ -281,8 +281,8 @@ def test_what_is_wrong_with_a_sink(tmp_path: Path, sink: str, problem: str) -> N
 
 
 def test_two_sinks_have_two_files(tmp_path: Path) -> None:
-    with pytest.raises(DefinitionError, match="is the sink of line 8 already – name another"):
-        loaded(run_file(tmp_path, "{csv: a.csv}", "{csv: a.csv, every: 1 s}"))
+    with pytest.raises(DefinitionError, match="is the file of a sink in line 8 already"):
+        loaded(run_file(tmp_path, "{csv: a.csv}", "{jsonl: b/../a.csv}"))
 
 
 # ---- a sink of another kind ---------------------------------------------------------------------------------------
@@ -368,6 +368,64 @@ def test_a_sink_that_hangs_holds_nothing_up_and_the_oldest_go_first(monkeypatch:
     values = [each.values[0].value for each in sink.taken]
     assert values == [0, *range(20, 30)]
     assert (one.status.written, one.status.dropped) == (11, 19)
+
+
+def test_a_sink_that_fails_has_its_pause_and_a_last_try(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(at_work, "LONGEST_WAIT", 0.05)
+    one, sink = feeder(threaded=True)
+    tries: list[int] = []
+    third = threading.Event()
+
+    def fail() -> None:
+        tries.append(len(tries))
+        if len(tries) == 3:
+            third.set()
+        if len(tries) < 4:
+            raise OSError(28, "No space left on device")
+
+    sink.on_write = fail
+    one.start()
+    for number in range(6):
+        one.put(sample(number, value=number))
+    assert third.wait(10)
+    assert one.status.problem == "No space left on device"
+    one.stop()
+    assert [each.values[0].value for each in sink.taken] == [0, 1, 2, 3, 4, 5]
+
+
+@pytest.mark.parametrize("taken", [None, 0, 7, "two"])
+def test_a_sink_that_does_not_say_how_much_it_took_has_failed(taken: Any) -> None:
+    one, sink = feeder(threaded=False)
+    sink.write = lambda samples: taken  # type: ignore[method-assign]
+    one.start()
+    one.put(sample(0))
+    assert one.status.problem == f"write took {taken!r} of 1 samples"
+    one.stop()
+    assert one.status.dropped == 1
+
+
+def test_numbers_beyond_sqlite_are_kept_as_texts(tmp_path: Path) -> None:
+    path = tmp_path / "history.db"
+    taken(SqliteHistory(sqlite=str(path), at=NOWHERE).make(), [sample(0, value=1 << 63), sample(1, value=-(1 << 63))])
+    assert [row.value for row in read_history(path)] == [str(1 << 63), -(1 << 63)]
+
+
+def test_a_line_end_in_a_text_does_not_end_the_line(tmp_path: Path) -> None:
+    path = tmp_path / "rows.csv"
+    taken(CsvFile(csv=str(path), at=NOWHERE).make(), [sample(0, value="a\nb\r")])
+    assert lines_of(path)[1:] == ["2026-03-01T12:00:00.000Z,level,a\\nb\\r,m,good,"]
+
+
+@pytest.mark.parametrize("name", ["plant.run.yaml", "kept.db"])
+def test_files_of_the_run_itself_are_no_sinks(tmp_path: Path, name: str) -> None:
+    path = run_file(tmp_path, f"{{sqlite: {name}}}")
+    path.write_text(
+        path.read_text("utf-8")
+        + 'state: {file: kept.db}\nmemory: masterlogic\nblocks: {0: {read: "40001", into: M0, every: 1 s}}\n',
+        "utf-8",
+    )
+    with pytest.raises(DefinitionError, match="is a name of definitions|is where the state is kept already"):
+        loaded(path)
 
 
 def test_the_times_of_files_are_iso_8601() -> None:

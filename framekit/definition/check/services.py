@@ -777,6 +777,9 @@ def _amounts(row: ServiceRow) -> Iterator[Problem]:
         number = constant_number(expression)
         if number is not None and number < 1 and expression is not None:
             yield Problem(expression.at, f"a limit of {number} lets nothing through", "give 1 or more, or leave it out")
+    if row.limit.count is not None and constant_number(row.limit.count) != 1 and _asks_for_one(row):
+        what = "the limit has no effect: a request that says no count, bytes or total asks for one element"
+        yield Problem(row.limit.count.at, what, "name count in the request, or leave the limit out")
     if row.align_bits < 1:
         yield Problem(row.at, f"nothing can be aligned to {row.align_bits} bits", "give 8, 16, …")
     for argument in row.takes:
@@ -787,6 +790,17 @@ def _amounts(row: ServiceRow) -> Iterator[Problem]:
             low, high = argument.limits
             what = f"the default {number} of '{argument.name}' is not in {low}..{high}"
             yield Problem(argument.default.at, what, "correct one of them")
+
+
+def _asks_for_one(row: ServiceRow) -> bool:
+    """Whether a request of a client's row names nothing that says how many elements it is about."""
+    sent = [row.request, row.buffer]
+    if row.service not in ("read", "write") or row.server_only or row.request is None:
+        return False
+    if any(True for _ in parts_of(sent, EachOf)):
+        return False
+    named = {name for expression in expressions_of(sent) for name in names_in(expression.root)}
+    return not named & {"count", "bytes", "data", "bits", "total"}
 
 
 def _limits_too_high(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
