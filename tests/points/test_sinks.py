@@ -424,7 +424,7 @@ def test_files_of_the_run_itself_are_no_sinks(tmp_path: Path, name: str) -> None
         + 'state: {file: kept.db}\nmemory: masterlogic\nblocks: {0: {read: "40001", into: M0, every: 1 s}}\n',
         "utf-8",
     )
-    with pytest.raises(DefinitionError, match="is a name of definitions|is where the state is kept already"):
+    with pytest.raises(DefinitionError, match=r"is a name of definitions|is where the state is kept already"):
         loaded(path)
 
 
