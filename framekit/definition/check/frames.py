@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cached_property
 
 from framekit.definition.check.interrupting import check_interrupting
 from framekit.definition.codings import Hex
@@ -46,8 +47,8 @@ from framekit.definition.model.segments import (
 from framekit.definition.problems import Position, Problem, did_you_mean, plural
 
 
-def check_frame(protocol: Protocol, frame: Frame) -> list[Problem]:
-    """Everything wrong with one frame by itself."""
+def check_frame(protocol: Protocol, frame: Frame, ends: FrameEnds) -> list[Problem]:
+    """Everything wrong with one frame by itself; `ends`: those of the protocol."""
     found = list(_level(protocol, frame.segments))
     found += _order_of_sizes(frame.segments, set())
     for repeat in parts_of(frame.segments, Repeat):
@@ -55,7 +56,6 @@ def check_frame(protocol: Protocol, frame: Frame) -> list[Problem]:
     found += _LeftForOthers(protocol).check(frame)
     found += _lengths_of_numbers(frame)
     found += _lengths_that_never_fit(protocol, frame)
-    ends = _Ends(protocol)
     found += ends.check(frame)
     found += _spans(frame)
     found += _early_ends(frame, ends)
@@ -96,7 +96,7 @@ def _keys(protocol: Protocol, frame: Frame) -> Iterator[Problem]:
             yield Problem(expression.at, what, "let the frame around it announce, from its inner field")
 
 
-def _inner(protocol: Protocol, frame: Frame, ends: _Ends) -> Iterator[Problem]:
+def _inner(protocol: Protocol, frame: Frame, ends: FrameEnds) -> Iterator[Problem]:
     """Frames inside this one: never itself, and small enough for their place."""
     for inner in parts_of(frame.segments, Inner):
         if frame.name in _within(protocol, (inner,)):
@@ -199,7 +199,7 @@ def _in_wraps(segments: Segments, check: Check) -> Iterator[Problem]:
             yield Problem(check.at, what, "leave wire out, or put the check behind the wrap")
 
 
-def _early_ends(frame: Frame, ends: _Ends) -> Iterator[Problem]:
+def _early_ends(frame: Frame, ends: FrameEnds) -> Iterator[Problem]:
     """A check that ends a frame stands in it itself, where its place is known, and covers what stands before it."""
     todo = "leave ends out"
     for check in (one for one in parts_of(frame.segments, Check) if one.ends):
@@ -446,12 +446,18 @@ def _lengths_that_never_fit(protocol: Protocol, frame: Frame) -> Iterator[Proble
             yield Problem(length.at, what, "use a wider type, or correct plus, range or the sizes")
 
 
-class _Ends:
+class FrameEnds:
     """Parts of which only what follows, or silence, shows where they end."""
 
     def __init__(self, protocol: Protocol) -> None:
         self.frames = protocol.frames
         self.sizes = StaticSizes(protocol.frames)
+
+    @cached_property
+    def carried(self) -> frozenset[str]:
+        """The frames that stand inside others."""
+        parts = (part for frame in self.frames.values() for part in parts_of(frame.segments, Segment))
+        return frozenset(name for part in parts for name in part.frames_inside)
 
     def check(self, frame: Frame) -> Iterator[Problem]:
         """Such a part must have an end: a region's, a constant behind it, or the end of the frame."""
@@ -587,13 +593,11 @@ def _in_records(segments: Segments) -> Iterator[Segment]:
         yield from _in_records(segment.members) if segment.is_record else (segment,)
 
 
-def _counted_and_open(protocol: Protocol, frame: Frame, ends: _Ends) -> Iterator[Problem]:
+def _counted_and_open(protocol: Protocol, frame: Frame, ends: FrameEnds) -> Iterator[Problem]:
     """Parts that a length counts before they come, and that silence ends all the same: the length is only compared."""
-    parts = (part for one in protocol.frames.values() for part in parts_of(one.segments, Segment))
-    carried = {name for part in parts for name in part.frames_inside}
-    if frame.size is not None or frame.name in carried or protocol.kind == "application":
+    if frame.size is not None or protocol.kind == "application" or not ends.is_open(frame.segments):
         return
-    if not ends.is_open(frame.segments):
+    if frame.name in ends.carried:
         return
     counted = {name: one for one in parts_of(frame.segments, Length) for name in one.of}
     for segment in _in_records(frame.segments):
@@ -715,7 +719,7 @@ def _items(segments: tuple[Segment, ...]) -> int:
     return found
 
 
-def _whole_size(frame: Frame, ends: _Ends) -> Iterator[Problem]:
+def _whole_size(frame: Frame, ends: FrameEnds) -> Iterator[Problem]:
     before = (*frame.head, *frame.body)
     if frame.size is not None and not any(one.takes_rest for one in _without_own_end(before)) and ends.is_open(before):
         what = f"nothing shows where the content of '{frame.name}' ends and what fills it up begins"

@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from decimal import Decimal
 from typing import Any
 
-from framekit.definition.check.frames import check_frame
+from framekit.definition.check.frames import FrameEnds, check_frame
 from framekit.definition.check.names import NameChecker
 from framekit.definition.check.procedure import check_procedure
 from framekit.definition.check.services import check_forms, check_services
@@ -342,8 +342,9 @@ def check_protocol(
     are_forms_known = not broken
     broken |= words_of_forms
     problems = NameChecker(protocol, broken).check()
+    ends = FrameEnds(protocol)
     for frame in protocol.frames.values():
-        problems += check_frame(protocol, frame)
+        problems += check_frame(protocol, frame, ends)
     problems += check_sections(protocol)
     problems += check_profile(protocol)
     problems += check_procedure(protocol, broken)
