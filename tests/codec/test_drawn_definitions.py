@@ -687,11 +687,11 @@ REFUSED: dict[str, tuple[str, str]] = {
     ),
     "the length of a number in a value": (
         "[{field: a, type: u8}, {value: v, read: len(a)}]",
-        "'len' takes a text, bytes, a list or a table here, this is a number",
+        "'len' takes a text, bytes, a list, a table or a frame here, this is a number",
     ),
     "the length of a number with names": (
         "[{field: a, type: u8, values: {1: A}}, {field: b, type: u8, is: len(a)}]",
-        "'len' takes a text, bytes, a list or a table here, this is a number",
+        "'len' takes a text, bytes, a list, a table or a frame here, this is a number",
     ),
     "a size by a length that is there on another condition": (
         "[{field: k, type: u8}, {length: n, type: u8, of: [d], when: k}, {data: d, size: n, when: k > 3}]",
