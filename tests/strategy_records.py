@@ -9,7 +9,7 @@ from construct_oracle.filling import Circular, Filling, Plan
 from construct_oracle.names import Names
 from hypothesis import strategies as st
 from strategy_hints import Hints, hints_of, same_attributes
-from strategy_values import Draw, Values, built, flat, fractions, span_of
+from strategy_values import Draw, Values, built, flat, floats, fractions, span_of
 
 from framekit.codec import support
 from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName, start_values
@@ -209,12 +209,8 @@ class _Record:
             case "bytes":
                 size = self._size(field.type.size, field.name)
                 return None if size is None else self.maker.bytes(size)
-            case "float":
-                floats = {2: st.floats(width=16), 4: st.floats(width=32), 8: st.floats(width=64)}
-                return self.draw(floats[field.type.fixed_size or 4].filter(lambda number: number == number))
-            case "hex_float":
-                floats = {8: st.floats(width=32), 16: st.floats(width=64)}
-                return self.draw(floats[field.type.fixed_size or 8].filter(lambda number: number == number))
+            case "float" | "hex_float":
+                return self.draw(floats(field.type))
             case "scaled":
                 least, most = span_of(field.type.inside, self._size(field.type.size, field.name) or None)
                 return support.scaled(self.maker.number(least, most), *field.type.scale.arguments)
@@ -326,6 +322,8 @@ class _Record:
         if isinstance(repeat.of, FieldType):
             if repeat.of.kind == "fraction":
                 return [self.draw(fractions(repeat.of)) for _ in range(times)]
+            if repeat.of.kind in ("float", "hex_float"):
+                return [self.draw(floats(repeat.of)) for _ in range(times)]
             least, most = span_of(repeat.of.inside or repeat.of, None)
             numbers = [self.maker.number(least, most) for _ in range(times)]
             scale = repeat.of.scale

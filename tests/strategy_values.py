@@ -98,6 +98,13 @@ def fractions(type_: FieldType) -> st.SearchStrategy[Any]:
     return found | st.none() if form.empty else found
 
 
+def floats(type_: FieldType) -> st.SearchStrategy[float]:
+    """Numbers that a float of the type's size holds as they are."""
+    size = (type_.fixed_size or 4) // (2 if type_.kind == "hex_float" else 1)
+    widths = {2: st.floats(width=16), 4: st.floats(width=32), 8: st.floats(width=64)}
+    return widths[size].filter(lambda number: number == number)
+
+
 def span_of(type_: FieldType, size: int | None) -> tuple[int, int]:
     """The least and greatest number of a type; `size` where that is computed."""
     size = type_.fixed_size if size is None else size
