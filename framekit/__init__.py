@@ -24,7 +24,7 @@ if TYPE_CHECKING:
         RequestError,
     )
     from framekit.api.memory import Memory
-    from framekit.api.points import RunPoint, WriteError
+    from framekit.api.points import RunPoint
     from framekit.api.run import AsyncRun, Run, VirtualRun
     from framekit.api.server import AsyncServer, Server, aserve, serve
     from framekit.api.values import Answer, Frame, Reading
@@ -47,7 +47,7 @@ _HOMES = {
         "RequestError",
     ),
     "api.memory": ("Memory",),
-    "api.points": ("RunPoint", "WriteError"),
+    "api.points": ("RunPoint",),
     "api.run": ("AsyncRun", "Run", "VirtualRun"),
     "api.server": ("AsyncServer", "Server", "aserve", "serve"),
     "api.values": ("Answer", "Frame", "Reading"),
@@ -92,7 +92,6 @@ __all__ = [
     "Seen",
     "Server",
     "VirtualRun",
-    "WriteError",
     "aconnect",
     "aserve",
     "connect",

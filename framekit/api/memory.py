@@ -111,8 +111,7 @@ class Memory:
         if how.units < 1:
             raise RequestError("there is nothing to read or write: the count is 0")
         place = self._grammar.parse(address)
-        unit = how.unit or place.unit
-        return place.first_bit, how.units * unit_bits(unit), unit
+        return place.first_bit, how.bits, how.carrier
 
     def _carry_out(self, action: Callable[[], Any]) -> Any:
         try:

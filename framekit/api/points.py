@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
-from framekit.api.errors import FramekitError, NoReplyError, RequestError
+from framekit.api.errors import ExchangeError, NoReplyError, RequestError
 from framekit.definition.problems import no_such
 from framekit.run.block_state import Failure
 from framekit.run.points import PointValue
@@ -19,10 +19,6 @@ Do = Callable[[Callable[[], Any]], Any]
 
 OnPoint = Callable[[PointValue], None]
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-
-
-class WriteError(FramekitError):
-    """A value that did not reach its device; the message says why."""
 
 
 class RunPoint:
@@ -111,12 +107,12 @@ class RunPoint:
             raise RequestError(str(error)) from None
 
     async def put(self, value: Any, *, who: str = "a program") -> None:
-        """Writes a value and waits until it has arrived; in the run's own loop. Raises RequestError, WriteError."""
+        """Writes a value and waits until it has arrived; in the run's own loop. Raises RequestError, ExchangeError."""
         ended: asyncio.Future[Failure | None] = asyncio.get_running_loop().create_future()
         self._write(value, who, lambda failure: None if ended.done() else ended.set_result(failure))
         failure = await ended
         if failure is not None:
-            raise WriteError(f"'{self.name}' was not written: {failure}")
+            raise ExchangeError(f"'{self.name}' was not written: {failure}", failure.outcome, failure.cause)
 
 
 class RunPoints(Mapping[str, RunPoint]):

@@ -161,7 +161,7 @@ def check_written(
     """Raises RequestError for texts that cannot be written there, whatever the device says."""
     how = typed(grammar, address, type_, order, count or len(texts))
     try:
-        memory_of(how.numbers(values_at(grammar.parse(address), texts, type_)), how.unit or how.place)
+        memory_of(how.numbers(values_at(grammar.parse(address), texts, type_)), how.carrier)
     except PackingError as error:
         raise RequestError(str(error)) from None
 

@@ -36,6 +36,16 @@ class Typed:
     place: str
 
     @property
+    def carrier(self) -> str:
+        """The unit of the elements in which they travel."""
+        return self.unit or self.place
+
+    @property
+    def bits(self) -> int:
+        """What they take in all."""
+        return self.units * unit_bits(self.carrier)
+
+    @property
     def is_float(self) -> bool:
         """Whether the values are floating-point numbers."""
         return isinstance(self.view, NumberView) and self.view.kind == "float"
@@ -49,7 +59,7 @@ class Typed:
                 case TextView() as view:
                     return [view.read(data, self.count, self.place)]
         except MemoryValueError as error:
-            raise TypedError(f"{error} – read it as {self.unit or self.place}") from None
+            raise TypedError(f"{error} – read it as {self.carrier}") from None
         return list(numbers)
 
     def numbers(self, values: Sequence[Value]) -> list[int]:
@@ -116,7 +126,7 @@ class TypedEach:
     def values(self, numbers: Sequence[int]) -> list[Any]:
         """The values in what a transfer brought."""
         return [
-            number if how.view is None else how.values(memory_of([number], how.unit or how.place), [number])[0]
+            number if how.view is None else how.values(memory_of([number], how.carrier), [number])[0]
             for how, number in zip(self.each, numbers, strict=True)
         ]
 

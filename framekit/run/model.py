@@ -23,7 +23,7 @@ from framekit.definition.problems import NOWHERE, Position, Problem
 from framekit.definition.times import NEVER, PLAIN, LineFormat, LineSettings
 from framekit.link.addresses import Address
 from framekit.link.typed import Typed
-from framekit.memory.memory import Area, DeviceMemory, unit_bits
+from framekit.memory.memory import Area, DeviceMemory
 from framekit.memory.profile import MemoryProfile
 from framekit.run.triggers import Trigger
 from framekit.transport.schemes import host_of as port_host
@@ -545,7 +545,7 @@ class Point:
     @property
     def bits(self) -> int:
         """How much of the memory it takes."""
-        return self.form.units * unit_bits(self.form.unit or self.form.place)
+        return self.form.bits
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -122,8 +122,8 @@ class PointRead:
     every: int
 
 
-def planned(asked: Sequence[PointRead], channels: Mapping[int, Channel]) -> tuple[list[Block], list[Point], int]:
-    """The blocks that read and write the points, these with their places, and the words of memory that all take.
+def planned(asked: Sequence[PointRead], channels: Mapping[int, Channel]) -> tuple[list[Block], dict[str, Point], int]:
+    """The blocks that read and write the points, these by name with their places, and the words that all take.
 
     Points of one channel and station with one period come together where one request can bring them: neighbours, and
     what stands no further apart than the channel's `merge: {gap}`.
@@ -143,8 +143,7 @@ def planned(asked: Sequence[PointRead], channels: Mapping[int, Channel]) -> tupl
             blocks.append(_writing(point, len(blocks), words))
             points[at] = replace(point, writer=blocks[-1].id)
             words += -(-point.bits // 16)
-    order = {one.point.name: at for at, one in enumerate(asked)}
-    return blocks, sorted(points, key=lambda point: order[point.name]), words
+    return blocks, {point.name: point for point in points}, words
 
 
 def _writing(point: Point, number: int, first_word: int) -> Block:
@@ -153,7 +152,7 @@ def _writing(point: Point, number: int, first_word: int) -> Block:
     place = OwnPlace(address=Address(POINTS_AREA, "word", first_word, "", {}), text=point.name)
     return Block(
         number=number, set=POINTS_SET, name=point.name, instruction="write", channel=point.channel,
-        targets=(point.address,), units=(point.form.unit or point.form.place,), unit=point.form.unit,
+        targets=(point.address,), units=(point.form.carrier,), unit=point.form.unit,
         count=point.form.units, places=(place,), station=point.station, at=point.at,
     )  # fmt: skip
 
@@ -278,7 +277,7 @@ class _State:
         self.told: Any = None
         self.due = NEVER
         self.waits = False
-        self.failed_blocks: dict[int, str] = {}
+        self.failed_blocks: set[int] = set()
         self.read = piece_reader(memory, point.place, point.bits)
 
 
@@ -348,10 +347,10 @@ class PointTable:
         """
         for state in self._by_block.get(block, ()):
             if failure is not None:
-                state.failed_blocks[block] = str(failure)
+                state.failed_blocks.add(block)
                 self._fail(state, str(failure), now)
                 continue
-            state.failed_blocks.pop(block, None)
+            state.failed_blocks.discard(block)
             if not state.failed_blocks:
                 self._read(state, now)
 
@@ -388,9 +387,8 @@ class PointTable:
 
     def _read(self, state: _State, now: int) -> None:
         point, data = state.point, state.read()
-        unit = point.form.unit or point.form.place
         try:
-            number = scaled(point, point.form.values(data, values_of(data, unit, point.form.units))[0])
+            number = scaled(point, point.form.values(data, values_of(data, point.form.carrier, point.form.units))[0])
         except ValueError as error:
             self._fail(state, str(error), now)
             return

@@ -22,7 +22,6 @@ from framekit.definition.schema import validate
 from framekit.definition.times import NEVER
 from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.link.typed import typed_at
-from framekit.memory.memory import unit_bits
 from framekit.memory.views import VIEWS
 from framekit.run.model import Block, Channel, OwnPlace, Point, Scaling
 from framekit.run.own_memory import stored_by
@@ -149,26 +148,21 @@ class PointsLoader:
 
     def load(self, node: Node | None) -> tuple[tuple[Point, ...], list[Block], int]:
         """The points, the blocks that read them, and how many words they take in memory. Problems are noted."""
-        asked: dict[str, PointRead] = {}
-        own: dict[str, Point] = {}
-        order: list[str] = []
+        found: dict[str, Point | PointRead] = {}
         for entry, group in self._entries(node):
             name = f"{group.prefix}.{entry.key.text}" if group.prefix else entry.key.text
             with self.reader.going_on():
-                found = self._point(name, entry, group)
-                if name in asked or name in own:
+                one = self._point(name, entry, group)
+                if name in found:
                     what = f"there are two points '{name}'"
                     raise self.reader.broken(entry.key.at, what, "name one of them otherwise, or give a prefix")
-                order.append(name)
-                if isinstance(found, PointRead):
-                    asked[name] = found
-                else:
-                    own[name] = found
+                found[name] = one
         if any(not problem.warning for problem in self.reader.problems):
             return (), [], 0
-        blocks, read, words = planned(list(asked.values()), self.channels)
-        points = own | {point.name: point for point in read}
-        return tuple(points[name] for name in order), blocks, words
+        asked = [one for one in found.values() if isinstance(one, PointRead)]
+        blocks, read, words = planned(asked, self.channels)
+        points = {name: one for name, one in found.items() if isinstance(one, Point)} | read
+        return tuple(points[name] for name in found), blocks, words
 
     def _entries(self, node: Node | None) -> Iterator[tuple[Entry, _Group]]:
         """Every point as it is written, with what it has in common with others."""
@@ -196,9 +190,7 @@ class PointsLoader:
         except OSError:  # a name that no system takes
             there = False
         if not there:
-            known = [one.name for one in self.folder.glob(f"*{SUFFIX}")] + [
-                one.name for one in self.folder.glob("*.csv")
-            ]
+            known = (one.name for end in (SUFFIX, ".csv") for one in self.folder.glob(f"*{end}"))
             raise self.reader.broken(node.at, f"there is no file '{path.name}'", did_you_mean(name, known))
         try:
             return load_points(path)
@@ -238,11 +230,11 @@ class PointsLoader:
                 hint = "; or add channel: where a device has it" if channel is None else ""
                 raise ValueError(f"{error}{hint}") from None
             form = typed_at(grammar, text, type_, order, size or 1)
-            grammar.check(address, -(-form.units * unit_bits(form.unit or form.place) // address.unit_bits))
+            grammar.check(address, -(-form.bits // address.unit_bits))
         every = self._time(keys, group, "every") or EVERY
         stale = self._time(keys, group, "stale")
         numeric = form.type != "string"
-        sources = () if channel is not None else self._sources(address.area, address.first_bit, form)
+        sources = () if channel is not None else self._sources(address, form.bits)
         point = Point(
             name=name,
             form=form,
@@ -256,7 +248,7 @@ class PointsLoader:
             decimals=self._number_of(keys, "decimals", numeric, reader.number),
             names=self._names(keys),
             deadband=float(self._number_of(keys, "deadband", numeric, self._exact) or 0),
-            stale=stale or PERIODS_TO_STALE * (every if channel is not None else self._period(sources)),
+            stale=stale or min(NEVER, PERIODS_TO_STALE * (every if channel is not None else self._period(sources))),
             is_writable=self._writable(keys, channel, address),
             limits=self._limits(keys),
             about=self.attempts.maybe(reader.text, keys.get("about")) or "",
@@ -310,13 +302,13 @@ class PointsLoader:
             self.attempts.spoilt = True
         return channel.station
 
-    def _sources(self, area: str, first: int, form: Any) -> tuple[int, ...]:
+    def _sources(self, place: Address, bits: int) -> tuple[int, ...]:
         """The blocks that store where an own point stands."""
-        end = first + form.units * unit_bits(form.unit or form.place)
+        area, first, end = place.area, place.first_bit, place.first_bit + bits
         return tuple(
             block
-            for block, address, bits in self._stored
-            if address.area == area and address.first_bit < end and first < address.first_bit + bits
+            for block, address, size in self._stored
+            if address.area == area and address.first_bit < end and first < address.first_bit + size
         )
 
     def _period(self, sources: tuple[int, ...]) -> int:

@@ -13,8 +13,10 @@ from framekit.definition.keys import here, properties_of, ref, required_of
 from framekit.definition.kinds.base import KINDS
 from framekit.definition.model import segments
 from framekit.definition.model.procedure import Action, Row, Step
+from framekit.definition.model.services import UNIT_BITS
 from framekit.definition.sources import shipped_folder
 from framekit.definition.wire_types import TYPES
+from framekit.memory.views import ORDERS, VIEWS
 from framekit.run.triggers import TRIGGERS
 from framekit.sinks import SINKS
 from framekit.sinks.base import schema_of
@@ -50,6 +52,8 @@ def with_tables(schemas: Schemas) -> Schemas:
     run["sink"]["oneOf"] = [{"required": [word]} for word in SINKS]
     run["sink"]["dependentSchemas"] = {word: here(f"{word}_sink") for word in SINKS}
     run.update((f"{word}_sink", schema_of(kind)) for word, kind in SINKS.items())
+    point = schemas["points.schema.json"]["$defs"]["point"]["properties"]
+    point["type"]["enum"], point["order"]["enum"] = [*UNIT_BITS, *VIEWS], list(ORDERS)
     return schemas
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from fnmatch import fnmatchcase
 from pathlib import Path
 
 from framekit.definition.keys import read_part
@@ -14,6 +13,7 @@ from framekit.definition.nodes import Mapping, Node, unread
 from framekit.definition.problems import did_you_mean
 from framekit.run.model import Point
 from framekit.sinks import SINKS, SinkKind
+from framekit.sinks.base import fits
 
 SHORTEST = 100_000_000
 """Values are not taken more often than this (ns); each change is told where no period is given."""
@@ -73,8 +73,3 @@ class SinksLoader:
                 hint = did_you_mean(pattern, self.names)
                 raise self.reader.broken(item.at, f"no point is called '{pattern}'", hint)
         return found
-
-
-def fits(pattern: str, name: str) -> bool:
-    """Whether a name is one that a pattern means; only `*` is special there."""
-    return fnmatchcase(name, pattern.replace("[", "[[]").replace("?", "[?]"))

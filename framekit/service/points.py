@@ -70,7 +70,7 @@ class PointService:
         if not point.is_writable:
             raise ValueError(f"'{name}' can only be read – access: rw of the point allows it")
         form = point.form
-        data = memory_of(form.numbers([unscaled(point, value)]), form.unit or form.place)
+        data = memory_of(form.numbers([unscaled(point, value)]), form.carrier)
         log.info("point %s: %r → %r, written by %s", name, self.table[name].value, value, who)
         if point.writer is None:
             piece_writer(self._memory, point.place, point.bits)(data)

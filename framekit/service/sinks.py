@@ -10,15 +10,14 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
 from framekit.run.model import Point
 from framekit.run.points import PointTable, PointValue
-from framekit.runfile.sinks import fits
 from framekit.sinks import Sink, SinkKind
-from framekit.sinks.base import Sampled
+from framekit.sinks.base import Sampled, fits
 from framekit.transport.clock import AsyncioClock, Clock, Handle
 
 log = logging.getLogger(__name__)
@@ -180,7 +179,6 @@ class SinkService:
         threaded = isinstance(clock, AsyncioClock)
         self.feeders = [SinkFeeder(kind, points, threaded) for kind in kinds]
         self._timers: dict[int, Handle] = {}
-        self._wall: Callable[[int], int] = table.wall
 
     def start(self) -> None:
         """Begins."""
@@ -215,7 +213,7 @@ class SinkService:
     def _take(self, feeder: SinkFeeder, when: int) -> None:
         period = feeder.kind.every or 1
         values = tuple(value for value in self._table if value.name in feeder.names)
-        feeder.put(Sampled(self._wall(when), values))
+        feeder.put(Sampled(self._table.wall(when), values))
         self._every(feeder, when + period * max(1, (self._clock.now() - when) // period + 1))
 
     @property

@@ -9,6 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from typing import Any, ClassVar, NamedTuple
 
 from framekit.definition.keys import Form, key, mapping_schema, ref
@@ -60,9 +61,19 @@ class SinkKind(ABC):
         """The sink itself; nothing is opened yet."""
 
     @property
-    @abstractmethod
     def target(self) -> str:
-        """Where the values go, for people."""
+        """Where the values go, for people: what stands behind the word of the kind."""
+        return str(getattr(self, self.word))
+
+
+def as_glob(pattern: str) -> str:
+    """A pattern of names in which only `*` is special, for what else has `?` and `[`."""
+    return pattern.replace("[", "[[]").replace("?", "[?]")
+
+
+def fits(pattern: str, name: str) -> bool:
+    """Whether a name is one that a pattern means."""
+    return fnmatchcase(name, as_glob(pattern))
 
 
 class Sink(ABC):

@@ -11,7 +11,7 @@ from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 from framekit.definition.keys import NUMBER, Form, KeyReading, key, words
 from framekit.definition.tree import Node
@@ -23,32 +23,34 @@ _SIZES = {"KB": 1_000, "MB": 1_000_000, "GB": 1_000_000_000}
 _ROTATE = re.compile(r"\s*([0-9]+)\s*(KB|MB|GB)\s*")
 _DAY = len("2026-03-01")
 
+Rotation = int | Literal["day"]
+"""When a new file begins: after so many bytes, or each day (UTC)."""
 
-def read_rotation(reading: KeyReading, node: Node) -> int | None:
-    """`day` as None, a size in bytes. Raises Broken."""
+
+def read_rotation(reading: KeyReading, node: Node) -> Rotation:
+    """`day`, or a size in bytes. Raises Broken."""
     text = reading.reader.text(node)
     match = _ROTATE.fullmatch(text)
     if match is None and text.strip() != "day":
         raise reading.reader.broken(node.at, f"'{text}' is no size of a file", "write day, or a size such as 10 MB")
     if match is not None and not int(match[1]):
         raise reading.reader.broken(node.at, "a file of no size holds nothing", "give a size such as 10 MB")
-    return None if match is None else int(match[1]) * _SIZES[match[2]]
+    return "day" if match is None else int(match[1]) * _SIZES[match[2]]
 
 
 ROTATION = Form(
     {"type": "string", "pattern": "^\\s*(day|[0-9]+\\s*(KB|MB|GB))\\s*$", "x-expected": "day, or a size (10 MB)"},
     read_rotation,
 )
-NEVER_ROTATED = 1 << 62
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FileSink(SinkKind):
-    """A file that grows line by line. `rotate`: a new one after so many bytes, or (None) each day; `keep`: so many."""
+    """A file that grows line by line. `rotate`: when a new one begins; `keep`: how many of those before it stay."""
 
-    rotate: int | None = key(
+    rotate: Rotation | None = key(
         "rotate", ROTATION, "day, or a size: then the file gets the time of its first line as a name, and a new one "
-        "begins. Days are those of UTC.", default=NEVER_ROTATED,
+        "begins. Days are those of UTC.", default=None,
     )  # fmt: skip
     keep: int | None = key("keep", NUMBER, "So many of the files before it are kept; default: all.", default=None)
 
@@ -65,10 +67,6 @@ class CsvFile(FileSink):
         default=None,
     )  # fmt: skip
 
-    @property
-    def target(self) -> str:
-        return self.csv
-
     def make(self) -> Sink:
         columns = self.every is not None if self.form is None else self.form == "columns"
         return (CsvColumns if columns else CsvRows)(Path(self.csv), self.rotate, self.keep)
@@ -81,10 +79,6 @@ class JsonLines(FileSink):
     word: ClassVar[str] = "jsonl"
     jsonl: str = key("jsonl", FILE, "A file with a JSON object for each value.")
 
-    @property
-    def target(self) -> str:
-        return self.jsonl
-
     def make(self) -> Sink:
         return JsonFile(Path(self.jsonl), self.rotate, self.keep)
 
@@ -95,7 +89,7 @@ class LinesFile(Sink):
     Raises OSError.
     """
 
-    def __init__(self, path: Path, rotate: int | None, keep: int | None) -> None:
+    def __init__(self, path: Path, rotate: Rotation | None, keep: int | None) -> None:
         self.path, self._rotate, self._keep = path, rotate, keep
         self._points: Sequence[Point] = ()
         self._file: int | None = None
@@ -164,9 +158,9 @@ class LinesFile(Sink):
 
     def _is_over(self, time: str, more: int) -> bool:
         """Whether the file is too old, or too full for so many bytes more; one without values never is."""
-        if self._rotate is None:
-            return bool(self._began) and time[:_DAY] > self._began[:_DAY]
-        return bool(self._began) and self._size + more > self._rotate
+        if self._rotate is None or not self._began:
+            return False
+        return time[:_DAY] > self._began[:_DAY] if self._rotate == "day" else self._size + more > self._rotate
 
     def _put(self, data: bytes | bytearray) -> None:
         """Whole, or not at all: what was written of it before a disk was full is taken away."""
@@ -246,7 +240,7 @@ class CsvRows(LinesFile):
 class CsvColumns(LinesFile):
     """A column for each point, its unit in the head; a cell is empty where the value is not good."""
 
-    def __init__(self, path: Path, rotate: int | None, keep: int | None) -> None:
+    def __init__(self, path: Path, rotate: Rotation | None, keep: int | None) -> None:
         super().__init__(path, rotate, keep)
         self._last: dict[str, Any] = {}
 

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from framekit.definition.keys import key
 from framekit.run.model import Point
-from framekit.sinks.base import FILE, PERIOD, Sampled, Sink, SinkKind, good_value
+from framekit.sinks.base import FILE, PERIOD, Sampled, Sink, SinkKind, as_glob, good_value
 
 APPLICATION = 0x464B4856
 """What SQLite calls the application's number; it tells our files from others."""
@@ -45,10 +45,6 @@ class SqliteHistory(SinkKind):
     word: ClassVar[str] = "sqlite"
     sqlite: str = key("sqlite", FILE, "A database of SQLite with a table history.")
     keep: int | None = key("keep", PERIOD, "How long values are kept there; default: for ever.", default=None)
-
-    @property
-    def target(self) -> str:
-        return self.sqlite
 
     def make(self) -> Sink:
         return SqliteSink(Path(self.sqlite), self.keep)
@@ -173,8 +169,3 @@ def read_history(
             given,
         )
         yield from map(HistoryRow._make, rows)
-
-
-def as_glob(pattern: str) -> str:
-    """A pattern in which only `*` is special, as SQLite's GLOB reads it."""
-    return pattern.replace("[", "[[]").replace("?", "[?]")

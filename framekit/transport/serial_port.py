@@ -554,7 +554,7 @@ READ_COUNTERS = 0x545D
 """TIOCGICOUNT of Linux (tty_ioctl(2)): counts of interrupts and of damage; 20 native integers."""
 
 
-class Marks:
+class DamageMarks:
     """Takes the marks out of a stream that may be cut anywhere."""
 
     def __init__(self) -> None:
@@ -666,7 +666,7 @@ class DescriptorConnection(SerialConnection):
         self._device = device = _open(name, settings, wiring)
         self._descriptor: int = device.fileno()
         self.has_bit_times = not is_pseudo(self._descriptor)
-        self._marks: Marks | None = None
+        self._marks: DamageMarks | None = None
         if (
             settings is not None
             and settings.has_marks
@@ -695,7 +695,7 @@ class DescriptorConnection(SerialConnection):
         if not self.has_bit_times or not mark_damage(self._descriptor):
             self._marks = None
         elif self._marks is None:
-            self._marks = Marks()
+            self._marks = DamageMarks()
         self.hears_marks = has_marks and self._marks is not None
 
     def change_line(self, line: LineFormat) -> None:

@@ -129,7 +129,7 @@ def test_full_files_get_a_name_of_their_own_and_few_are_kept(tmp_path: Path) -> 
 
 
 def test_a_new_file_each_day_also_after_a_restart(tmp_path: Path) -> None:
-    path, sink = tmp_path / "rows.csv", CsvFile(csv=str(tmp_path / "rows.csv"), rotate=None, at=NOWHERE)
+    path, sink = tmp_path / "rows.csv", CsvFile(csv=str(tmp_path / "rows.csv"), rotate="day", at=NOWHERE)
     taken(sink.make(), [sample(0), sample(13 * 3600)])
     taken(sink.make(), [sample(14 * 3600), sample(37 * 3600)])
     assert [

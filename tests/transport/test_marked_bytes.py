@@ -16,7 +16,7 @@ from framekit.definition.times import LineFormat
 from framekit.link.events import CharacterFault, LineFault
 from framekit.transport import serial_port
 from framekit.transport.clock import AsyncioClock
-from framekit.transport.serial_port import DamageCounts, Marks, SerialPort, damage_counts, mark_damage
+from framekit.transport.serial_port import DamageCounts, DamageMarks, SerialPort, damage_counts, mark_damage
 
 
 def marked(characters: list[tuple[int, bool]]) -> bytes:
@@ -32,7 +32,7 @@ Characters = st.lists(st.tuples(st.sampled_from([0, 1, 0x41, 0xFE, 0xFF]), st.bo
 
 @given(Characters, st.lists(st.integers(0, 40), max_size=4))
 def test_marks_come_out_wherever_the_stream_is_cut(characters: list[tuple[int, bool]], cuts: list[int]) -> None:
-    stream, marks = marked(characters), Marks()
+    stream, marks = marked(characters), DamageMarks()
     found, places = b"", []
     edges = sorted({0, len(stream), *(cut for cut in cuts if cut < len(stream))})
     for begin, end in pairwise(edges):
@@ -50,7 +50,7 @@ def test_a_terminal_marks_when_it_is_asked_to() -> None:
         assert mark_damage(terminal)
         assert termios.tcgetattr(terminal)[0] & termios.INPCK
         master.write(b"a\xffb")
-        assert Marks().take_out(os.read(terminal, 100)) == (b"a\xffb", [])
+        assert DamageMarks().take_out(os.read(terminal, 100)) == (b"a\xffb", [])
         assert damage_counts(terminal) is None, "a pseudo-terminal counts nothing"
         os.close(terminal)
 
