@@ -103,6 +103,6 @@ class FrameValues:
         segments = self.protocol.frames[frame].segments
         mentioned = {word for expression in expressions_of(segments) for word in names_in(expression.root)}
         for variable in self.protocol.state.values():
-            if variable.announced and variable.name in mentioned:
+            if variable.announced and variable.keys is None and variable.name in mentioned:
                 context[variable.name] = draw(st.integers(8, 40) | st.integers(1, 300))
         return context

@@ -182,7 +182,7 @@ class FrameInfo:
 Fixed = tuple[int, frozenset[int]]
 """A place in a frame, and the values that its byte can have."""
 
-Intact = Callable[[bytes | bytearray], bool]
+Intact = Callable[[bytes | bytearray], object]
 """Whether these bytes may be good: false if they are surely no good frame, and none that is refused."""
 
 
@@ -711,9 +711,7 @@ def intact_of(frame: Frame) -> Intact | None:
         return check
 
     fits = _fitting(restricted).match
-    if check is None:
-        return lambda raw: fits(raw) is not None
-    return lambda raw: fits(raw) is not None and check(raw)
+    return fits if check is None else lambda raw: fits(raw) is not None and check(raw)
 
 
 def _fitting(restricted: Iterable[tuple[int, frozenset[int]]]) -> re.Pattern[bytes]:
@@ -853,7 +851,7 @@ def _check_in_digits(frame: Frame) -> Intact | None:
     sizes, code = StaticSizes({}), _code_of(last)
     before, behind = sizes.all(frame.segments[:place]).least, sizes.all(frame.segments[place + 1 :]).least
 
-    def intact(raw: bytes | bytearray) -> bool:
+    def intact(raw: bytes | bytearray) -> object:
         try:
             return code(unhexlify(raw[before : len(raw) - behind]))
         except ValueError:
@@ -911,7 +909,7 @@ def _where_there(condition: Expression, segments: tuple[Segment, ...], intact: I
         except EVALUATION_ERRORS:
             return False
 
-    def look(raw: bytes | bytearray) -> bool:
+    def look(raw: bytes | bytearray) -> object:
         if place >= len(raw):
             return True
         there = known.get(raw[place])

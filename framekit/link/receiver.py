@@ -491,8 +491,8 @@ class Receiver:
                     intact = left.alone.intact
                     if not is_skipped or intact is None or size > left.most or place + size > total:
                         break
-                    is_intact = intact(buffer[place : place + size])
-                    if is_intact:
+                    if intact(buffer[place : place + size]):
+                        is_intact = True
                         break
             elif buffer[place] == symbol:
                 break

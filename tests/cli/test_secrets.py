@@ -29,7 +29,7 @@ params:
 groups:
   request: {from: client, head: [{const: 51}], tail: [{check: cmac-aes, key: k, size: 4}]}
 frames:
-  ask: {group: request, body: [{field: place, type: u8}]}
+  ask: {group: request, body: [{field: place, type: u8}, {field: n, type: u8}]}
   told:
     from: server
     body:
@@ -42,8 +42,8 @@ services:
   read:
     - areas: [R]
       limit: {count: 16}
-      request: {ask: {place: start}}
-      back: {area: "'R'", start: request.place, count: 16}
+      request: {ask: {place: start, n: count}}
+      back: {area: "'R'", start: request.place, count: request.n}
       reply: {told: {d: data}}
 """
 DEVICE = (

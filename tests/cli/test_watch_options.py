@@ -123,15 +123,11 @@ def test_the_log_is_silent_unless_asked_for(capsys: pytest.CaptureFixture[str]) 
     logger = logging.getLogger("framekit")
     before = list(logger.handlers)
     assert any(isinstance(one, logging.NullHandler) for one in before)
-    try:
-        begin_log(None)
-        assert logger.handlers == before
-        begin_log("info")
-        logging.getLogger("framekit.service.driver").info("port lost")
-        assert "INFO    framekit.service.driver: port lost" in capsys.readouterr().err
-    finally:
-        logger.handlers[:] = before
-        logger.setLevel(logging.NOTSET)
+    begin_log(None)
+    assert logger.handlers == before
+    begin_log("info")
+    logging.getLogger("framekit.service.driver").info("port lost")
+    assert "INFO    framekit.service.driver: port lost" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("verb", ["run", "serve", "monitor"])

@@ -11,12 +11,10 @@ from framekit.definition.problems import Problem
 
 
 def check_interrupting(protocol: Protocol, frame: Frame, is_open: bool) -> Iterator[Problem]:
-    """What keeps a receiver from telling the frames in `inside` from the bytes of the frame.
+    """What keeps a receiver from telling the frames in `inside` from the bytes of the frame; there is one at least.
 
     `is_open`: only silence ends the frame.
     """
-    if not frame.inside:
-        return
     todo = "leave inside out"
     inner = {name for one in parts_of(protocol.frames, Inner) for name in one.frames}
     if frame.inner or frame.name in inner:

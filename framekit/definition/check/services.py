@@ -42,6 +42,7 @@ from framekit.definition.model.segments import Field
 from framekit.definition.model.services import (
     BASES,
     COUNTED_STRING,
+    COUNTING,
     NOT_COMPARED,
     NUMBER_BITS,
     UNIT_BITS,
@@ -51,6 +52,7 @@ from framekit.definition.model.services import (
     Part,
     ServiceRow,
     is_passed_over,
+    mentions_of,
 )
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Table, Value
 from framekit.definition.problems import Position, Problem, did_you_mean, listed
@@ -794,13 +796,11 @@ def _amounts(row: ServiceRow) -> Iterator[Problem]:
 
 def _asks_for_one(row: ServiceRow) -> bool:
     """Whether a request of a client's row names nothing that says how many elements it is about."""
-    sent = [row.request, row.buffer]
     if row.service not in ("read", "write") or row.server_only or row.request is None:
         return False
-    if any(True for _ in parts_of(sent, EachOf)):
+    if any(True for _ in parts_of([row.request, row.buffer], EachOf)):
         return False
-    named = {name for expression in expressions_of(sent) for name in names_in(expression.root)}
-    return not named & {"count", "bytes", "data", "bits", "total"}
+    return not mentions_of(row) & COUNTING
 
 
 def _limits_too_high(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:

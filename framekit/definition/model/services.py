@@ -28,6 +28,7 @@ from framekit.definition.keys import (
     ref,
 )
 from framekit.definition.load.reader import MOST_ELEMENTS
+from framekit.definition.model.frames import expressions_of
 from framekit.definition.model.procedure import SETTINGS, Target
 from framekit.definition.model.sections import Argument
 from framekit.definition.model.values import Constant, FrameOf, Value
@@ -489,6 +490,15 @@ class ServiceRow:
         """The names of sequences that `run` may come to."""
         nodes = () if self.run is None else walk(self.run.root)
         return {node.value for node in nodes if isinstance(node, Text)}
+
+
+COUNTING = frozenset({"count", "bytes", "data", "bits", "total"})
+"""Names that say how many elements are meant: a row that sends none of them means one."""
+
+
+def mentions_of(row: ServiceRow) -> frozenset[str]:
+    """The names that a row's request and the bytes beside it read."""
+    return frozenset(name for part in expressions_of([row.request, row.buffer]) for name in names_in(part.root))
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,11 +13,11 @@ from typing import Any
 
 from framekit.codec.shown import explain
 from framekit.definition.expression import Expression, names_in
-from framekit.definition.model.frames import everything, expressions_of, parts_of
+from framekit.definition.model.frames import everything, parts_of
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import Argument
 from framekit.definition.model.segments import Data, Segment
-from framekit.definition.model.services import Area, Refusal, ServiceRow
+from framekit.definition.model.services import COUNTING, Area, Refusal, ServiceRow, mentions_of
 from framekit.definition.model.values import EachOf, FrameOf
 from framekit.definition.problems import did_you_mean, listed
 from framekit.link.addresses import Address, AddressGrammar, code_of
@@ -29,9 +29,6 @@ from framekit.memory.memory import unit_bits
 
 NATIVE = frozenset({"start", "count", "first"})
 """Names that count elements: a row that sends them, and no text, speaks of the area's own units only."""
-
-COUNTING = frozenset({"count", "bytes", "data", "bits", "total"})
-"""Names that say how many elements are meant: a row that sends none of them means one."""
 
 Rule = tuple[Evaluate, Evaluate, bool]
 """When, code, and whether it looks at the bytes beside the request."""
@@ -151,11 +148,6 @@ def rules(refusals: Sequence[Refusal]) -> list[Rule]:
         (compile_expression(rule.when), compile_expression(rule.code), "buffer" in names_in(rule.when.root))
         for rule in refusals
     ]
-
-
-def mentions_of(row: ServiceRow) -> frozenset[str]:
-    """The names that a row's request and the bytes beside it read."""
-    return frozenset(name for part in expressions_of([row.request, row.buffer]) for name in names_in(part.root))
 
 
 def wants_address(row: ServiceRow) -> bool:
