@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, fields
 from decimal import Decimal
 from fractions import Fraction
@@ -285,6 +285,12 @@ def inverse_steps(expression: Expression) -> tuple[str, tuple[Undone, ...]] | No
         undone.append((node.operator, bool(left), Expression(expression.text, known)))
         node = rest
     return None if node.name in COLUMNS else (node.name, tuple(undone))
+
+
+def tells_setting(value: Expression, parameters: Collection[str]) -> bool:
+    """Whether a field with this value tells one of these parameters."""
+    told = inverse_steps(value)
+    return told is not None and told[0] in parameters
 
 
 def both(first: Expression, second: Expression | None) -> Expression:

@@ -29,6 +29,7 @@ from framekit.definition.expression import (
 from framekit.definition.kinds.base import Segment, constant_number
 from framekit.definition.model.frames import (
     Frame,
+    attributes_in,
     expressions_of,
     field_names,
     flat,
@@ -404,7 +405,7 @@ def _settings(protocol: Protocol) -> Iterator[Problem]:
     if not compared or not any(step.serve for one in sequences for step in one.steps):
         return
     taken = {frame for row in parts_of(sequences, Row) for frame in row.frames}
-    read = _attributes_in(sequences)
+    read = attributes_in(sequences)
     of_places = {name for form in protocol.addresses for name in form.names}
     told: set[tuple[str, str]] = set()
     for row in (row for rows in protocol.services.values() for row in rows if not row.client_only):
@@ -413,7 +414,7 @@ def _settings(protocol: Protocol) -> Iterator[Problem]:
             continue
         hidden = of_places if row.service in ("read", "write") else {argument.name for argument in row.takes}
         own = compared - hidden
-        seen = read | _attributes_in([row.back, row.back_each, row.when, row.refuse, row.serve])
+        seen = read | attributes_in([row.back, row.back_each, row.when, row.refuse, row.serve])
         ruled = {name for rule in expressions_of(frame) for name in names_in(rule.root)}
         for field_name, value in _leaves_of(row.request):
             found = inverse_steps(value)
@@ -426,12 +427,6 @@ def _settings(protocol: Protocol) -> Iterator[Problem]:
             )
             todo += "client has this parameter, add from: client to it"
             yield Problem(value.at, f"{what} answers requests to others", todo, warning=True)
-
-
-def _attributes_in(values: Any) -> set[str]:
-    """What stands behind a dot in expressions."""
-    nodes = (node for one in expressions_of(values) for node in walk(one.root))
-    return {node.name for node in nodes if isinstance(node, Attribute)}
 
 
 def _leaves_of(made: FrameOf | LayoutOf | RecordOf) -> Iterator[tuple[str, Expression]]:

@@ -75,7 +75,7 @@ _TAKES: dict[str, tuple[tuple[Kind, ...], ...]] = {
     "same": (("list",),),
     "sum": (("list", "bytes"),),
     "span": (("number",), ("number",)),
-    "only": (("text",), ("text",)),
+    "only": (("text", "bytes"), ("text", "bytes")),
     "xor": (("bytes",), ("bytes",)),
     "aes": (("bytes",), ("bytes",), ("bytes",)),
     "random": (("number",),),
@@ -310,6 +310,8 @@ class KindChecker:
         if FUNCTIONS[node.function].is_extra:
             self.problems += not_installed(node.at, f"'{node.function}'")
         gives = FUNCTIONS[node.function].gives
+        if node.function == "only":
+            self._same(node, kinds)
         if gives == "same":
             self._same(node, kinds)
             return _common(kinds) if len(kinds) > 1 else "any"
@@ -328,7 +330,7 @@ class KindChecker:
             self._inside(frame.at, what, "take a length: that counts it")
 
     def _same(self, node: Call, kinds: list[Kind]) -> None:
-        """`min` and `max` compare what is in one list, or several values of one kind."""
+        """`min` and `max` compare what is in one list, or several values of one kind; `only` two of one kind."""
         if len(kinds) == 1 and kinds[0] in ("number", "time"):
             self._inside(node.at, f"'{node.function}' of one value takes a list, this is {WORDS[kinds[0]]}")
         for argument, kind in zip(node.arguments[1:], kinds[1:], strict=True):

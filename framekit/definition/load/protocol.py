@@ -20,7 +20,7 @@ from framekit.definition.load.procedure import ProcedureLoader, ValueLoader
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.load.resolve import NumberNames, Stations
 from framekit.definition.load.services import ServiceLoader, load_address_forms, words_of_form
-from framekit.definition.model.frames import Frame, Layout, parts_of
+from framekit.definition.model.frames import Frame, Layout, attributes_in, parts_of
 from framekit.definition.model.procedure import Role, Sequence, Session
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import Line, Parameter, Queue, Receiver, StateVariable, StationType
@@ -103,12 +103,13 @@ class ProtocolLoader:
     ) -> dict[str, Sequence]:
         """The sequences with their rows' `station:` carried out."""
         of_places = {name for form in forms for name in form.names}
-        built: list[tuple[FrameOf, set[str]]] = []
+        built: list[tuple[FrameOf, set[str], set[str]]] = []
         for row in (row for found in services.values() for row in found):
             names = of_places if row.service in ("read", "write") else {argument.name for argument in row.takes}
-            built += [(made, names) for made in (row.request,) if made is not None]
+            judged = attributes_in([row.back, row.back_each, row.when, row.refuse])
+            built += [(made, names, judged) for made in (row.request,) if made is not None]
         for one in sequences.values():
-            built += [(made, {*one.takes, *one.local}) for made in parts_of(one, FrameOf)]
+            built += [(made, {*one.takes, *one.local}, set()) for made in parts_of(one, FrameOf)]
         shared = (*self.space.section("params"), *self.space.section("tables"))
         stations = Stations.derived(frames, built, shared, parameters)
         return {name: stations.compared(self.reader, sequence) for name, sequence in sequences.items()}

@@ -6,7 +6,8 @@ service row the frames it sends and takes. `station:` becomes a condition: the s
 Which field of a frame is its station follows from what fills it: services and sequences that build the frame say
 `{frame: {field: station}}`, or an expression over `station`, parameters, tables and numbers. No field's name means
 anything, except where nothing builds a frame: there a field called `station` is one. Fields that a parameter fills
-(`{frame: {device: device_id}}`) are compared in the same place, but for parameters that only the client has.
+(`{frame: {device: device_id}}`, or their `default:`) are compared in the same place, but for parameters that only the
+client has or that are secret, and for fields that a row of services judges itself.
 """
 
 from __future__ import annotations
@@ -27,11 +28,15 @@ from framekit.definition.expression import (
     Number,
     Text,
     both,
-    inverse_steps,
     is_constant,
     names_in,
+    parse_expression,
+    tells_setting,
 )
 from framekit.definition.kinds.base import Segment
+from framekit.definition.kinds.data import Data
+from framekit.definition.kinds.field import Field
+from framekit.definition.kinds.value import Require
 from framekit.definition.load.reader import Reader
 from framekit.definition.model.frames import Frame, by_value_name, field_names, flat
 from framekit.definition.model.procedure import Row, Sequence
@@ -214,16 +219,19 @@ class Stations:
     ways: Mapping[str, tuple[Way, ...]]
     given: Mapping[str, set[str]]
     settings: Mapping[str, Mapping[Path, tuple[Expression, ...]]]
+    padding: Mapping[str, Mapping[Path, str]]
+    """Frame → fields that are filled up, and with what, as the language writes it."""
 
     @classmethod
     def derived(
         cls,
         frames: Mapping[str, Frame],
-        built: Iterable[tuple[FrameOf, Collection[str]]],
+        built: Iterable[tuple[FrameOf, Collection[str], Collection[str]]],
         shared: Iterable[str],
         parameters: Mapping[str, Parameter],
     ) -> Stations:
-        """`built`: constructors, each with the names that mean something else there (arguments, variables).
+        """`built`: constructors, each with the names that mean something else there (arguments, variables), and the
+        fields that are judged there.
 
         `shared`: what an expression may read beside `station`, as both sides have it.
         """
@@ -231,10 +239,14 @@ class Stations:
         constructors: dict[str, list[dict[Path, Expression]]] = {}
         given: dict[str, set[str]] = {}
         everything: dict[str, dict[Path, list[Expression | None]]] = {}
-        for made, hidden in (one for one in built if one[0].frame in frames):
-            fields = dict(_filled(made.fields, frames[made.frame].segments))
-            for path, value in fields.items():
-                told = names_in(value.root) <= known - {STATION} - set(hidden)
+        compared = {name for name, one in parameters.items() if one.is_compared}
+        for made, hidden, judged in (one for one in built if one[0].frame in frames):
+            segments = frames[made.frame].segments
+            fields = dict(_filled(made.fields, segments))
+            required = {name for one in _conditions(segments) for name in names_in(one.root)}
+            by_default = dict(_defaults(made.fields, segments, compared - required))
+            for path, value in (*fields.items(), *by_default.items()):
+                told = path[-1] not in judged and names_in(value.root) <= known - {STATION} - set(hidden)
                 everything.setdefault(made.frame, {}).setdefault(path, []).append(value if told else None)
             filled = {path: value for path, value in fields.items() if names_in(value.root) <= known}
             constructors.setdefault(made.frame, []).append(filled)
@@ -243,8 +255,8 @@ class Stations:
         for name, frame in frames.items():
             if name not in given and STATION in field_names(frame.segments):
                 ways[name] = ((((STATION,), Expression(STATION, Name(frame.at, STATION))),),)
-        compared = {name for name, one in parameters.items() if one.is_compared}
-        return cls(ways, given, {name: _settings(found, compared) for name, found in everything.items()})
+        settings = {name: _settings(found, compared) for name, found in everything.items()}
+        return cls(ways, given, settings, {name: dict(_padding(frames[name].segments)) for name in {*ways, *settings}})
 
     def compared(self, reader: Reader, sequence: Sequence) -> Sequence:
         """The sequence with what each `station:` comes to in the `when` of its row."""
@@ -257,26 +269,27 @@ class Stations:
         alike: dict[object, list[str]] = {}
         for name in row.frames:
             if self.ways.get(name):
-                alike.setdefault(_texts(self.ways[name]), []).append(name)
+                fills = tuple(self.padding[name].get(path) for way in self.ways[name] for path, _ in way)
+                alike.setdefault((_texts(self.ways[name]), fills), []).append(name)
         for names in reversed(alike.values()):
             ways = self.ways[names[0]]
             field = ways[0][0][0][0]
             others = [name for name in row.frames if name not in names and field in self.given.get(name, ())]
-            when = both(_condition(ways, others, station), when)
+            when = both(_condition(ways, others, station, self.padding[names[0]]), when)
         for path, values, names in self._settings_of(row):
             others = [name for name in row.frames if name not in names and path[0] in self.given.get(name, ())]
             ways = tuple(((path, value),) for value in values)
-            when = both(_condition(ways, others, station), when)
+            when = both(_condition(ways, others, station, self.padding[names[0]]), when)
         return replace(row, when=when)
 
     def _settings_of(self, row: Row) -> Iterator[tuple[Path, tuple[Expression, ...], list[str]]]:
         """Fields that parameters fill, what is in them, and the frames of the row where it is so."""
-        found: dict[tuple[Path, tuple[str, ...]], tuple[tuple[Expression, ...], list[str]]] = {}
+        found: dict[tuple[Path, str | None, tuple[str, ...]], tuple[tuple[Expression, ...], list[str]]] = {}
         for name in row.frames:
             for path, values in self.settings.get(name, {}).items():
                 texts = tuple(value.text for value in values)
-                found.setdefault((path, texts), (values, []))[1].append(name)
-        for (path, _), (values, names) in found.items():
+                found.setdefault((path, self.padding[name].get(path), texts), (values, []))[1].append(name)
+        for (path, _, _), (values, names) in found.items():
             yield path, values, names
 
 
@@ -288,6 +301,36 @@ def _filled(given: Mapping[str, Value], segments: tuple[Segment, ...]) -> Iterat
             yield (name,), value
         elif isinstance(value, RecordOf) and name in there:
             yield from (((name, *path), one) for path, one in _filled(value.fields, there[name].inner_record or ()))
+
+
+def _defaults(
+    given: Mapping[str, Value], segments: tuple[Segment, ...], parameters: Collection[str]
+) -> Iterator[tuple[Path, Expression]]:
+    """Fields for which nothing is given, and whose default tells a parameter."""
+    for name, segment in by_value_name(segments).items():
+        default = segment.default if isinstance(segment, Field) else None
+        if default is not None and name not in given and tells_setting(default, parameters):
+            own = field_names(segments) - {name}
+            if not names_in(default.root) & own:
+                yield (name,), default
+
+
+def _conditions(segments: Iterable[Segment]) -> Iterator[Expression]:
+    """What the frame itself requires, and refuses with a code of its own where it does not hold."""
+    yield from (one.condition for one in flat(segments) if isinstance(one, Require))
+
+
+def _padding(segments: tuple[Segment, ...]) -> Iterator[tuple[Path, str]]:
+    """Fields that are filled up: data keep what fills them when they are read, texts lose it."""
+    for name, segment in by_value_name(segments).items():
+        if isinstance(segment, Data) and segment.pad is not None:
+            yield (name,), f"h'{segment.pad:02X}'"
+        elif isinstance(segment, Field) and segment.type.value_kind == "text" and segment.type.pad is not None:
+            letter = segment.type.pad.decode("latin-1")
+            if letter.isprintable() and letter not in "'\\":
+                yield (name,), f"'{letter}'"
+        elif segment.is_record:
+            yield from (((name, *path), one) for path, one in _padding(segment.inner_record or ()))
 
 
 def _ways(constructors: list[dict[Path, Expression]]) -> tuple[Way, ...]:
@@ -309,18 +352,14 @@ def _settings(
     return found
 
 
-def tells_setting(value: Expression, parameters: Collection[str]) -> bool:
-    """Whether a field with this value tells one of these parameters."""
-    told = inverse_steps(value)
-    return told is not None and told[0] in parameters
-
-
 def _texts(ways: Iterable[Way]) -> tuple[tuple[Path, str], ...]:
     """What ways have in common that say the same in different places."""
     return tuple((path, value.text) for way in ways for path, value in way)
 
 
-def _condition(ways: tuple[Way, ...], others: list[str], station: Expression) -> Expression:
+def _condition(
+    ways: tuple[Way, ...], others: list[str], station: Expression, padding: Mapping[Path, str]
+) -> Expression:
     """`'field' not in it or it.field == station`, for each way; `others` use such a field otherwise."""
     at = station.at
     texts, nodes = [], list[Node]()
@@ -332,18 +371,23 @@ def _condition(ways: tuple[Way, ...], others: list[str], station: Expression) ->
         listed = List(at, tuple(Text(at, name) for name in others))
         nodes.append(Compare(at, Attribute(at, Name(at, "it"), "frame"), (("in", listed),)))
     for way in ways:
-        pairs = [_same(path, value, station, at) for path, value in way]
+        pairs = [_same(path, value, station, at, padding.get(path)) for path, value in way]
         texts.append(" and ".join(text for text, _ in pairs))
         nodes.append(pairs[0][1] if len(pairs) == 1 else Logic(at, "and", tuple(node for _, node in pairs)))
     return Expression(" or ".join(texts), Logic(at, "or", tuple(nodes)))
 
 
-def _same(path: Path, value: Expression, station: Expression, at: Position) -> tuple[str, Node]:
-    """Whether the field holds what `value` is for this station."""
+def _same(path: Path, value: Expression, station: Expression, at: Position, pad: str | None) -> tuple[str, Node]:
+    """Whether the field holds what `value` is for this station, or that filled up with `pad`."""
     node: Node = Name(at, "it")
     for name in path:
         node = Attribute(at, node, name)
     text = re.sub(rf"\b{STATION}\b", lambda _: station.text, value.text)
+    if pad is not None:
+        field, wanted = f"it.{'.'.join(path)}", f"({text})"
+        longer, shorter = (field, wanted) if pad.startswith("h'") else (wanted, field)
+        text = f"{longer}[0:len({shorter})] == {shorter} and only({longer}[len({shorter}):], {pad})"
+        return text, parse_expression(text, at).root
     return f"it.{'.'.join(path)} == {text}", Compare(at, node, (("==", _put(value.root, station.root)),))
 
 

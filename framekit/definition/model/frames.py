@@ -14,7 +14,7 @@ from functools import cache
 from types import NoneType
 from typing import Any, Literal, TypeVar
 
-from framekit.definition.expression import Expression, names_in
+from framekit.definition.expression import Attribute, Expression, names_in, walk
 from framekit.definition.kinds.base import Segment, Segments, all_fixed, contents_of, fixed_size, least_size, sizes_of
 from framekit.definition.kinds.const import Fill, Skip
 from framekit.definition.problems import Position
@@ -319,3 +319,9 @@ def bytes_of(segments: Iterable[Segment], frames: Mapping[str, Frame] | None = N
     """
     known = {} if frames is None else frames
     return contents_of(segments, lambda name: known[name].segments if name in known else None)
+
+
+def attributes_in(values: Any) -> set[str]:
+    """What stands behind a dot in expressions."""
+    nodes = (node for one in expressions_of(values) for node in walk(one.root))
+    return {node.name for node in nodes if isinstance(node, Attribute)}

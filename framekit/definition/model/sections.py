@@ -273,8 +273,9 @@ class Parameter:
 
     @property
     def is_compared(self) -> bool:
-        """Whether a server ignores a request that tells another value: what both sides have, and no time or list."""
-        return self.type in ("number", "text", "bytes") and self.is_ is None and not self.of_client
+        """Whether a server ignores a request that tells another value: what both have, no secret, time or list."""
+        is_shared = self.is_ is None and not self.of_client and not self.secret
+        return is_shared and self.type in ("number", "text", "bytes")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

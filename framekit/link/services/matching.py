@@ -14,8 +14,8 @@ from typing import Any
 
 from framekit.codec.python.source import Source
 from framekit.codec.shown import explain
-from framekit.definition.expression import Expression, emit, is_constant, names_in
-from framekit.definition.model.frames import expressions_of, field_names, parts_of
+from framekit.definition.expression import Expression, emit, is_constant, names_in, tells_setting
+from framekit.definition.model.frames import attributes_in, expressions_of, field_names, parts_of
 from framekit.definition.model.services import is_passed_over
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
 from framekit.link.addresses import Address, AddressError, code_of
@@ -185,6 +185,10 @@ class RowWriter:
         self.back = {**self.row.back, **self.row.back_each}
         self.arguments = {argument.name for argument in self.row.takes}
         row = self.row
+        self.judged = attributes_in([row.back, row.back_each, row.when, row.refuse])
+        """Fields that the row looks at itself: what they tell of a parameter leaves the device's own value as it is."""
+        params = self.shared.protocol.params.items()
+        self.own = {name for name, one in params if one.is_compared or one.secret} - self.arguments
         replies = [(reply.frame, reply.buffer) for reply in row.reply]
         mentioning: list[Any] = [
             row.back,
@@ -321,6 +325,8 @@ class RowWriter:
     ) -> None:  # fmt: skip
         for name, value in fields.items():
             if isinstance(value, ReadAs) or (isinstance(value, Expression) and is_passed_over(value)):
+                continue
+            if name in self.judged and isinstance(value, Expression) and tells_setting(value, self.own):
                 continue
             part = self.variable()
             if inside is None:
