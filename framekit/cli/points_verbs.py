@@ -6,13 +6,18 @@ import argparse
 import csv
 import sys
 import time
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
+from itertools import chain, islice
 from pathlib import Path
 
-from framekit.cli.common import VerbError, WordsError, in_words, table, time_of
+from framekit.cli.common import VerbError, WordsError, in_words, time_of
 
 FURTHEST = (1 << 63) - 1
 """No time in a history lies further from 1970 (ns)."""
+
+PAGE = 1_000
+"""So many values of a history are in memory at once."""
 
 
 def add_points_arguments(parser: argparse.ArgumentParser) -> None:
@@ -71,24 +76,29 @@ def run_history(arguments: argparse.Namespace) -> int:
         None if text is None else _moment(option, text, now)
         for option, text in (("--since", arguments.since), ("--until", arguments.until))
     )
-    with in_words():
-        rows = [
-            (
-                iso_time(row.time),
-                row.point,
-                _shown(row.value),
-                row.unit,
-                row.quality,
-                row.reason,
-            )
-            for row in history_of(arguments.run, arguments.point or ["*"], since, until)
-        ]
     head = ("time", "point", "value", "unit", "quality", "reason")
-    if arguments.csv:
-        csv.writer(sys.stdout, lineterminator="\n").writerows([head, *rows])
-    else:
-        print(table(rows, head))
+    with in_words():
+        rows = (
+            (iso_time(row.time), row.point, _shown(row.value), row.unit, row.quality, row.reason)
+            for row in history_of(arguments.run, arguments.point or ["*"], since, until)
+        )
+        first = list(islice(rows, PAGE))  # what is wrong with the history is told before anything is printed
+        if arguments.csv:
+            csv.writer(sys.stdout, lineterminator="\n").writerows(chain([head], first, rows))
+        else:
+            _print_pages(head, first, rows)
     return 0
+
+
+def _print_pages(head: Sequence[str], page: Sequence[Sequence[str]], rows: Iterator[Sequence[str]]) -> None:
+    """A table of any length: columns get wider where a later page needs it, and never narrower."""
+    widths = [len(title) for title in head]
+    lines = [head, *page]
+    while lines:
+        widths = [max(width, *map(len, column)) for width, column in zip(widths, zip(*lines, strict=True), strict=True)]
+        for line in lines:
+            print("  ".join(map(str.ljust, line, widths)).rstrip())
+        lines = list(islice(rows, PAGE))
 
 
 def _shown(value: object) -> str:

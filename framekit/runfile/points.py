@@ -28,10 +28,12 @@ from framekit.run.own_memory import stored_by
 from framekit.run.points import PointRead, planned
 from framekit.run.triggers import Every
 from framekit.runfile.channels import Attempts, needs_station, read_station
+from framekit.runfile.vendor_tables import numbered_rows
 
 EVERY = 1_000_000_000
 """How often a point is read that does not say (ns)."""
 
+NOT_READ = "without a channel nothing is read"
 PERIODS_TO_STALE = 3
 MOST_DECIMALS = 15
 
@@ -60,11 +62,11 @@ def _table(path: Path) -> tuple[Entry, ...]:
     """The rows of a table as points. Raises DefinitionError."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = list(csv.reader(file))
+            rows = list(numbered_rows(csv.reader(file)))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         what = f"the table cannot be read: {error}"
         raise DefinitionError([Problem(Position(str(path), 1, 1), what, "give a table in UTF-8 with commas")]) from None
-    columns = [name.strip() for name in rows[0]] if rows else []
+    columns = [name.strip() for name in rows[0][1]] if rows else []
     doubled = next((name for name in columns if name and columns.count(name) > 1), None)
     start = Position(str(path), 1, 1)
     if "name" not in columns or "address" not in columns:
@@ -73,7 +75,7 @@ def _table(path: Path) -> tuple[Entry, ...]:
     if doubled is not None:
         raise DefinitionError([Problem(start, f"there are two columns '{doubled}'", "take one of them out")])
     entries = []
-    for line, row in enumerate(rows[1:], 2):
+    for line, row in rows[1:]:
         if any(cell.strip() for cell in row):
             entries.append(_row(columns, row, str(path), line))
     values = Mapping((Entry(Scalar("values", start), Mapping(tuple(entries), start)),), start)
@@ -149,7 +151,13 @@ class PointsLoader:
     def load(self, node: Node | None) -> tuple[tuple[Point, ...], list[Block], int]:
         """The points, the blocks that read them, and how many words they take in memory. Problems are noted."""
         found: dict[str, Point | PointRead] = {}
+        if node is not None and not self.reader.items(node):
+            self.reader.note(node.at, "'points' is empty", "write at least one entry")
+        own: dict[int, Mapping] = {}  # what files have in common none of whose points is on a channel
+        on_channel: set[int] = set()
         for entry, group in self._entries(node):
+            if group.keys is not None:
+                own[id(group.keys)] = group.keys
             name = f"{group.prefix}.{entry.key.text}" if group.prefix else entry.key.text
             with self.reader.going_on():
                 one = self._point(name, entry, group)
@@ -157,6 +165,11 @@ class PointsLoader:
                     what = f"there are two points '{name}'"
                     raise self.reader.broken(entry.key.at, what, "name one of them otherwise, or give a prefix")
                 found[name] = one
+            if group.keys is not None and (name not in found or isinstance(found[name], PointRead)):
+                on_channel.add(id(group.keys))
+        for number, keys in own.items():
+            if number not in on_channel:
+                self._useless(keys, [(key, NOT_READ) for key in ("every", "station") if key in keys])
         if any(not problem.warning for problem in self.reader.problems):
             return (), [], 0
         asked = [one for one in found.values() if isinstance(one, PointRead)]
@@ -395,7 +408,7 @@ class PointsLoader:
         reader = self.reader
         useless = []
         if channel is None:
-            useless = [(key, "without a channel nothing is read") for key in ("every", "station") if key in keys]
+            useless = [(key, NOT_READ) for key in ("every", "station") if key in keys]
         if point.limits is not None and not point.is_writable:
             useless.append(("range", "the point is not written; access: rw allows it"))
         if point.names and point.form.type == "string":
@@ -418,7 +431,11 @@ class PointsLoader:
                 self.attempts.spoilt = True
         if point.names and (point.deadband or point.decimals is not None):
             useless += [(key, "words are shown") for key in ("deadband", "decimals") if key in keys]
-        for key, why in useless:
+        self._useless(keys, useless)
+
+    def _useless(self, keys: Mapping, found: Sequence[tuple[str, str]]) -> None:
+        """Notes keys without effect, each with the reason."""
+        for key, why in found:
             entry = next(one for one in keys.entries if one.key.text == key)
-            reader.note(entry.key.at, f"'{key}' has no effect: {why}", "remove it")
+            self.reader.note(entry.key.at, f"'{key}' has no effect: {why}", "remove it")
             self.attempts.spoilt = True

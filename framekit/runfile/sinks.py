@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from framekit.definition.keys import read_part
@@ -11,12 +11,20 @@ from framekit.definition.load.documents import without_effect
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Mapping, Node, unread
 from framekit.definition.problems import did_you_mean
+from framekit.definition.times import NEVER
 from framekit.run.model import Point
 from framekit.sinks import SINKS, SinkKind
 from framekit.sinks.base import fits
 
 SHORTEST = 100_000_000
 """Values are not taken more often than this (ns); each change is told where no period is given."""
+
+
+def _of_period(kind: SinkKind) -> Iterator[tuple[str, str, str]]:
+    if kind.every is not None and kind.every < SHORTEST:
+        yield "every", "values are taken every 100 ms at most", "leave every out, or write 1 s"
+    elif kind.every is not None and kind.every >= NEVER:
+        yield "every", "no value would ever be taken", "leave every out, or write 1 s"
 
 
 class SinksLoader:
@@ -43,12 +51,8 @@ class SinksLoader:
             raise Broken("the schema has told that this is no sink")
         kind = read_part(SINKS[words[0]], self, keys)
         self.reader.problems.extend(without_effect(entry, f"in a sink of {words[0]}") for _, entry in unread(keys))
-        if kind.every is not None and kind.every < SHORTEST:
-            node = keys.value("every") or keys
-            raise self.reader.broken(node.at, "values are taken every 100 ms at most", "leave every out, or write 1 s")
-        if getattr(kind, "keep", None) is not None and kind.keep < 1:  # type: ignore[attr-defined]
-            node = keys.value("keep") or keys
-            raise self.reader.broken(node.at, "nothing would be kept", "give 1 or more, or leave keep out")
+        for name, what, todo in (*_of_period(kind), *kind.mistakes()):
+            self.reader.note((keys.value(name) or keys).at, what, todo)
         return kind
 
     def file(self, node: Node) -> str:

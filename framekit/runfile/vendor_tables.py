@@ -8,10 +8,11 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
+from typing import Protocol
 
 from framekit.definition.problems import DefinitionError, Position, Problem
 
@@ -69,9 +70,10 @@ def read_vendor_table(path: Path, address: str = "{}", add: int = 0, order: str 
     except OSError as error:
         raise DefinitionError([Problem(start, f"the table cannot be read: {error}", "name another file")]) from None
     try:
-        rows = list(csv.reader(io.StringIO(text), delimiter=_delimiter(text)))
+        table = list(numbered_rows(csv.reader(io.StringIO(text, newline=""), delimiter=_delimiter(text))))
     except csv.Error as error:
         raise DefinitionError([Problem(start, f"the table cannot be read: {error}", "give a table")]) from None
+    rows = [row for _, row in table]
     at = next((number for number, row in enumerate(rows) if _keys(row).keys() >= {"address"}), None)
     if at is None:
         known = ", ".join(COLUMNS["address"][:4])
@@ -83,7 +85,7 @@ def read_vendor_table(path: Path, address: str = "{}", add: int = 0, order: str 
         raise DefinitionError([Problem(start, "no column has the names of the points", f"call one of them {known}")])
     points: dict[str, dict[str, str]] = {}
     problems: list[Problem] = []
-    for number, row in enumerate(rows[at + 1 :], at + 2):
+    for number, row in table[at + 1 :]:
         cells = {key: row[column].strip() for key, column in columns.items() if column < len(row)}
         if not cells.get("address"):
             continue  # a heading between the rows, or an empty one
@@ -101,6 +103,22 @@ def read_vendor_table(path: Path, address: str = "{}", add: int = 0, order: str 
             points[name] = keys
     unused = tuple(cell for column, cell in enumerate(rows[at]) if cell.strip() and column not in columns.values())
     return Imported(points, tuple(problems), unused)
+
+
+class Rows(Protocol):
+    """What `csv.reader` gives."""
+
+    line_num: int
+
+    def __iter__(self) -> Iterator[list[str]]: ...
+
+
+def numbered_rows(rows: Rows) -> Iterator[tuple[int, list[str]]]:
+    """The rows of a table, each with the number of its first line: a cell may hold several."""
+    line = 1
+    for row in rows:
+        yield line, row
+        line = rows.line_num + 1
 
 
 def _delimiter(text: str) -> str:

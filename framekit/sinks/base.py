@@ -6,10 +6,14 @@ A kind is a class whose attributes, made by `key`, are its keys; the first names
 
 from __future__ import annotations
 
+import errno
+import os
+import sys
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
 from framekit.definition.keys import Form, key, mapping_schema, ref
@@ -17,6 +21,9 @@ from framekit.definition.problems import Position
 from framekit.definition.schema import add_kind_of
 from framekit.run.model import Point
 from framekit.run.points import PointValue
+
+if sys.platform != "win32":
+    import fcntl
 
 
 class Sampled(NamedTuple):
@@ -65,6 +72,10 @@ class SinkKind(ABC):
         """Where the values go, for people: what stands behind the word of the kind."""
         return str(getattr(self, self.word))
 
+    def mistakes(self) -> Iterator[tuple[str, str, str]]:
+        """What keys of this kind say wrongly together: the key, what is wrong with it, and what to do."""
+        yield from ()
+
 
 def as_glob(pattern: str) -> str:
     """A pattern of names in which only `*` is special, for what else has `?` and `[`."""
@@ -90,6 +101,22 @@ class Sink(ABC):
     @abstractmethod
     def close(self) -> None:
         """The end, also after something has failed."""
+
+
+def open_alone(path: Path) -> int:
+    """Opens a file for one process that adds to it, and makes it where there is none.
+
+    Raises OSError, also while another process has it: two that write one file would mix their lines.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    file = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o644)
+    if sys.platform != "win32":
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            os.close(file)
+            raise BlockingIOError(errno.EAGAIN, "another process writes there – end it, or name another file") from None
+    return file
 
 
 SINKS: dict[str, type[SinkKind]] = {}

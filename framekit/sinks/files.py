@@ -17,7 +17,7 @@ from framekit.definition.keys import NUMBER, Form, KeyReading, key, words
 from framekit.definition.tree import Node
 from framekit.run.model import Point
 from framekit.run.points import PointValue, iso_time
-from framekit.sinks.base import FILE, Sampled, Sink, SinkKind, good_value
+from framekit.sinks.base import FILE, Sampled, Sink, SinkKind, good_value, open_alone
 
 _SIZES = {"KB": 1_000, "MB": 1_000_000, "GB": 1_000_000_000}
 _ROTATE = re.compile(r"\s*([0-9]+)\s*(KB|MB|GB)\s*")
@@ -53,6 +53,12 @@ class FileSink(SinkKind):
         "begins. Days are those of UTC.", default=None,
     )  # fmt: skip
     keep: int | None = key("keep", NUMBER, "So many of the files before it are kept; default: all.", default=None)
+
+    def mistakes(self) -> Iterator[tuple[str, str, str]]:
+        if self.keep is not None and self.rotate is None:
+            yield "keep", "'keep' has no effect: there is one file, and nothing before it", "add rotate: day"
+        elif self.keep is not None and self.keep < 1:
+            yield "keep", "nothing would be kept", "give 1 or more, or leave keep out"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,38 +112,31 @@ class LinesFile(Sink):
 
     def open(self, points: Sequence[Point]) -> None:
         self._points = points
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        if self.path.exists() and self._take_up():
-            return
         self._begin()
 
-    def _take_up(self) -> bool:
-        """Goes on with a file that is there; one with another first line is put aside."""
+    def _begin(self) -> None:
+        """Goes on with the file that is there, or begins it; one with another first line is put aside."""
+        self._file = file = open_alone(self.path)
         head = self.head()
-        with self.path.open("rb+") as file:
-            data = file.read(max(len(head), 1 << 16))
-            first = data.splitlines(keepends=True)[len(head.splitlines()) : len(head.splitlines()) + 1]
-            self._began = self.time_in(first[0]) if first else ""
-            if not data.startswith(head):
-                if data:
-                    self._put_aside()
-                return False
-            file.truncate(_whole_lines(file))
-        self._file = os.open(self.path, os.O_WRONLY | os.O_APPEND)
-        self._size = self.path.stat().st_size
-        return True
+        data = _read_at(file, 0, max(len(head), 1 << 16))
+        first = data.splitlines(keepends=True)[len(head.splitlines()) : len(head.splitlines()) + 1]
+        self._began = self.time_in(first[0]) if first else ""
+        if data and not data.startswith(head):
+            if not head.startswith(data):  # else a crash has cut the head
+                self.close()
+                self._put_aside()
+                self._file = file = open_alone(self.path)
+            data = b""
+        self._size = _whole_lines(file) if data else 0
+        os.ftruncate(file, self._size)
+        if not data:
+            self._began = ""
+            self._put(head)
 
     def time_in(self, line: bytes) -> str:
         """The time that a line begins with; '' for none."""
         match = re.search(rb"[0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9:.]+Z", line)
         return "" if match is None else match[0].decode()
-
-    def _begin(self) -> None:
-        """A new file with its first line."""
-        self._file = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
-        self._began = ""
-        self._size = 0
-        self._put(self.head())
 
     def write(self, samples: Sequence[Sampled]) -> int:
         waiting = bytearray()
@@ -201,13 +200,18 @@ class LinesFile(Sink):
             os.close(file)
 
 
-def _whole_lines(file: io.BufferedRandom) -> int:
+def _read_at(file: int, start: int, size: int) -> bytes:
+    """At most so many bytes of a file."""
+    os.lseek(file, start, os.SEEK_SET)
+    return os.read(file, size)
+
+
+def _whole_lines(file: int) -> int:
     """Where the last whole line of a file ends."""
-    end = file.seek(0, os.SEEK_END)
+    end = os.fstat(file).st_size
     while end:
         begin = max(0, end - 4096)
-        file.seek(begin)
-        found = file.read(end - begin).rfind(b"\n")
+        found = _read_at(file, begin, end - begin).rfind(b"\n")
         if found >= 0:
             return begin + found + 1
         end = begin

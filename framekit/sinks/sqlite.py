@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import closing
@@ -10,8 +11,9 @@ from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
 from framekit.definition.keys import key
+from framekit.definition.times import NEVER
 from framekit.run.model import Point
-from framekit.sinks.base import FILE, PERIOD, Sampled, Sink, SinkKind, as_glob, good_value
+from framekit.sinks.base import FILE, PERIOD, Sampled, Sink, SinkKind, as_glob, good_value, open_alone
 
 APPLICATION = 0x464B4856
 """What SQLite calls the application's number; it tells our files from others."""
@@ -46,6 +48,12 @@ class SqliteHistory(SinkKind):
     sqlite: str = key("sqlite", FILE, "A database of SQLite with a table history.")
     keep: int | None = key("keep", PERIOD, "How long values are kept there; default: for ever.", default=None)
 
+    def mistakes(self) -> Iterator[tuple[str, str, str]]:
+        if self.keep is not None and self.keep < 1:
+            yield "keep", "nothing would be kept", "give 1 or more, or leave keep out"
+        elif self.keep is not None and self.keep >= NEVER:
+            yield "keep", "'keep: never' has no effect: without keep values stay for ever", "remove it"
+
     def make(self) -> Sink:
         return SqliteSink(Path(self.sqlite), self.keep)
 
@@ -56,13 +64,14 @@ class SqliteSink(Sink):
     def __init__(self, path: Path, keep: int | None) -> None:
         self.path, self._keep = path, keep
         self._database: sqlite3.Connection | None = None
+        self._lock: int | None = None
         self._numbers: dict[str, int] = {}
         self._cleaned = 0
 
     def open(self, points: Sequence[Point]) -> None:
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        self._database = database = sqlite3.connect(self.path, isolation_level=None, check_same_thread=False)
+        self._lock = open_alone(self.path.with_name(f"{self.path.name}.lock"))
         try:
+            self._database = database = sqlite3.connect(self.path, isolation_level=None, check_same_thread=False)
             if not _is_history(database, self.path):
                 database.execute("PRAGMA journal_mode = WAL")
                 database.executescript(_TABLES)
@@ -109,6 +118,9 @@ class SqliteSink(Sink):
         database, self._database = self._database, None
         if database is not None:
             database.close()
+        lock, self._lock = self._lock, None
+        if lock is not None:
+            os.close(lock)
 
 
 def _storable(value: Any) -> Any:

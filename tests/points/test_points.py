@@ -415,3 +415,23 @@ def test_what_is_wrong_with_a_table_is_told_by_row_and_column(tmp_path: Path, ta
     with pytest.raises(DefinitionError) as error:
         loaded(tmp_path / "two.run.yaml")
     assert any(f"meter.csv:{problem}" in str(one) for one in error.value.problems), error.value
+
+
+@pytest.mark.parametrize(
+    ("points", "problem"),
+    [
+        ("points: []\n", "'points' is empty – write at least one entry"),
+        ("points: {}\n", "'points' is empty – write at least one entry"),
+        (
+            "points:\n  - {file: own, every: 2 s}\nmemory: masterlogic\n",
+            "'every' has no effect: without a channel nothing is read – remove it",
+        ),
+    ],
+)
+def test_points_without_effect(tmp_path: Path, points: str, problem: str) -> None:
+    (tmp_path / "own.points.yaml").write_text("points: own\nvalues: {a: {address: M5}}\n", "utf-8")
+    head = GROUPS.partition("points:")[0]
+    (tmp_path / "two.run.yaml").write_text(head + points, "utf-8")
+    with pytest.raises(DefinitionError) as error:
+        loaded(tmp_path / "two.run.yaml")
+    assert [str(one).partition(": ")[2] for one in error.value.problems] == [problem]

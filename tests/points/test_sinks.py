@@ -198,6 +198,20 @@ def test_a_file_of_something_else_is_left_alone(tmp_path: Path) -> None:
         list(read_history(tmp_path / "none.db"))
 
 
+@pytest.mark.parametrize("kind", [CsvFile(csv="a", at=NOWHERE), SqliteHistory(sqlite="a", at=NOWHERE)])
+def test_two_processes_do_not_write_one_file(kind: SinkKind, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    first, second = kind.make(), kind.make()  # a lock is one of the opened file: two of one process are as good
+    first.open(POINTS)
+    before = Path("a").read_bytes()
+    with pytest.raises(BlockingIOError, match="another process writes there"):
+        second.open(POINTS)
+    second.close()
+    assert Path("a").read_bytes() == before
+    first.close()
+    taken(second, [sample(0)])
+
+
 # ---- in a run ---------------------------------------------------------------------------------------------------
 
 DEVICE = """device: meter
@@ -268,6 +282,10 @@ def test_a_sink_that_cannot_be_opened_is_told_and_the_run_goes_on(tmp_path: Path
         ("{every: 1 s}", "a sink has no kind – add one of csv, jsonl, sqlite"),
         ("{csv: a.csv, jsonl: b}", "a sink has more than one kind: 'csv' and 'jsonl' – keep one"),
         ("{csv: a.csv, every: 10 ms}", "values are taken every 100 ms at most – leave every out, or write 1 s"),
+        ("{csv: a.csv, every: never}", "no value would ever be taken – leave every out, or write 1 s"),
+        ("{csv: a.csv, keep: 3}", "'keep' has no effect: there is one file, and nothing before it – add rotate: day"),
+        ("{jsonl: a, keep: 0, rotate: day}", "nothing would be kept – give 1 or more, or leave keep out"),
+        ("{sqlite: a, keep: never}", "'keep: never' has no effect: without keep values stay for ever – remove it"),
         ("{csv: a.csv, points: tmp}", "no point is called 'tmp' – known: state, temperature"),
         ("{csv: a.csv, rotate: week}", "'week' is not day, or a size (10 MB)"),
         ("{sqlite: a.db, keep: 5}", "'5' is not a time (50 ms, 3 s or never)"),

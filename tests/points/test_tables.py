@@ -9,6 +9,7 @@ import yaml
 
 from framekit.api.run import VirtualRun
 from framekit.api.tables import points_text, read_vendor_table
+from framekit.cli import points_verbs
 from framekit.cli.main import main
 from framekit.definition.problems import DefinitionError
 from framekit.runfile.points import load_points
@@ -80,6 +81,15 @@ def test_the_verb_says_what_it_did(tmp_path: Path, capsys: pytest.CaptureFixture
     assert main(["check", str(output)]) == 0
 
 
+def test_a_cell_of_several_lines_moves_no_number(tmp_path: Path) -> None:
+    path = tmp_path / "list.csv"
+    path.write_text('name,address,type,about\nA,1,u16,"two\nlines"\nB,2,packed,\n', "utf-8")
+    assert [problem.at.line for problem in read_vendor_table(path).problems] == [4]
+    with pytest.raises(DefinitionError) as error:
+        load_points(path)
+    assert {problem.at.line for problem in error.value.problems} == {2, 4}
+
+
 RUN = """run: plant
 channels:
   1: {port: "sim:meter.device.yaml", protocol: modbus-tcp, station: 1}
@@ -90,7 +100,9 @@ sinks:
 """
 
 
-def test_a_history_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_history_is_printed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "meter.device.yaml").write_text(
         'device: meter\nprotocol: modbus-tcp\nstation: 1\nmemory: {set: {"40001": 217}}\n', "utf-8"
     )
@@ -107,6 +119,12 @@ def test_a_history_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert main(["history", str(tmp_path / "history.db"), "--since", "1h"]) == 0
     assert len(capsys.readouterr().out.splitlines()) == 1
     assert main(["history", str(path), "--since", "soon"]) == 2
+    capsys.readouterr()
+    monkeypatch.setattr(points_verbs, "PAGE", 1)
+    assert main(["history", str(path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("time                      point        value  unit")
+    assert lines[1] == "2000-01-01T00:00:00.000Z  temperature  21.7   °C    good"
     path.write_text(RUN.partition("sinks:")[0], "utf-8")
     assert main(["history", str(path)]) != 0
     assert "has no sqlite sink" in capsys.readouterr().err
