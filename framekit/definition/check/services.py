@@ -39,7 +39,7 @@ from framekit.definition.model.frames import (
 )
 from framekit.definition.model.procedure import Action, Row, Sequence, Step
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.segments import Field
+from framekit.definition.model.segments import Data, Field
 from framekit.definition.model.services import (
     BASES,
     COUNTED_STRING,
@@ -270,9 +270,13 @@ def _names(
 def check_request_matching(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
     """What keeps a server from understanding the requests of this row."""
     yield from _items(row)
-    if row.service not in ("read", "write") or row.serve is not None:
+    if row.service not in ("read", "write") or (row.serve is not None and row.serve.moves_data):
         return  # their work says itself where it takes its places from
     if row.client_only or row.request is None or not serves(protocol):
+        return
+    if row.service == "write":
+        yield from _uncounted(protocol, row)
+    if row.serve is not None:
         return
     read = {*row.back, *row.back_each}
     unreadable: list[Expression] = []
@@ -354,6 +358,59 @@ def _missing_names(row: ServiceRow, read: set[str]) -> Iterator[str]:
         yield "area"
     if "start" not in read:
         yield "start"
+
+
+_FILLED_UP = ("packed", "aligned", "nibble_each")
+"""Forms of bits whose data are filled up to whole bytes."""
+
+
+def _uncounted(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
+    """Data with more after them than what is written, and no count: a server would write that into the next places."""
+    sent = [row.request, *([row.buffer] if row.buffer is not None else [])]
+    found = (inverse_steps(leaf) for leaf in _compared(sent))
+    read = {*row.back, *row.back_each, *(one[0] for one in found if one is not None)}
+    if read & {"count", "bits"} or not read & {"data", "bytes"}:
+        return
+    form = row.packing.bits
+    step = 2 if form == "nibble_each" else 8
+    if form in _FILLED_UP and row.align_bits % step and _may_be_bits(protocol, row):
+        what = f"bits: {form} fills the data up to whole bytes, so a server cannot tell how many bits this write is for"
+    elif "bytes" not in read and any(name in _padded(protocol, sent) for name in _holders_of_data(sent)):
+        what = "padding may follow the data, so a server cannot tell how many elements this write is for"
+    else:
+        return
+    todo = "each: {count: …}" if _list_names(row) else "count: …"
+    yield Problem(row.at, what, f"give count: put it into the request, or add back: {{{todo}}}, or client_only: yes")
+
+
+def _may_be_bits(protocol: Protocol, row: ServiceRow) -> bool:
+    """Whether the elements of a row are bits, for some request."""
+    if row.units and all(map(is_unit, row.units)) and not {"unit"} & {*row.back, *row.back_each}:
+        return "bit" in row.units
+    areas = [area for name, area in protocol.areas.items() if not row.areas or name in row.areas]
+    units = {unit for area in areas for unit in (area.unit, *area.codes)}
+    for form in protocol.addresses:
+        table = protocol.tables.get(form.units_table or "")
+        units |= {form.unit} if form.unit else set() if table is None else set(map(str, table.entries.values()))
+    return "bit" in units
+
+
+def _holders_of_data(values: Iterable[Value]) -> Iterator[str]:
+    """The fields that `data` is given to."""
+    for made in values:
+        if isinstance(made, (FrameOf, LayoutOf, RecordOf, EachOf)):
+            for name, value in made.fields.items():
+                if isinstance(value, Expression) and isinstance(value.root, Name) and value.root.name == "data":
+                    yield name
+            yield from _holders_of_data(made.fields.values())
+
+
+def _padded(protocol: Protocol, sent: list[Value]) -> set[str]:
+    """The data that are filled up with padding, in the frames and layouts of a request."""
+    frames = [protocol.frames.get(made.frame) for made in parts_of(sent, FrameOf)]
+    layouts = [protocol.layouts.get(made.layout) for made in parts_of(sent, LayoutOf)]
+    holders = [holder.segments for holder in (*frames, *layouts) if holder is not None]
+    return {one.name for one in parts_of(holders, Data) if one.pad is not None}
 
 
 def serves(protocol: Protocol) -> bool:

@@ -393,6 +393,11 @@ class ServeWork:
     each_as: str | None = key("as", TEXT, default=None)
     block: BlockWork | None = key("block", Form(here("block"), lambda r, node: r.loader.block(node)), default=None)
 
+    @property
+    def moves_data(self) -> bool:
+        """Whether this work transfers data itself, in place of the row."""
+        return any((self.write, self.span, self.update, self.read, self.each, self.block))
+
 
 def _most_variables(reading: KeyReading, node: Node) -> int:
     most = reading.reader.mapping(node).get("max")

@@ -525,6 +525,8 @@ class RowWriter:
             packer, unit = self.variable(), None
             self.out.add(f"{packer} = packers[{self.let(level, 'unit', f'{place}.unit')}]")
         start, data = values["start"], values.get("data")
+        if "count" not in values and data is None and "bits" in self.back:
+            self.let(level, "count", f"len({values['bits']})")
         if "count" not in values:
             size = values.get("bytes") or (None if data is None else f"len({data})")
             self.let(level, "count", "1" if size is None else f"{packer}.count_in({start}, int({size}))")

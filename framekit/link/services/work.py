@@ -156,7 +156,7 @@ class Work:
         self._values = ValueCompiler(shared.codec, shared.table.made)
         self._part = self.part_compiler(self._values, areas)
         self._holds = {name: (item.layout, item.type) for name, item in shared.protocol.state.items()}
-        self.moves_data = any((work.write, work.span, work.update, work.read, work.each, work.block))
+        self.moves_data = work.moves_data
         self._let = [(name, self._values.compile(value)) for name, value in work.let.items()]
         self._write = None if work.write is None else self._fields(work.write)
         self._span = None if work.span is None else self._fields(work.span)
