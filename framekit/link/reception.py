@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
-from framekit.codec.shown import explain
 from framekit.definition.times import NEVER
 from framekit.link.arrivals import BadFrame, FrameArrived, Noise, ToldBytes
 from framekit.link.events import LinkCounters, Reopen
@@ -17,7 +16,7 @@ from framekit.link.lanes import Lanes
 from framekit.link.receiver import Receiver
 from framekit.link.sequences.runtime import Machine
 from framekit.link.sequences.state import NOT_TAKEN, CallFrame, Run, State, frame_arriving, frame_gone
-from framekit.link.values import EVALUATION_ERRORS, FrameValue
+from framekit.link.values import FrameValue
 
 OnFrame = Callable[[FrameValue], None]
 
@@ -284,7 +283,7 @@ class Reception:
         while reading is not None:
             value = reading.value
             if value.frame in self._announcing:
-                self._announce(value)
+                self.machine.accept(value)
             if self.dispatcher.offer(value):
                 return
             reading = self.receiver.other_reading()
@@ -294,12 +293,6 @@ class Reception:
             self.unsolicited(event.value, is_late)
         if was_due and not late.until:
             self.lanes.release()
-
-    def _announce(self, value: FrameValue) -> None:
-        try:
-            self.machine.announce(value)
-        except EVALUATION_ERRORS as error:
-            self.machine.show("trouble", frame=value.frame, reason=explain(error))
 
     def unsolicited(self, value: FrameValue, is_late: bool = False) -> None:
         """A good frame that was not taken. A late reply is no frame that came by itself."""

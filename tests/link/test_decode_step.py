@@ -176,3 +176,13 @@ def test_only_bytes_can_be_decoded() -> None:
     broken.gets(piece(b"\x02\x00\x07", True))
     broken.run(50 * MS)
     assert broken.outcomes[0].outcome == "expression"
+
+
+def test_a_decoded_frame_announces() -> None:
+    text = PIECES.replace("  message: {from: server}", "  message: {from: server, announces: {seen: 'wire[0]'}}")
+    text = text.replace("sequences:\n", "state: {seen: {scope: line, type: u8}}\nsequences:\n", 1)
+    side = Side(text % "", "client")
+    side.ask()
+    side.gets(piece(b"\x02\x00\x07", True))
+    side.run(50 * MS)
+    assert side.engine.scope["seen"] == 2

@@ -9,6 +9,7 @@ from framekit.definition.check.interrupting import check_interrupting
 from framekit.definition.codings import Hex
 from framekit.definition.expression import Expression, Logic, names_in
 from framekit.definition.model.frames import (
+    WIRE,
     Frame,
     StaticSizes,
     all_fixed,
@@ -24,6 +25,7 @@ from framekit.definition.model.frames import (
     leaves,
     parts_of,
 )
+from framekit.definition.model.procedure import Decode
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import (
     LAST,
@@ -64,7 +66,7 @@ def check_frame(protocol: Protocol, frame: Frame, ends: FrameEnds) -> list[Probl
     found += _whole_size(frame, ends)
     found += _there_or_not(frame)
     found += _counted_and_open(protocol, frame, ends)
-    found += _keys(protocol, frame)
+    found += _keys(protocol, frame, ends)
     found += _inner(protocol, frame, ends)
     if frame.inside:
         found += check_interrupting(
@@ -73,7 +75,7 @@ def check_frame(protocol: Protocol, frame: Frame, ends: FrameEnds) -> list[Probl
     return found
 
 
-def _keys(protocol: Protocol, frame: Frame) -> Iterator[Problem]:
+def _keys(protocol: Protocol, frame: Frame, ends: FrameEnds) -> Iterator[Problem]:
     """Keys of a frame that need another one, or something elsewhere."""
     if not frame.segments and not frame.inner:
         yield Problem(frame.at, f"'{frame.name}' has no bytes", "add segments to body, or a group with a head")
@@ -91,9 +93,22 @@ def _keys(protocol: Protocol, frame: Frame) -> Iterator[Problem]:
         if variable is None:
             hint = did_you_mean(name, protocol.state) or f"add {name}: to state"
             yield Problem(expression.at, f"there is no variable '{name}' to announce", hint)
-        elif frame.inner or frame.side == "none":
+        elif frame.name not in ends.decoded and (frame.inner or frame.side == "none" or frame.name in ends.carried):
             what = f"'{frame.name}' stands inside other frames, so it announces nothing"
             yield Problem(expression.at, what, "let the frame around it announce, from its inner field")
+        for said in (expression,) if one.key is None else (expression, one.key):
+            yield from _two_of_wire(protocol, frame, said)
+
+
+def _two_of_wire(protocol: Protocol, frame: Frame, said: Expression) -> Iterator[Problem]:
+    """In what a frame announces `wire` is its bytes; something else of that name could not be told from them."""
+    if WIRE in names_in(said.root):
+        holder = f"'{frame.name}' has a value" if WIRE in field_names(frame.segments) else ""
+        for section in ("params", "state", "tables"):
+            holder = holder or (f"{section} has a name" if WIRE in getattr(protocol, section) else "")
+        if holder:
+            what = f"'{WIRE}' is the bytes of the whole frame here, and {holder} '{WIRE}' too"
+            yield Problem(said.at, what, "give that another name")
 
 
 def _inner(protocol: Protocol, frame: Frame, ends: FrameEnds) -> Iterator[Problem]:
@@ -452,6 +467,9 @@ class FrameEnds:
     def __init__(self, protocol: Protocol) -> None:
         self.frames = protocol.frames
         self.sizes = StaticSizes(protocol.frames)
+        sequences = tuple(protocol.sequences.values())
+        self.decoded = frozenset(name for part in parts_of(sequences, Decode) for name in part.frames)
+        """The frames that steps make of bytes."""
 
     @cached_property
     def carried(self) -> frozenset[str]:

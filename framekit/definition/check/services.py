@@ -6,7 +6,7 @@ A server can tell from a request what it asks for, and comes to every row.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -366,7 +366,7 @@ _FILLED_UP = ("packed", "aligned", "nibble_each")
 
 def _uncounted(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
     """Data with more after them than what is written, and no count: a server would write that into the next places."""
-    sent = [row.request, *([row.buffer] if row.buffer is not None else [])]
+    sent = [part for part in (row.request, row.buffer) if part is not None]
     found = (inverse_steps(leaf) for leaf in _compared(sent))
     read = {*row.back, *row.back_each, *(one[0] for one in found if one is not None)}
     if read & {"count", "bits"} or not read & {"data", "bytes"}:

@@ -33,14 +33,14 @@ from framekit.definition.expression import (
     Unary,
 )
 from framekit.definition.keys import ValueKind, expressions_with_kinds
-from framekit.definition.kinds.base import Segment, Segments
+from framekit.definition.kinds.base import Segment, Segments, constant_number
 from framekit.definition.model.frames import WIRE, Frame, certain, expressions_of, field_names, flat, parts_of
 from framekit.definition.model.procedure import Action, Row, Sequence, Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import Parameter, StateVariable
 from framekit.definition.model.segments import INDEX, LAST, PREVIOUS
 from framekit.definition.model.services import ServiceRow
-from framekit.definition.model.values import FrameOf, Table
+from framekit.definition.model.values import FrameOf, Table, Value
 from framekit.definition.problems import Position, Problem, did_you_mean
 
 Kind = ValueKind
@@ -611,12 +611,7 @@ class _Kinds:
     def _announces(self, frame: Frame) -> None:
         checker = self._checker({**field_kinds(frame.segments), WIRE: "bytes"})
         for one in frame.announces:
-            variable = self.protocol.state.get(one.name)
-            if variable is None or variable.keys is not None:
-                checker.kind(one.value)
-            else:
-                checker.wants(one.value, kind_of_state(variable))
-            checker.wants(one.key, "any")
+            self._set(checker, self.protocol.state.get(one.name), one.key, one.value)
 
     # ---- sequences ----------------------------------------------------------------------------------------
 
@@ -687,14 +682,39 @@ class _Kinds:
             wanted: Kind = "any"
             if target.name in self.local:
                 pass  # it goes before a variable of the state
-            elif target.field is None and variable is not None and not variable.values and variable.layout is None:
-                wanted = kind_of_variable(variable.type) if target.key is not None or variable.keys is None else "any"
+            elif target.field is None and variable is not None:
+                self._set(checker, variable, target.key, value)
+                continue
             elif target.field is None and target.key is None and parameter is not None:
                 wanted = kind_of_variable(parameter.type)
             if isinstance(value, Expression):
                 checker.wants(value, wanted if wanted not in ("list", "frame") else "any")
             else:
                 self._made(checker, [value])
+
+    def _set(self, checker: KindChecker, variable: StateVariable | None, key: Expression | None, value: Value) -> None:
+        """What a variable of the state, or its entry `key`, becomes: of its kind, a number that it holds."""
+        wanted: Kind = "any"
+        if variable is not None and not variable.values and variable.layout is None:
+            wanted = kind_of_variable(variable.type) if key is not None or variable.keys is None else "any"
+        if isinstance(value, Expression):
+            checker.wants(value, wanted if wanted not in ("list", "frame") else "any")
+        else:
+            self._made(checker, [value])
+        if key is not None and variable is not None and variable.keys is not None:
+            checker.wants(key, "number")
+            self._never_in(key, variable.keys, f"'{variable.name}' has the keys")
+        if variable is not None and variable.type[0] in "ui" and variable.type[1:].isdigit():
+            bits = int(variable.type[1:])
+            low, high = (0, (1 << bits) - 1) if variable.type[0] == "u" else (-(1 << bits - 1), (1 << bits - 1) - 1)
+            self._never_in(value, (low, high), f"'{variable.name}' holds")
+
+    def _never_in(self, value: Value, limits: tuple[int, int], holder: str) -> None:
+        """A number that stands there, and is outside of the limits."""
+        number = constant_number(value) if isinstance(value, Expression) else None
+        if number is not None and isinstance(value, Expression) and not limits[0] <= number <= limits[1]:
+            what = f"{number} does not fit: {holder} {limits[0]} to {limits[1]}"
+            self.found.append(Problem(value.at, what, "correct one of them"))
 
     # ---- constructors -------------------------------------------------------------------------------------
 

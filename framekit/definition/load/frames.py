@@ -571,7 +571,7 @@ class FrameLoader:
             tail=tail,
             inner=outline.inner,
             echo=self._echo(keys.get("echo")),
-            announces=tuple(self._announced(entry) for entry in reader.entries(keys.get("announces"))),
+            announces=tuple(self._announced(reader.entries(keys.get("announces")))),
             delimited=reader.flag(keys.get("delimited")),
             surplus=reader.maybe(reader.number, keys.get("surplus")),
             size=reader.maybe(reader.bytes_at_most, keys.get("size")),
@@ -591,11 +591,15 @@ class FrameLoader:
             entry.key.text in GROUP_KEYS for value in values if isinstance(value, Mapping) for entry in value.entries
         )
 
-    def _announced(self, entry: Entry) -> Announced:
-        """`variable: EXPR` or `table[EXPR]: EXPR`."""
-        name, bracket, key = entry.key.text.strip().partition("[")
-        told = self.reader.expression_text(key.rstrip().removesuffix("]"), entry.key.at) if bracket else None
-        return Announced(name.strip(), self.reader.expression(entry.value), told)
+    def _announced(self, entries: Iterable[Entry]) -> Iterator[Announced]:
+        """`variable: EXPR` or `table[EXPR]: EXPR`; those that are broken are left out after their problem is noted."""
+        for entry in entries:
+            with self.reader.going_on():
+                name, key, field = self.reader.target(entry.key)
+                if field is not None:
+                    what = f"'{entry.key.text}' is a field, and a frame announces variables and entries of tables"
+                    raise self.reader.broken(entry.key.at, what, "set it in the row that takes the frame")
+                yield Announced(name, self.reader.expression(entry.value), key)
 
     def _echo(self, node: Node | None) -> dict[str, Expression]:
         if isinstance(node, Mapping):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from typing import TypeVar
 
@@ -25,8 +24,6 @@ from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, 
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar
 from framekit.definition.problems import did_you_mean
 from framekit.definition.tree import Sequence as Items
-
-_TARGET = re.compile(r"(?P<name>\w+)(?:\[(?P<key>.*)\])?(?:\.(?P<field>\w+))?")
 
 
 class ValueLoader:
@@ -105,17 +102,8 @@ class ValueLoader:
         return tuple((self.target(entry.key), self.value(entry.value)) for entry in self.reader.entries(node))
 
     def target(self, key: Scalar) -> Target:
-        match = _TARGET.fullmatch(key.text.strip())
-        if match is None:
-            raise self.reader.broken(
-                key.at, f"'{key.text}' cannot be set", "name a variable, table[key] or frame.field – quote it in YAML"
-            )
-        index = match["key"]
-        return Target(
-            match["name"],
-            None if index is None else self.reader.expression_text(index, key.at),
-            match["field"],
-        )
+        name, index, field = self.reader.target(key)
+        return Target(name, index, field)
 
     def expressions(self, node: Node | None, besides: str = "") -> dict[str, Expression]:
         """The expressions of a mapping by name; what stands at the key `besides` is read elsewhere."""

@@ -154,6 +154,16 @@ class Reader:
             self.problems.append(error.problem)
             raise Broken(str(error)) from None
 
+    def target(self, key: Scalar) -> tuple[str, Expression | None, str | None]:
+        """What is set: the name of a variable, the key of a table (`name[key]`), the field of a record (`….field`)."""
+        match = _TARGET.fullmatch(key.text)
+        if match is None:
+            todo = "name a variable, table[key] or frame.field – quote it in YAML"
+            raise self.broken(key.at, f"'{key.text}' cannot be set", todo)
+        first, index = inside(key), match["key"]
+        at = Position(first.file, first.line, first.column + match.start("key"))
+        return match["name"], None if index is None else self.expression_text(index, at), match["field"]
+
     def maybe(self, read: Callable[[Node], T], node: Node | None) -> T | None:
         return None if node is None else read(node)
 
@@ -207,6 +217,7 @@ CONTROL_NAMES |= {"SP": 0x20, "DEL": 0x7F, "TAB": 0x09, "XON": 0x11, "XOFF": 0x1
 
 FLAGS = {"yes": 1, "true": 1, "on": 1, "no": 0, "false": 0, "off": 0}
 
+_TARGET = re.compile(r"\s*(?P<name>\w+)(?:\[(?P<key>.*)\])?(?:\.(?P<field>\w+))?\s*")
 _NUMBER = re.compile(r"[-+]?(?:0[xX][0-9a-fA-F]+|\d+)")
 
 

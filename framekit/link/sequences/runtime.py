@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Collection, Mapping
 from functools import partial
-from typing import Any, cast
+from typing import Any
 
 from framekit.codec.errors import FrameError
 from framekit.codec.shown import code_text, explain
@@ -218,6 +218,13 @@ class Machine:
         info = self.table.infos.get(value.frame)
         if info is not None and info.announces:
             announce(info.announces, value, self.scope)
+
+    def accept(self, value: FrameValue) -> None:
+        """What a frame that came says about later ones; what cannot be worked out is shown."""
+        try:
+            self.announce(value)
+        except EVALUATION_ERRORS as error:
+            self.show("trouble", frame=value.frame, reason=explain(error))
 
     def put_out(self, run: Run, data: bytes, value: FrameValue, repeated: bool = False) -> None:
         """Gives the bytes of a frame to the line, and shows it."""
@@ -795,12 +802,17 @@ def decoded(a: CallFrame, frames: tuple[str, ...], data: Any) -> FrameValue | No
     raw, found = bytes(data), list[tuple[int, str, FrameError]]()
     for name in sorted(frames, key=lambda one: table.infos[one].refuse is not None):
         try:
-            return cast(FrameValue, table.received(name, table.infos[name].decode(raw, names), raw, None))
+            value: FrameValue = table.received(name, table.infos[name].decode(raw, names), raw, None)
         except FrameError as error:
             if error.refuse is not None:
-                return cast(FrameValue, table.received(name, dict(error.fields), raw, error.refuse))
+                value = table.received(name, dict(error.fields), raw, error.refuse)
+                machine.accept(value)
+                return value
             first = error.also or error
             found.append((len(raw) if first.cause == "check" else first.offset, name, error))
+        else:
+            machine.accept(value)
+            return value
     _, frame, fault = max(found, key=lambda one: one[0])  # the first of those that got furthest
     a.cause, a.frame, run.state = fault.cause, frame, GOING
     run.cause = f"{frame}: {fault}"
