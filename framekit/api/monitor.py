@@ -21,6 +21,7 @@ from framekit.link.scope import Scope
 from framekit.link.values import EVALUATION_ERRORS
 from framekit.link.variables import ParameterError
 from framekit.run.block_state import BlockStatus
+from framekit.run.status import USER_DEFINED
 from framekit.service.capture import Capture, CaptureDecoder, CaptureReader
 from framekit.service.driver import Driver, LineLoad
 from framekit.transport.clock import AsyncioClock, Clock, VirtualClock
@@ -30,7 +31,6 @@ from framekit.transport.schemes import make_listener, open_port, scheme_of
 from framekit.transport.simulated_line import SimulatedLine
 
 UNKNOWN = "unknown"
-USER_DEFINED = "user-defined"
 KEPT = 10_000
 """So many entries are kept; older ones are dropped and counted."""
 FAULTY = ("bad", "noise", "trouble")

@@ -5,15 +5,14 @@ from __future__ import annotations
 import asyncio
 import re
 import weakref
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from framekit.api.errors import NoReplyError, RequestError
 from framekit.api.loop_thread import LoopStoppedError, LoopThread, Stopping
 from framekit.api.memory import Do, Memory
-from framekit.api.monitor import USER_DEFINED, LineOf
+from framekit.api.monitor import LineOf
 from framekit.api.points import RunPoints
 from framekit.codec.shown import explain
 from framekit.definition.problems import DefinitionError
@@ -22,135 +21,25 @@ from framekit.link.events import Seen
 from framekit.run.block_state import BlockStatus
 from framekit.run.edit import Edit as Edit
 from framekit.run.edit import RemovedBlocks as RemovedBlocks
-from framekit.run.job_table import Event, TableCounters
 from framekit.run.job_table import JobStatus as JobStatus
 from framekit.run.model import BLOCKS_IN_SET, POINTS_SET, Channel, OwnPlace
 from framekit.run.model import Block as Block
 from framekit.run.model import RunModel as RunModel
 from framekit.run.own_memory import stored_by
+from framekit.run.status import ChannelStatus as ChannelStatus
+from framekit.run.status import JobsStatus as JobsStatus
+from framekit.run.status import RunStatus as RunStatus
+from framekit.run.status import SinkStatus as SinkStatus
 from framekit.runfile.run_file import load_run
 from framekit.service.capture import Capture
 from framekit.service.channel import ChannelService
 from framekit.service.run import RunService
 from framekit.service.state import StateError
+from framekit.service.status import run_status as run_status
 from framekit.transport.clock import AsyncioClock, Clock, VirtualClock
 
 if TYPE_CHECKING:
-    from framekit.definition.times import LineSettings
-    from framekit.run.job_table import JobTable
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ChannelStatus:
-    """A channel: what it is (module information), and what it has done (service status).
-
-    `driver`: protocol and role, or user-defined; `line`: speed and format, '' on connections; `line_type`:
-    kind of interface and half duplex, '' where nothing is said of it; `mode`: run or stop;
-    `state`: open, or why not. `services` and `errors` count exchanges that ended, of blocks and of jobs, and requests
-    that were served here; `reasons` the errors by outcome.
-    `frames_in` are good frames by themselves, `bad` and `noise_bytes` what was none. `load`: the part of the time that
-    the line was busy, None without a speed.
-    """
-
-    number: int
-    port: str
-    driver: str
-    role: str | None
-    station: Any
-    line: str
-    line_type: str
-    mode: str
-    state: str
-    blocks: int
-    services: int
-    errors: int
-    reasons: Mapping[str, int]
-    frames_in: int
-    bad: int
-    noise_bytes: int
-    bytes_in: int
-    bytes_out: int
-    load: float | None
-    reopenings: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class JobsStatus:
-    """The jobs of a run: their slots, the last events, oldest first, of `events` there were, and counted commands."""
-
-    slots: tuple[JobStatus, ...]
-    log: tuple[Event, ...]
-    events: int
-    counters: TableCounters
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RunStatus:
-    """Everything at one moment; `at` is in nanoseconds of the run's clock. `jobs`: None where the run has none.
-
-    `removed`: what blocks counted that edits took out; the channels' totals have it too.
-    """
-
-    run: str
-    at: int
-    running: bool
-    channels: tuple[ChannelStatus, ...]
-    blocks: tuple[BlockStatus, ...]
-    jobs: JobsStatus | None = None
-    removed: tuple[RemovedBlocks, ...] = ()
-
-
-def run_status(service: RunService) -> RunStatus:
-    """How a run and its channels and blocks are doing now."""
-    now = service.clock.now()
-    return RunStatus(
-        run=service.run.name,
-        at=now,
-        running=service.running,
-        channels=tuple(_channel_status(service, channel, now) for channel in service.channels.values()),
-        blocks=tuple(service.status()),
-        jobs=None if service.jobs is None else _jobs_status(service.jobs.table),
-        removed=tuple(replace(one, reasons=one.reasons.copy()) for one in service.removed),
-    )
-
-
-def _jobs_status(table: JobTable) -> JobsStatus:
-    counters = replace(table.counters, kinds=dict(table.counters.kinds))
-    return JobsStatus(slots=tuple(table.status()), log=tuple(table.log), events=table.log.total, counters=counters)
-
-
-def _channel_status(service: RunService, at_work: ChannelService, now: int) -> ChannelStatus:
-    channel, counters, load = at_work.channel, at_work.engine.counters, at_work.driver.load
-    states = [state for state in service.states.values() if state.block.channel == channel.number]
-    removed = service.removed.of(channel.number)
-    reasons = removed.reasons.copy()
-    for state in states:
-        reasons.update(state.reasons)
-    protocol = channel.protocol
-    beside = at_work.counters.reasons(protocol)
-    reasons.update(beside)
-    return ChannelStatus(
-        number=channel.number,
-        port=channel.port,
-        driver=USER_DEFINED if protocol.frames_alone else protocol.name,
-        role=channel.role,
-        station=channel.own,
-        line="" if channel.line is None else str(channel.line),
-        line_type=line_type(channel.wiring),
-        mode="run" if service.running else "stop",
-        state=at_work.state,
-        blocks=len(states),
-        services=removed.done + sum(state.done for state in states) + at_work.counters.services,
-        errors=removed.failed + sum(state.failed for state in states) + beside.total(),
-        reasons=dict(reasons),
-        frames_in=counters.received,
-        bad=counters.bad,
-        noise_bytes=counters.noise_bytes,
-        bytes_in=load.bytes_in,
-        bytes_out=load.bytes_out,
-        load=load.share(now),
-        reopenings=at_work.driver.reopenings,
-    )
+    pass
 
 
 MOST_WORDS = 12
@@ -177,12 +66,6 @@ def _stored_by(service: RunService, block: Block) -> Iterable[tuple[OwnPlace, in
         return ()
     frames = service.channels[block.channel].channel.protocol.frames if block.frame is not None else {}
     return stored_by(block, frames)
-
-
-def line_type(wiring: LineSettings) -> str:
-    """What is said of the wiring, in words; '' for a plain port."""
-    kind = {"rs232": "RS-232", "rs422": "RS-422", "rs485": "RS-485"}.get(wiring.type or "", "")
-    return f"{kind} half duplex".lstrip() if wiring.half_duplex else kind
 
 
 COMMANDS = "fire N, enable N, disable N (a block, SET.BLOCK, set N or channel N), reset or stop"

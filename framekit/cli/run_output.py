@@ -86,6 +86,7 @@ def _load_data(one: BlockLoad) -> dict[str, Any]:
     }
 
 
+SINK_HEAD = ("sink", "to", "taken", "waiting", "dropped", "problem")
 CHANNEL_HEAD = (
     "channel", "driver", "station", "line", "mode", "state", "services", "errors", "frames", "bad", "line load", "why",
 )  # fmt: skip
@@ -98,6 +99,12 @@ def status_text(status: RunStatus, began: int) -> str:
     parts = [table([channel_row(one) for one in status.channels], CHANNEL_HEAD)] if status.channels else []
     blocks = [block_row(one) for one in status.blocks]
     parts.append(table([*blocks, *(removed_row(one) for one in status.removed)], BLOCK_HEAD))
+    if status.sinks:
+        rows = [
+            (one.kind, one.target, str(one.written), str(one.waiting), str(one.dropped), one.problem or "-")
+            for one in status.sinks
+        ]
+        parts.append(table(rows, SINK_HEAD))
     if status.jobs is not None:
         parts += jobs_text(status.jobs, began)
     return "\n\n".join(parts)
@@ -179,6 +186,8 @@ def status_data(status: RunStatus, began: int) -> dict[str, Any]:
     channels = [_plain(asdict(one)) for one in status.channels]
     time = (status.at - began) / 1e9
     shown = {"event": "status", "time": time, "run": status.run, "channels": channels, "blocks": blocks}
+    if status.sinks:
+        shown["sinks"] = [asdict(one) for one in status.sinks]
     if status.removed:
         shown["removed"] = [asdict(one) for one in status.removed]
     return shown if status.jobs is None else shown | {"jobs": _jobs_data(status.jobs, began)}

@@ -18,7 +18,7 @@ from typing import TypeAlias
 
 from framekit.codec.shown import code_text
 from framekit.link.services.client import TransferResult
-from framekit.run.model import STATIONED, Block, block_id
+from framekit.run.model import STATIONED, Block, block_id, block_label
 from framekit.run.triggers import ArmedTriggers
 
 TABLE = Path(__file__).with_name("error_codes.csv")
@@ -152,6 +152,11 @@ class BlockStatus:
     def id(self) -> int:
         """One number for set and block."""
         return block_id(self.set, self.block)
+
+    @property
+    def label(self) -> str:
+        """The block as people write it."""
+        return block_label(self.set, self.block)
 
     @property
     def running(self) -> bool:

@@ -268,6 +268,13 @@ POINTS_AREA = "(points)"
 """The area of memory in which points stand that are read from a channel; no address names it."""
 
 
+def block_label(set_: int, number: int) -> str:
+    """A block as people write it: `5`, `2.5` for block 5 of set 2, `p5` for one that reads points."""
+    if set_ == POINTS_SET:
+        return f"p{number}"
+    return str(number) if set_ == 1 else f"{set_}.{number}"
+
+
 def block_id(set_number: int, number: int) -> int:
     """One number for set and block: that of the block in set 1, and 64 more for each further set.
 
@@ -375,10 +382,8 @@ class Block:
 
     @property
     def label(self) -> str:
-        """As people write it: `5`, `2.5` for block 5 of set 2, `p5` for one that reads points."""
-        if self.set == POINTS_SET:
-            return f"p{self.number}"
-        return str(self.number) if self.set == 1 else f"{self.set}.{self.number}"
+        """As people write it."""
+        return block_label(self.set, self.number)
 
     @property
     def what(self) -> str:

@@ -131,7 +131,7 @@ class RunLoader:
             blocks=(*found, *reads),
             sets=sets,
             points=named,
-            sinks=SinksLoader(self.reader, self.path.parent, named, "" if state is None else state.file).load(
+            sinks=SinksLoader(self.reader, self.path, named, "" if state is None else state.file).load(
                 self.root.get("sinks")
             ),
             points_words=points_words,

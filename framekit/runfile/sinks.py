@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from framekit.definition.keys import read_part
 from framekit.definition.load.documents import without_effect
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Mapping, Node, unread
-from framekit.definition.problems import did_you_mean
+from framekit.definition.problems import Position, did_you_mean
 from framekit.definition.times import NEVER
 from framekit.run.model import Point
 from framekit.sinks import SINKS, SinkKind
 from framekit.sinks.base import fits
+from framekit.sinks.store import NetworkSink
 
 SHORTEST = 100_000_000
 """Values are not taken more often than this (ns); each change is told where no period is given."""
@@ -28,10 +30,11 @@ def _of_period(kind: SinkKind) -> Iterator[tuple[str, str, str]]:
 
 
 class SinksLoader:
-    """Reads the sinks of a run in `folder`. `state`: the file in which it keeps its state, if any."""
+    """Reads the sinks of the run in the file `path`. `state`: the file in which it keeps its state, if any."""
 
-    def __init__(self, reader: Reader, folder: Path, points: Sequence[Point], state: str = "") -> None:
-        self.reader, self.folder = reader, folder
+    def __init__(self, reader: Reader, path: Path, points: Sequence[Point], state: str = "") -> None:
+        self.reader, self.folder, self.points = reader, path.parent, points
+        folder, self.name = path.parent, path.name.removesuffix(path.suffix).removesuffix(".run")
         self.names = [point.name for point in points]
         self.taken: dict[str, str] = {os.path.abspath(folder / state): "where the state is kept"} if state else {}
 
@@ -51,7 +54,12 @@ class SinksLoader:
             raise Broken("the schema has told that this is no sink")
         kind = read_part(SINKS[words[0]], self, keys)
         self.reader.problems.extend(without_effect(entry, f"in a sink of {words[0]}") for _, entry in unread(keys))
-        for name, what, todo in (*_of_period(kind), *kind.mistakes()):
+        wrong = [*_of_period(kind), *kind.mistakes(self.points)]
+        if isinstance(kind, NetworkSink):
+            wrong += kind.mistakes_of_store()
+            if not kind.store:
+                kind = replace(kind, store=self._own_file(f"{self.name}.{words[0]}.db", keys.at, "give store: a file"))
+        for name, what, todo in wrong:
             self.reader.note((keys.value(name) or keys).at, what, todo)
         return kind
 
@@ -60,13 +68,17 @@ class SinksLoader:
         name = self.reader.text(node).strip()
         if not name:
             raise self.reader.broken(node.at, "this is no file", "write a name")
-        path = self.folder / name
-        if path.suffix in (".yaml", ".yml"):
+        if Path(name).suffix in (".yaml", ".yml"):
             raise self.reader.broken(node.at, f"'{name}' is a name of definitions and runs", "name another file")
+        return self._own_file(name, node.at, "name another file")
+
+    def _own_file(self, name: str, at: Position, todo: str) -> str:
+        """A file that nothing else of the run has. Raises Broken."""
+        path = self.folder / name
         whole = os.path.abspath(path)
         if whole in self.taken:
-            raise self.reader.broken(node.at, f"'{name}' is {self.taken[whole]} already", "name another file")
-        self.taken[whole] = f"the file of a sink in line {node.at.line}"
+            raise self.reader.broken(at, f"'{name}' is {self.taken[whole]} already", todo)
+        self.taken[whole] = f"the file of a sink in line {at.line}"
         return str(path)
 
     def patterns(self, node: Node) -> tuple[str, ...]:

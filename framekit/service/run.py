@@ -38,8 +38,9 @@ from framekit.service.client import ClientService
 from framekit.service.device import DeviceService
 from framekit.service.jobs import JobService, ResolveHost, resolver_for
 from framekit.service.points import PointService
-from framekit.service.sinks import SinkService
+from framekit.service.sinks import SinkHost, SinkService
 from framekit.service.state import StateFile, StateKeeper
+from framekit.service.status import run_status
 from framekit.transport.clock import Clock, date_at
 
 log = logging.getLogger(__name__)
@@ -222,7 +223,8 @@ class RunService(ChannelOwner):
         put_values(self.memory, run.initial)
         self.points = PointService(run, self.memory, clock, self.loop.wake, self.fire)
         self._has_points = bool(run.points)
-        self.sinks = SinkService(run.sinks, run.points, self.points.table, clock)
+        host = SinkHost(run.name, clock, self.points, partial(run_status, self))
+        self.sinks = SinkService(run.sinks, run.points, self.points.table, clock, host)
         self.keeper = self._keeper()
         awaited = self._awaited()
         self.system = SystemBits(self.memory, run.memory, self._bit, awaited, date_at(clock))

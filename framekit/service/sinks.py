@@ -1,7 +1,7 @@
 """Sinks at work: each takes values in a thread of its own, so that a slow or dead one never holds a line up.
 
-What a sink cannot take waits in memory, the oldest is dropped when too much waits, and what is dropped is counted. On
-simulated time there are no threads: a sink is called at once.
+What a sink cannot take waits (`waiting.py`), the oldest is dropped when too much waits, and what is dropped is counted.
+On simulated time there are no threads: a sink is called at once.
 """
 
 from __future__ import annotations
@@ -9,58 +9,120 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
+from typing import Any
 
+from framekit.run.block_state import Failure
 from framekit.run.model import Point
 from framekit.run.points import PointTable, PointValue
+from framekit.run.status import RunStatus, SinkStatus
+from framekit.service.points import PointService
+from framekit.service.waiting import AT_ONCE, Waiting
 from framekit.sinks import Sink, SinkKind
 from framekit.sinks.base import Sampled, fits
+from framekit.sinks.store import NetworkSink, Store
 from framekit.transport.clock import AsyncioClock, Clock, Handle
 
 log = logging.getLogger(__name__)
 
-MOST_WAITING = 100_000
-"""Samples that wait for a sink at most."""
+LONGEST_ANSWER = 2.0
+"""Seconds in which a run says how it is doing."""
 
-AT_ONCE = 1_000
-"""Samples that a sink is given at once at most."""
+MOST_COMMANDS = 1_000
+"""So many values that sinks want written are under way at most."""
 
 LONGEST_WAIT = 30.0
 AT_END = 5.0
 """Seconds: between two tries of a sink that fails, and for what waits when the run ends."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SinkStatus:
-    """A sink: its kind and target, the samples it has taken, that wait, that were dropped, and what is wrong now."""
+class SinkHost:
+    """A run, as its sinks see it from their threads."""
 
-    kind: str
-    target: str
-    written: int
-    waiting: int
-    dropped: int
-    problem: str = ""
+    def __init__(
+        self, run: str, clock: Clock, points: PointService | None = None, status: Callable[[], RunStatus] | None = None
+    ) -> None:
+        self.run = run
+        self._clock, self._points, self._status = clock, points, status
+        self._under_way = 0
+
+    def _soon(self, action: Callable[[], object]) -> None:
+        """Does something in the run's thread. Raises TimeoutError when the run has ended."""
+        if not isinstance(self._clock, AsyncioClock):
+            action()
+            return
+        try:
+            self._clock.loop.call_soon_threadsafe(action)
+        except RuntimeError:
+            raise TimeoutError("the run has ended") from None
+
+    def status(self) -> RunStatus:
+        """How the run is doing now. Raises TimeoutError."""
+        found: Future[RunStatus] = Future()
+        ask = self._status
+        assert ask is not None
+
+        def answer() -> None:
+            try:
+                found.set_result(ask())
+            except Exception as error:
+                found.set_exception(error)
+
+        self._soon(answer)
+        return found.result(LONGEST_ANSWER)
+
+    def write(self, point: str, value: Any, who: str, told: Callable[[str], None]) -> None:
+        """Has a point written; `told` hears why not, or ''."""
+
+        def refuse(why: str) -> None:
+            log.warning("point %s: %r was refused to %s: %s", point, value, who, why)
+            told(why)
+
+        def written(failure: Failure | None) -> None:
+            self._under_way -= 1
+            told("" if failure is None else f"it was not written: {failure}")
+
+        def write() -> None:
+            if self._under_way >= MOST_COMMANDS:
+                refuse(f"{MOST_COMMANDS} values wait to be written")
+                return
+            self._under_way += 1
+            try:
+                assert self._points is not None
+                self._points.write(point, value, who, written)
+            except (ValueError, ArithmeticError) as error:
+                self._under_way -= 1
+                refuse(str(error))
+
+        try:
+            self._soon(write)
+        except TimeoutError as error:
+            refuse(str(error))
 
 
 class SinkFeeder:
     """Feeds one sink. `threaded`: in a thread of its own."""
 
-    def __init__(self, kind: SinkKind, points: Sequence[Point], threaded: bool) -> None:
+    def __init__(self, kind: SinkKind, points: Sequence[Point], threaded: bool, host: SinkHost | None = None) -> None:
         self.kind = kind
         self.points = [point for point in points if any(fits(pattern, point.name) for pattern in kind.points)]
         self.names = frozenset(point.name for point in self.points)
         self._sink: Sink = kind.make()
         self._threaded = threaded
-        self._waiting: deque[Sampled] = deque()
-        self._change = threading.Condition()
+        self._host = host
+        self._change = threading.Condition(threading.RLock())
+        self._is_stored = isinstance(kind, NetworkSink)
+        store = Store(Path(kind.store), kind.most) if isinstance(kind, NetworkSink) else None
+        self._waiting = Waiting(store, threaded, self._change, self._tell_of_store)
         self._ending = False
         self._is_open = False
         self._thread: threading.Thread | None = None
-        self._written = self._dropped = 0
-        self._problem = ""
+        self._written = 0
+        self._problem = self._store_problem = self._lost = ""
 
     @property
     def status(self) -> SinkStatus:
@@ -68,87 +130,113 @@ class SinkFeeder:
         with self._change:
             return SinkStatus(
                 kind=self.kind.word, target=self.kind.target, written=self._written, waiting=len(self._waiting),
-                dropped=self._dropped, problem=self._problem,
+                dropped=self._waiting.dropped, problem=self._store_problem or self._problem,
             )  # fmt: skip
 
     def start(self) -> None:
-        """From now on it takes samples."""
+        """From now on it takes samples; what an earlier run has left is sent first."""
+        if self._host is not None:
+            self._sink.meet(_Meeting(self._host, self.lost))
+        self._waiting.start()
         if self._threaded:
             name = f"framekit sink {self.kind.word}"
             self._thread = threading.Thread(target=self._run, name=name, daemon=True)
             self._thread.start()
+        else:
+            self._feed()
 
     def put(self, sample: Sampled) -> None:
         """One more sample; never waits for the sink."""
-        with self._change:
-            if len(self._waiting) >= MOST_WAITING:
-                self._waiting.popleft()
-                self._dropped += 1
-            self._waiting.append(sample)
-            self._change.notify()
+        self._waiting.put(sample)
         if not self._threaded:
             self._feed()
 
+    def lost(self, problem: str) -> None:
+        """The sink has lost its server."""
+        with self._change:
+            self._lost = problem
+            self._change.notify_all()
+
     def end(self) -> None:
         """Nothing more comes: what waits is written, and that is the end."""
+        self._waiting.end(AT_END)
         with self._change:
             self._ending = True
-            self._change.notify()
+            self._change.notify_all()
 
     def stop(self, within: float = AT_END) -> None:
-        """Waits for the end for so many seconds; what then still waits is dropped."""
+        """Waits for the end for so many seconds; what then still waits stays in its store, or is dropped."""
         self.end()
         if self._thread is not None:
             self._thread.join(within)
         else:
             self._feed()
             self._close()
-        with self._change:
-            self._dropped += len(self._waiting)
-            self._waiting.clear()
+        self._waiting.close()
 
     # ---- in the thread ------------------------------------------------------------------------------------
 
     def _run(self) -> None:
         pause = 0.0
+        went_well = self._feed()  # opens it
         while True:
+            pause = 0.0 if went_well else min(max(1.0, 2 * pause), LONGEST_WAIT)
             with self._change:
                 if pause:  # values that come meanwhile do not make it shorter
                     self._change.wait_for(lambda: self._ending, pause)
                 else:
-                    self._change.wait_for(lambda: self._ending or self._waiting)
+                    self._change.wait_for(lambda: self._ending or self._waiting.has_some or self._lost)
                 ending = self._ending
             went_well = self._feed()
             if ending:
                 break
-            pause = 0.0 if went_well else min(max(1.0, 2 * pause), LONGEST_WAIT)
         self._close()
 
     def _feed(self) -> bool:
         """Gives the sink what waits; False when it has failed."""
         while True:
-            with self._change:
-                samples = [self._waiting[at] for at in range(min(AT_ONCE, len(self._waiting)))]
-                dropped = self._dropped
+            start, samples = self._waiting.first(AT_ONCE)
+            if self._is_stored:  # an earlier run may have had other points
+                samples = [self._known(one) for one in samples]
             try:
+                if self._lost and self._is_open:
+                    raise ConnectionError(self._lost)
                 if not self._is_open:
+                    self._lost = ""
                     self._sink.open(self.points)
                     self._is_open = True
                 if not samples:
+                    self._mended()
                     return True
                 taken = self._sink.write(samples)
                 if not isinstance(taken, int) or not 1 <= taken <= len(samples):
                     raise ValueError(f"write took {taken!r} of {len(samples)} samples")
+                self._waiting.done(start, taken)
             except Exception as error:  # a sink is anybody's: whatever it raises, lines go on
                 self._fail(_in_words(error))
                 return False
             with self._change:
-                lost = self._dropped - dropped  # of these, while they were written
-                for _ in range(taken - lost):
-                    self._waiting.popleft()
-                self._dropped -= min(lost, taken)
                 self._written += taken
-                self._problem = ""
+            self._mended()
+
+    def _known(self, sample: Sampled) -> Sampled:
+        """The values of points that there are."""
+        if all(one.name in self.names for one in sample.values):
+            return sample
+        return sample._replace(values=tuple(one for one in sample.values if one.name in self.names))
+
+    def _tell_of_store(self, problem: str) -> None:
+        with self._change:
+            told, self._store_problem = self._store_problem, problem
+        if problem and told != problem:
+            log.warning("sink %s %s: %s", self.kind.word, self.kind.target, problem)
+
+    def _mended(self) -> None:
+        """All is well."""
+        with self._change:
+            told, self._problem = self._problem, ""
+        if told:
+            log.info("sink %s %s: it takes values again", self.kind.word, self.kind.target)
 
     def _fail(self, problem: str) -> None:
         self._close()
@@ -165,19 +253,39 @@ class SinkFeeder:
             log.warning("sink %s %s: %s", self.kind.word, self.kind.target, _in_words(error))
 
 
+@dataclass(frozen=True, slots=True)
+class _Meeting:
+    """The run as one sink sees it."""
+
+    host: SinkHost
+    lost: Callable[[str], None]
+
+    @property
+    def run(self) -> str:
+        return self.host.run
+
+    def status(self) -> RunStatus:
+        return self.host.status()
+
+    def write(self, point: str, value: Any, who: str, told: Callable[[str], None]) -> None:
+        self.host.write(point, value, who, told)
+
+
 def _in_words(error: Exception) -> str:
     """What went wrong, as the system or the library says it."""
-    words = error.strerror if isinstance(error, OSError) else str(error)
-    return words or type(error).__name__
+    words = error.strerror if isinstance(error, OSError) else ""
+    return words or str(error) or type(error).__name__
 
 
 class SinkService:
     """The sinks of a run: each gets changes as they come, or all values so often."""
 
-    def __init__(self, kinds: Iterable[SinkKind], points: Sequence[Point], table: PointTable, clock: Clock) -> None:
+    def __init__(
+        self, kinds: Iterable[SinkKind], points: Sequence[Point], table: PointTable, clock: Clock, host: SinkHost
+    ) -> None:
         self._table, self._clock = table, clock
         threaded = isinstance(clock, AsyncioClock)
-        self.feeders = [SinkFeeder(kind, points, threaded) for kind in kinds]
+        self.feeders = [SinkFeeder(kind, points, threaded, host) for kind in kinds]
         self._timers: dict[int, Handle] = {}
 
     def start(self) -> None:

@@ -10,17 +10,20 @@ import errno
 import os
 import sys
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
+from typing import Protocol as Interface
 
 from framekit.definition.keys import Form, key, mapping_schema, ref
 from framekit.definition.problems import Position
 from framekit.definition.schema import add_kind_of
 from framekit.run.model import Point
 from framekit.run.points import PointValue
+from framekit.run.status import RunStatus
 
 if sys.platform != "win32":
     import fcntl
@@ -72,8 +75,8 @@ class SinkKind(ABC):
         """Where the values go, for people: what stands behind the word of the kind."""
         return str(getattr(self, self.word))
 
-    def mistakes(self) -> Iterator[tuple[str, str, str]]:
-        """What keys of this kind say wrongly together: the key, what is wrong with it, and what to do."""
+    def mistakes(self, points: Sequence[Point]) -> Iterator[tuple[str, str, str]]:
+        """What is wrong with it in a run with these points: the key ('' for all of it), what it is, what to do."""
         yield from ()
 
 
@@ -87,8 +90,31 @@ def fits(pattern: str, name: str) -> bool:
     return fnmatchcase(name, as_glob(pattern))
 
 
+class Host(Interface):
+    """The run, as a sink sees it; its methods may be called from any thread."""
+
+    @property
+    def run(self) -> str:
+        """The name of the run."""
+
+    def status(self) -> RunStatus:
+        """How channels, blocks and sinks are doing now. Raises TimeoutError while the run is busy or ends."""
+
+    def write(self, point: str, value: Any, who: str, told: Callable[[str], None]) -> None:
+        """Has a value written, in the point's own scale; `who` wants it, and from where, for the log.
+
+        `told` hears once, in another thread, why it was not written; '' when it was.
+        """
+
+    def lost(self, problem: str) -> None:
+        """The sink has lost its server: it is to be closed, and opened anew."""
+
+
 class Sink(ABC):
     """Takes values. What a method raises is told, kept apart from the lines, and tried again a little later."""
+
+    def meet(self, host: Host) -> None:  # noqa: B027 – most sinks ask nothing of the run
+        """Comes once, before everything else."""
 
     @abstractmethod
     def open(self, points: Sequence[Point]) -> None:
@@ -117,6 +143,16 @@ def open_alone(path: Path) -> int:
             os.close(file)
             raise BlockingIOError(errno.EAGAIN, "another process writes there – end it, or name another file") from None
     return file
+
+
+def not_installed(library: str, module: str, extra: str) -> Iterator[tuple[str, str, str]]:
+    """That a library is not there which a kind needs, as `mistakes` tells it; nothing if it is."""
+    try:
+        there = find_spec(module) is not None
+    except ModuleNotFoundError:  # a package above it is not there
+        there = False
+    if not there:
+        yield "", f"this needs the library {library}, which is not installed", f"pip install 'framekit[{extra}]'"
 
 
 SINKS: dict[str, type[SinkKind]] = {}

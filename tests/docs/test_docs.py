@@ -9,9 +9,11 @@ from __future__ import annotations
 import re
 import shlex
 import shutil
+import socket
 import subprocess
 import sys
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -29,7 +31,9 @@ def test_page(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
     shutil.copytree(ROOT / "examples", folder)
     monkeypatch.chdir(folder)
     monkeypatch.setattr(schemes, "SCHEMES", dict(SCHEMES))  # a page's own port is known on that page only
+    ports: dict[str, str] = {}
     for snippet in snippets(page):
+        snippet = replace(snippet, text=with_free_ports(snippet.text, ports))
         where = f"{page.name}:{snippet.line}"
         if snippet.kind == "console":
             for command, expected in commands(snippet.text):
@@ -39,6 +43,22 @@ def test_page(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
         elif snippet.kind == "python":
             exec(compile(snippet.text, where, "exec"), {"__name__": "snippet"})
         assert snippet.kind in ("console", "yaml", "python", "text", "mermaid"), f"{where}: what is {snippet.kind}?"
+
+
+PORTS = re.compile(r"\b(?:9101|9102|1883|8086)\b")
+"""Ports that pages listen on."""
+
+
+def with_free_ports(text: str, ports: dict[str, str]) -> str:
+    """The text with free ports in place of those that it names; `ports`: which were taken before."""
+
+    def free(match: re.Match[str]) -> str:
+        if match[0] not in ports:
+            with socket.create_server(("127.0.0.1", 0)) as there:
+                ports[match[0]] = str(there.getsockname()[1])
+        return ports[match[0]]
+
+    return PORTS.sub(free, text)
 
 
 def commands(text: str) -> list[tuple[str, list[str]]]:

@@ -22,6 +22,7 @@ from framekit.run.model import OwnPlace, Point
 from framekit.run.points import PointValue, iso_time
 from framekit.runfile.schema_files import read_files
 from framekit.service import sinks as at_work
+from framekit.service import waiting
 from framekit.service.sinks import SinkFeeder
 from framekit.sinks import SINKS, Sink, SinkKind
 from framekit.sinks.base import FILE, Sampled
@@ -279,7 +280,7 @@ def test_a_sink_that_cannot_be_opened_is_told_and_the_run_goes_on(tmp_path: Path
     ("sink", "problem"),
     [
         ("{tsv: a.csv}", "unknown key 'tsv' in a sink – did you mean 'csv'?"),
-        ("{every: 1 s}", "a sink has no kind – add one of csv, jsonl, sqlite"),
+        ("{every: 1 s}", "a sink has no kind – add one of csv, jsonl, sqlite, prometheus"),
         ("{csv: a.csv, jsonl: b}", "a sink has more than one kind: 'csv' and 'jsonl' – keep one"),
         ("{csv: a.csv, every: 10 ms}", "values are taken every 100 ms at most – leave every out, or write 1 s"),
         ("{csv: a.csv, every: never}", "no value would ever be taken – leave every out, or write 1 s"),
@@ -365,7 +366,7 @@ def test_what_fails_is_tried_again_in_order() -> None:
 
 
 def test_a_sink_that_hangs_holds_nothing_up_and_the_oldest_go_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(at_work, "MOST_WAITING", 10)
+    monkeypatch.setattr(waiting, "MOST_WAITING", 10)
     monkeypatch.setattr(at_work, "AT_ONCE", 4)
     one, sink = feeder(threaded=True)
     hangs, goes_on = threading.Event(), threading.Event()

@@ -1,0 +1,87 @@
+"""How a run is doing at one moment: its channels, blocks, jobs and sinks, as frozen values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from framekit.run.block_state import BlockStatus
+from framekit.run.edit import RemovedBlocks
+from framekit.run.job_table import Event, JobStatus, TableCounters
+
+USER_DEFINED = "user-defined"
+"""What is shown of a protocol that has frames only."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChannelStatus:
+    """A channel: what it is (module information), and what it has done (service status).
+
+    `driver`: protocol and role, or user-defined; `line`: speed and format, '' on connections; `line_type`:
+    kind of interface and half duplex, '' where nothing is said of it; `mode`: run or stop;
+    `state`: open, or why not. `services` and `errors` count exchanges that ended, of blocks and of jobs, and requests
+    that were served here; `reasons` the errors by outcome.
+    `frames_in` are good frames by themselves, `bad` and `noise_bytes` what was none. `load`: the part of the time that
+    the line was busy, None without a speed.
+    """
+
+    number: int
+    port: str
+    driver: str
+    role: str | None
+    station: Any
+    line: str
+    line_type: str
+    mode: str
+    state: str
+    blocks: int
+    services: int
+    errors: int
+    reasons: Mapping[str, int]
+    frames_in: int
+    bad: int
+    noise_bytes: int
+    bytes_in: int
+    bytes_out: int
+    load: float | None
+    reopenings: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JobsStatus:
+    """The jobs of a run: their slots, the last events, oldest first, of `events` there were, and counted commands."""
+
+    slots: tuple[JobStatus, ...]
+    log: tuple[Event, ...]
+    events: int
+    counters: TableCounters
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SinkStatus:
+    """A sink: its kind and target, the samples it has taken, that wait, that were dropped, and what is wrong now."""
+
+    kind: str
+    target: str
+    written: int
+    waiting: int
+    dropped: int
+    problem: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunStatus:
+    """Everything at one moment; `at` is in nanoseconds of the run's clock. `jobs`: None where the run has none.
+
+    `removed`: what blocks counted that edits took out; the channels' totals have it too.
+    """
+
+    run: str
+    at: int
+    running: bool
+    channels: tuple[ChannelStatus, ...]
+    blocks: tuple[BlockStatus, ...]
+    jobs: JobsStatus | None = None
+    removed: tuple[RemovedBlocks, ...] = ()
+    sinks: tuple[SinkStatus, ...] = ()

@@ -1,0 +1,203 @@
+"""Values and counters of a run for Prometheus, which fetches them: `http://127.0.0.1:PORT/metrics`."""
+
+from __future__ import annotations
+
+import ipaddress
+import logging
+import socket
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from framekit.definition.keys import Form, KeyReading, key, ref
+from framekit.definition.tree import Node
+from framekit.run.model import Point
+from framekit.run.points import PointValue
+from framekit.run.status import RunStatus
+from framekit.sinks.base import Host, Sampled, Sink, SinkKind, not_installed
+
+if TYPE_CHECKING:
+    from prometheus_client import Metric
+
+log = logging.getLogger(__name__)
+
+LOCAL = "127.0.0.1"
+
+
+def read_listening(reading: KeyReading, node: Node) -> tuple[str, int]:
+    """`PORT`, or `ADDRESS:PORT` with the address in brackets where it has colons. Raises Broken."""
+    text = reading.reader.text(node).strip()
+    host, _, port = text.rpartition(":")
+    host = host.removeprefix("[").removesuffix("]") or LOCAL
+    try:
+        ipaddress.ip_address(host)
+        fits = port.isdecimal() and int(port) < 65536
+    except ValueError:
+        fits = False
+    if not fits:
+        what = f"'{text}' is no place to listen on"
+        raise reading.reader.broken(node.at, what, "write a port such as 9101, or ADDRESS:PORT such as 0.0.0.0:9101")
+    return host, int(port)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Prometheus(SinkKind):
+    """Metrics of points, blocks, channels and sinks, for Prometheus to fetch."""
+
+    word: ClassVar[str] = "prometheus"
+    prometheus: tuple[str, int] = key(
+        "prometheus", Form(ref("text"), read_listening),
+        "The port on which /metrics is given, on 127.0.0.1 unless ADDRESS:PORT says another address; 0: a free one.",
+    )  # fmt: skip
+
+    @property
+    def target(self) -> str:
+        host, port = self.prometheus
+        return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+    def mistakes(self, points: Sequence[Point]) -> Iterator[tuple[str, str, str]]:
+        yield from not_installed("prometheus-client", "prometheus_client", "prometheus")
+        if self.every is not None:
+            yield "every", "'every' has no effect: Prometheus fetches the values when it wants to", "remove it"
+
+    def make(self) -> Sink:
+        return PrometheusServer(*self.prometheus)
+
+
+class PrometheusServer(Sink):
+    """Answers with what is so at that moment. Raises OSError for a port that cannot be had."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self.host, self.port = host, port
+        self._run: Host | None = None
+        self._points: Mapping[str, Point] = {}
+        self._values: dict[str, PointValue] = {}
+        self._server: Any = None
+        self._thread: threading.Thread | None = None
+
+    def meet(self, host: Host) -> None:
+        self._run = host
+
+    def open(self, points: Sequence[Point]) -> None:
+        from prometheus_client import CollectorRegistry, start_http_server
+
+        self._points = {point.name: point for point in points}
+        registry = CollectorRegistry(auto_describe=False)
+        registry.register(self)
+        try:
+            self._server, self._thread = start_http_server(self.port, self.host, registry)
+        except socket.gaierror as error:
+            raise OSError(error.errno, f"nothing can listen on {self.host}: {error.strerror}") from None
+        self.port = self._server.server_port  # a free one, where the file says 0
+        log.info("sink prometheus: http://%s:%d/metrics", self.host, self.port)
+
+    def write(self, samples: Sequence[Sampled]) -> int:
+        self._values |= {value.name: value for sample in samples for value in sample.values}
+        return len(samples)
+
+    def close(self) -> None:
+        server, self._server = self._server, None
+        if server is not None:
+            server.shutdown()
+            server.server_close()
+
+    def describe(self) -> Iterator[Metric]:
+        """Nothing is said of the metrics before they are fetched."""
+        return iter(())
+
+    def collect(self) -> Iterator[Metric]:
+        """The metrics of this moment, asked for by the library in the thread of a request."""
+        if self._run is None:
+            return
+        status = self._run.status()
+        yield from self._of_points(status.run)
+        yield from _of_blocks(status)
+        yield from _of_channels(status)
+        yield from _of_sinks(status)
+
+    def _of_points(self, run: str) -> Iterator[Metric]:
+        from prometheus_client.core import GaugeMetricFamily
+
+        names = ("run", "point", "unit")
+        value = GaugeMetricFamily("framekit_point_value", "A point's value, while it is good.", labels=names)
+        good = GaugeMetricFamily("framekit_point_good", "1 while a point's value is good, else 0.", labels=names)
+        time = GaugeMetricFamily(
+            "framekit_point_time_seconds", "When a point changed or failed, since 1970.", labels=names
+        )
+        for name, point in self._points.items():
+            labels = (run, name, point.unit)
+            now = self._values.get(name)
+            is_good = now is not None and now.quality == "good"
+            good.add_metric(labels, float(is_good))
+            if now is None:
+                continue
+            if now.time:
+                time.add_metric(labels, now.time / 1e9)
+            if is_good and isinstance(now.number, (int, float)):  # words stand for numbers; a text is none
+                value.add_metric(labels, float(now.number))
+        yield from (value, good, time)
+
+
+Rows = Sequence[tuple[Sequence[str], float | None]]
+
+
+def _family(kind: Any, name: str, about: str, labels: Sequence[str], rows: Rows) -> Metric:
+    """One metric; rows without a value are left out."""
+    found: Metric = kind(name, about, labels=labels)
+    for values, number in rows:
+        if number is not None:
+            found.add_metric(values, number)  # type: ignore[attr-defined]
+    return found
+
+
+def _of_blocks(status: RunStatus) -> Iterator[Metric]:
+    from prometheus_client.core import CounterMetricFamily
+
+    labels = ("run", "block", "name", "channel")
+    found = [((status.run, one.label, one.name, str(one.channel)), one) for one in status.blocks]
+    for name, about, rows in (
+        ("done", "Times that a block has ended well.", [(at, one.done) for at, one in found]),
+        ("failed", "Times that a block has failed.", [(at, one.failed) for at, one in found]),
+    ):
+        yield _family(CounterMetricFamily, f"framekit_block_{name}", about, labels, rows)
+
+
+def _of_channels(status: RunStatus) -> Iterator[Metric]:
+    from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
+
+    labels = ("run", "channel", "port")
+    found = [((status.run, str(one.number), one.port), one) for one in status.channels]
+    for name, about, attribute in (
+        ("services", "Exchanges that have ended.", "services"),
+        ("frames_in", "Good frames that came.", "frames_in"),
+        ("bad_frames", "Frames that came damaged.", "bad"),
+        ("noise_bytes", "Bytes that were no frame.", "noise_bytes"),
+        ("bytes_in", "Bytes that came.", "bytes_in"),
+        ("bytes_out", "Bytes that were sent.", "bytes_out"),
+        ("reopenings", "Times that the port was opened anew.", "reopenings"),
+    ):
+        rows = [(at, getattr(one, attribute)) for at, one in found]
+        yield _family(CounterMetricFamily, f"framekit_channel_{name}", about, labels, rows)
+    failed = [((*at, outcome), number) for at, one in found for outcome, number in one.reasons.items()]
+    about = "Exchanges that have failed, by outcome."
+    yield _family(CounterMetricFamily, "framekit_channel_errors", about, (*labels, "outcome"), failed)
+    is_open = [(at, float(one.state == "open")) for at, one in found]
+    yield _family(GaugeMetricFamily, "framekit_channel_open", "1 while the port is open, else 0.", labels, is_open)
+    load = [(at, one.load) for at, one in found]
+    about = "The part of the time (0 to 1) that the line was busy."
+    yield _family(GaugeMetricFamily, "framekit_line_load", about, labels, load)
+
+
+def _of_sinks(status: RunStatus) -> Iterator[Metric]:
+    from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
+
+    labels = ("run", "kind", "target")
+    found = [((status.run, one.kind, one.target), one) for one in status.sinks]
+    for kind, name, about, attribute in (
+        (CounterMetricFamily, "taken", "Samples that a sink has taken.", "written"),
+        (CounterMetricFamily, "dropped", "Samples that were too many.", "dropped"),
+        (GaugeMetricFamily, "waiting", "Samples that wait for a sink.", "waiting"),
+    ):
+        rows = [(at, getattr(one, attribute)) for at, one in found]
+        yield _family(kind, f"framekit_sink_{name}", about, labels, rows)

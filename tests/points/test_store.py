@@ -1,0 +1,209 @@
+"""What waits for a server: kept in a file, in order, bounded, and sent once it can be – also by the next process."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sqlite3
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, NoReturn
+
+import pytest
+from points.test_sinks import POINTS, sample
+
+from framekit.definition.keys import TEXT, key
+from framekit.definition.problems import NOWHERE
+from framekit.run.model import Point
+from framekit.service.sinks import SinkFeeder
+from framekit.sinks import Sink
+from framekit.sinks.base import Sampled
+from framekit.sinks.store import NetworkSink, Store, StoreError
+
+
+def opened(path: Path, most: int = 100) -> Store:
+    store = Store(path, most)
+    store.open()
+    return store
+
+
+def test_samples_come_back_as_they_were(tmp_path: Path) -> None:
+    store = opened(tmp_path / "new" / "a.db")
+    samples = [sample(0, value=1 << 70), sample(1, "state", "°C", "failed", "no"), sample(2, value=0.1), sample(3)]
+    store.add(samples[:3])
+    store.add(samples[3:])
+    assert store.first(2) == (0, samples[:2])
+    store.done(0, 2)
+    store.close()
+    again = opened(tmp_path / "new" / "a.db")
+    number, found = again.first(10)
+    assert found == samples[2:] and len(again) == 2
+    again.done(number, 2)
+    assert len(again) == 0 and again.first(10)[1] == [] and again.dropped == 0
+    again.close()
+
+
+def test_the_oldest_go_and_those_under_way_are_not_lost(tmp_path: Path) -> None:
+    store = opened(tmp_path / "a.db", most=4)
+    samples = [sample(at, value=at) for at in range(9)]
+    store.add(samples[:4])
+    start, under_way = store.first(3)
+    store.add(samples[4:6])
+    assert (len(store), store.dropped) == (4, 2)
+    store.done(start, len(under_way))
+    assert store.first(9)[1] == samples[3:6] and store.dropped == 0
+    store.add(samples[6:])
+    assert store.first(9)[1] == samples[5:] and store.dropped == 2
+    store.close()
+
+
+def test_a_file_of_something_else_and_one_that_is_taken(tmp_path: Path) -> None:
+    text, other = tmp_path / "text.db", tmp_path / "other.db"
+    text.write_text("no database, but long enough to be looked at\n" * 40)
+    with sqlite3.connect(other) as database:
+        database.execute("CREATE TABLE mine (a)")
+    for path, why in ((text, "is no database"), (other, "is a database of something else")):
+        with pytest.raises(StoreError, match=why):
+            opened(path)
+    one = opened(tmp_path / "a.db")
+    with pytest.raises(BlockingIOError, match="another process writes there"):
+        opened(tmp_path / "a.db")
+    one.close()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")
+def test_what_was_added_outlasts_a_kill(tmp_path: Path) -> None:
+    """A process adds and tells how much it has added, until it is killed; what it told is there."""
+    path = tmp_path / "a.db"
+    told = 0
+    for most in (30, 400):
+        reading, writing = os.pipe()
+        child = os.fork()
+        if not child:
+            _add_for_ever(path, writing)
+        os.close(writing)
+        with os.fdopen(reading, "rb") as answers:
+            for _ in range(most):
+                told = int(answers.readline())
+            os.kill(child, signal.SIGKILL)
+            told = max([told, *map(int, answers.read().splitlines(keepends=True)[:-1])])
+        os.waitpid(child, 0)
+    store = opened(path, most=10_000_000)
+    values = [one.values[0].value for one in store.first(10_000_000)[1]]
+    assert values == list(range(len(values))) and len(values) >= told
+    store.close()
+
+
+def _add_for_ever(path: Path, told: int) -> NoReturn:
+    try:
+        store = opened(path, most=10_000_000)
+        at = len(store)
+        while True:
+            store.add([sample(at + one, value=at + one) for one in range(3)])
+            at += 3
+            os.write(told, b"%d\n" % at)
+    finally:
+        os._exit(1)
+
+
+# ---- a sink with a store ------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sent(NetworkSink):
+    """Values that a server of the test takes."""
+
+    word: ClassVar[str] = "sent"
+    sent: str = key("sent", TEXT, "Where they would go.")
+    servers: ClassVar[list[Sending]] = []
+
+    def make(self) -> Sink:
+        self.servers.append(Sending())
+        return self.servers[-1]
+
+
+class Sending(Sink):
+    def __init__(self) -> None:
+        self.taken: list[Any] = []
+        self.on_write: Callable[[], None] = lambda: None
+        self.opened = threading.Semaphore(0)
+
+    def open(self, points: Sequence[Point]) -> None:
+        self.opened.release()
+
+    def write(self, samples: Sequence[Sampled]) -> int:
+        self.on_write()
+        self.taken += [value.value for one in samples for value in one.values]
+        return len(samples)
+
+    def close(self) -> None: ...
+
+
+def feeder(path: Path, threaded: bool, most: int = 100) -> tuple[SinkFeeder, Sending]:
+    found = SinkFeeder(Sent(sent="there", store=str(path), most=most, at=NOWHERE), POINTS, threaded)
+    return found, Sent.servers[-1]
+
+
+def gone() -> None:
+    raise ConnectionError("the server is away")
+
+
+@pytest.mark.parametrize("threaded", [False, True])
+def test_the_next_run_sends_what_waits_first(tmp_path: Path, threaded: bool) -> None:
+    one, server = feeder(tmp_path / "a.db", threaded)
+    server.on_write = gone
+    one.start()
+    for at in range(5):
+        one.put(sample(at, value=at))
+    one.put(sample(5, "gone", 5))
+    one.stop()
+    assert (one.status.written, one.status.dropped, one.status.problem) == (0, 0, "the server is away")
+    again, server = feeder(tmp_path / "a.db", threaded)
+    again.start()
+    again.put(sample(6, value=6))
+    again.stop()
+    assert server.taken == [0, 1, 2, 3, 4, 6]  # there is no point 'gone' any more
+    assert (again.status.written, again.status.waiting, again.status.dropped) == (7, 0, 0)
+
+
+def test_what_waits_is_in_the_file_while_the_server_hangs(tmp_path: Path) -> None:
+    one, server = feeder(tmp_path / "a.db", threaded=True, most=50)
+    hangs, goes_on = threading.Event(), threading.Event()
+
+    def hang() -> None:
+        hangs.set()
+        assert goes_on.wait(10)
+
+    server.on_write = hang
+    one.start()
+    one.put(sample(0, value=0))
+    assert hangs.wait(10)
+    for at in range(1, 60):
+        one.put(sample(at, value=at))
+    one._waiting.end(10)  # everything has gone to the file now
+    with sqlite3.connect(tmp_path / "a.db") as database:
+        assert database.execute("SELECT count(*) FROM waiting").fetchone() == (50,)
+    goes_on.set()
+    one.stop()
+    assert server.taken == [0, *range(10, 60)] and one.status.dropped == 9
+
+
+def test_a_sink_that_has_lost_its_server_is_opened_anew(tmp_path: Path) -> None:
+    one, server = feeder(tmp_path / "a.db", threaded=True)
+    one.start()
+    assert server.opened.acquire(timeout=10)
+    one.lost("the line was cut")
+    assert server.opened.acquire(timeout=10)
+    one.stop()
+
+
+def test_a_store_that_cannot_be_had_is_told(tmp_path: Path) -> None:
+    (tmp_path / "taken").write_text("")
+    one, server = feeder(tmp_path / "taken" / "a.db", threaded=False)
+    one.start()
+    one.put(sample(0))
+    one.stop()
+    assert one.status.problem.startswith(f"values cannot be kept in {tmp_path}/taken/a.db: ")
+    assert (server.taken, one.status.dropped) == ([], 1)
