@@ -46,7 +46,7 @@ class LinkFunctions:
         self.make_random: Callable[[int], bytes] = token_bytes
 
     def random(self, size: int) -> bytes:
-        """So many bytes that nobody can foretell. Raises ValueError for too many."""
+        """So many bytes that cannot be foretold. Raises ValueError for too many."""
         if not 0 <= size <= MOST_RANDOM:
             raise ValueError(f"{size} random bytes are not possible")
         return self.make_random(size)

@@ -415,7 +415,7 @@ class PointTable:
         for listener in tuple(self.listeners):
             try:
                 listener(value)
-            except Exception:  # whoever listens is anybody's: the run goes on
+            except Exception:  # a listener may raise anything; the run goes on
                 log.exception("point %s: what listens to it has failed", value.name)
 
 

@@ -212,7 +212,7 @@ class SinkFeeder:
                 if not isinstance(taken, int) or not 1 <= taken <= len(samples):
                     raise ValueError(f"write took {taken!r} of {len(samples)} samples")
                 self._waiting.done(start, taken)
-            except Exception as error:  # a sink is anybody's: whatever it raises, lines go on
+            except Exception as error:  # a sink may raise anything; lines go on
                 self._fail(_in_words(error))
                 return False
             with self._change:

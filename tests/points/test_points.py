@@ -26,12 +26,17 @@ points:
 """
 
 
+def device_in(folder: Path, values: str, *, protocol: str = "modbus-tcp", station: Any = 1) -> None:
+    """A simulated device with these start values."""
+    text = DEVICE.format(protocol=protocol, station=station, values=values)
+    (folder / "meter.device.yaml").write_text(text, "utf-8")
+
+
 def run_of(
     folder: Path, points: str, values: str, *, protocol: str = "modbus-tcp", station: Any = 1, more: str = ""
 ) -> VirtualRun:
     """A run with these points, one a line, at a simulated device with these start values."""
-    device = DEVICE.format(protocol=protocol, station=station, values=values)
-    (folder / "meter.device.yaml").write_text(device, "utf-8")
+    device_in(folder, values, protocol=protocol, station=station)
     lines = "\n".join(f"  {line}" for line in points.strip().splitlines())
     text = RUN.format(protocol=protocol, station=station, points=lines) + more
     (folder / "plant.run.yaml").write_text(text, "utf-8")
@@ -225,9 +230,7 @@ blocks:
 
 
 def test_points_of_the_own_memory_follow_it_and_its_blocks(tmp_path: Path) -> None:
-    (tmp_path / "meter.device.yaml").write_text(
-        DEVICE.format(protocol="modbus-tcp", station=1, values='"40001": [1, 2, 3]'), "utf-8"
-    )
+    device_in(tmp_path, '"40001": [1, 2, 3]')
     (tmp_path / "own.run.yaml").write_text(OWN, "utf-8")
     run = VirtualRun(tmp_path / "own.run.yaml")
     told: list[tuple[str, Any, str]] = []
@@ -356,9 +359,7 @@ blocks:
 
 
 def test_a_change_beside_a_point_is_none_and_clock_bits_tick(tmp_path: Path) -> None:
-    (tmp_path / "meter.device.yaml").write_text(
-        DEVICE.format(protocol="modbus-tcp", station=1, values='"40001": 1'), "utf-8"
-    )
+    device_in(tmp_path, '"40001": 1')
     (tmp_path / "bits.run.yaml").write_text(BITS, "utf-8")
     run = VirtualRun(tmp_path / "bits.run.yaml")
     told: list[tuple[str, Any, str]] = []
@@ -387,9 +388,7 @@ points:
 
 
 def test_tables_and_files_for_several_devices(tmp_path: Path) -> None:
-    (tmp_path / "meter.device.yaml").write_text(
-        DEVICE.format(protocol="modbus-tcp", station=1, values='"40001": [217, 2]'), "utf-8"
-    )
+    device_in(tmp_path, '"40001": [217, 2]')
     (tmp_path / "meter.csv").write_text(TABLE, "utf-8")
     (tmp_path / "more.points.yaml").write_text('points: more\nvalues:\n  state: {address: "40002"}\n', "utf-8")
     (tmp_path / "two.run.yaml").write_text(GROUPS, "utf-8")
