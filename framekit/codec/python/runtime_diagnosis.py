@@ -357,11 +357,17 @@ class Diagnosis:
         whole = self.data, self.at, self.end, self.places
         self.places = [self.wire(start + place) for place in places]
         self.data, self.at, self.end = plain, 0, len(plain)
-        quiet, self.is_quiet = self.is_quiet, self.is_quiet or cause not in ("", "check")
+        has_content = cause in ("", "check")
+        values = self.scopes[-1]
+        before = tuple(values)
+        quiet, self.is_quiet = self.is_quiet, self.is_quiet or not has_content
         try:
             with self.part(checks=checks):
                 yield
         finally:
+            if not has_content:  # what is worked out of nothing is no value of the frame
+                for one in values.keys() - set(before):
+                    del values[one]
             self.data, self.at, self.end, self.places = whole
             self.is_quiet = quiet
 
