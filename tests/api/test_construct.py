@@ -114,7 +114,7 @@ def test_errors_are_those_of_construct_and_of_framekit(weigh: framekit.Protocol)
         weigh.construct("asks")
 
 
-@pytest.mark.parametrize("name", spread(shipped.PROTOCOLS, 3))
+@pytest.mark.parametrize("name", spread(shipped.PROTOCOLS, 8, 3))
 def test_shipped_frames_parse_and_build_among_other_things(name: str) -> None:
     """Every sample of every frame: built, and parsed between other bytes; `rest` ends where its region does."""
     protocol = load_protocol(name)

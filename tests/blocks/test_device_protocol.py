@@ -33,7 +33,7 @@ def test_a_device_with_rules_has_a_protocol_for_itself(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("protocol", "says"),
     [
-        ("pccc", "'pccc' has no line of its own"),
+        ("commreq", "'commreq' has no line of its own"),
         ("broken", "unknown key"),
         ("nobody", "there is no definition 'nobody'"),
     ],

@@ -173,6 +173,7 @@ def test_a_run_that_is_killed_can_be_started_again(tmp_path: Path) -> None:
     on_wires(tmp_path, test)
 
 
+@pytest.mark.long
 def test_a_killed_run_goes_on_counting_from_what_it_had_kept(tmp_path: Path) -> None:
     """600 ms of exchanges are kept every 100 ms; what was not kept at the kill is counted no more."""
     kept = "state: {file: wired.state, every: 100 ms}\n"

@@ -135,7 +135,7 @@ def result(build: Any) -> Any:
         return str(error), vars(error)
 
 
-@pytest.mark.parametrize("name", spread([*PROTOCOLS, *(name for name in APPLICATIONS if name not in CARRIED)], 3))
+@pytest.mark.parametrize("name", spread([*PROTOCOLS, *(name for name in APPLICATIONS if name not in CARRIED)], 6, 1))
 def test_shipped_frames_are_built_alike(name: str) -> None:
     both = Both(load_protocol(name))
     built = {frames: both.compare(frames) for frames in both.chains()}

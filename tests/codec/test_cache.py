@@ -87,7 +87,7 @@ def test_what_was_kept_decodes_as_what_was_compiled(cache: Path, made: list[str]
     assert compile_protocol(again.protocol).encode("request_adu", fields) == REQUEST
 
 
-@pytest.mark.parametrize("name", spread(shipped.PROTOCOLS, 3))
+@pytest.mark.parametrize("name", spread(shipped.PROTOCOLS, 8, 4))
 def test_the_catalogue_and_the_start_values_are_those_of_the_definition(cache: Path, name: str) -> None:
     codec = cached_codec(name, Path.cwd())
     protocol = codec.protocol

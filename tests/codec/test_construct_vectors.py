@@ -21,7 +21,7 @@ from framekit.definition.vectors import FrameVector
 VECTORS = shipped_definitions("*.vectors.yaml")
 
 
-@pytest.mark.parametrize("name", spread((path.name.removesuffix(".vectors.yaml") for path in VECTORS), 3))
+@pytest.mark.parametrize("name", spread((path.name.removesuffix(".vectors.yaml") for path in VECTORS), 4))
 def test_frames_of_vectors(name: str) -> None:
     protocol = load_protocol(name)
     codec = compile_construct(protocol)

@@ -270,7 +270,7 @@ def shapes(document: Any, section: str = "") -> list[list[str]] | None:
         return None
 
 
-@pytest.mark.parametrize(("around", "form"), spread(product(sorted(tried()), range(len(variants("")))), 5))
+@pytest.mark.parametrize(("around", "form"), spread(product(sorted(tried()), range(len(variants("")))), 10))
 def test_text_of_a_key_gives_the_same_source_whatever_it_holds(around: str, form: int) -> None:
     for document, path, place in tried()[around].values():
         fits = _validator("protocol").evolve(schema=schema_at(place)[1])

@@ -94,7 +94,7 @@ def test_the_text_is_the_same_every_time() -> None:
         assert generate_source(load_protocol(name)) == generate_source(load_protocol(name))
 
 
-@pytest.mark.parametrize("name", spread(SHIPPED, 3))
+@pytest.mark.parametrize("name", spread(SHIPPED, 6, 5))
 def test_shipped_definitions_make_clean_modules(name: str) -> None:
     source = generate_source(load_protocol(name))
     with warnings.catch_warnings():

@@ -76,7 +76,7 @@ def read(decode: Any) -> Any:
         return error.cause, error.refuse, error.offset, error.fields
 
 
-@pytest.mark.parametrize("name", spread([*PROTOCOLS, *APPLICATIONS], 5))
+@pytest.mark.parametrize("name", spread([*PROTOCOLS, *APPLICATIONS], 8, 3))
 def test_both_compilers_agree(name: str) -> None:
     """On every frame; those of an application count there, not again in its protocols."""
     both = Pair(load_protocol(name))
@@ -91,7 +91,7 @@ UNDRAWN = {"a layout that stands in itself under a condition"}
 
 
 @pytest.mark.parametrize(
-    "case", spread([case for case in CASES if case.title not in UNDRAWN], 2), ids=lambda case: case.title
+    "case", spread([case for case in CASES if case.title not in UNDRAWN], 4), ids=lambda case: case.title
 )
 def test_both_compilers_agree_on_every_kind_of_segment(case: Case) -> None:
     if case.top:

@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from link.link_world import cut_at, feed, receiver_of
 from small_protocol import small_protocol
+from spread import spread
 
 from framekit.codec import stuffing
 from framekit.codec.codec import Codec, compile_protocol
@@ -94,7 +95,7 @@ def test_published_vectors(coding: Coding, plain: bytes, wire: str) -> None:
     assert unstuffed(coding, bytes.fromhex(wire)) == plain
 
 
-@pytest.mark.parametrize("coding", CODINGS, ids=lambda coding: coding.shown)
+@pytest.mark.parametrize("coding", spread(CODINGS, 2), ids=lambda coding: coding.shown)
 @given(data=st.data())
 def test_any_content_there_and_back(coding: Coding, data: st.DataObject) -> None:
     """As the description of the coding makes it, byte by byte; within the sizes that are told of it."""
@@ -107,7 +108,7 @@ def test_any_content_there_and_back(coding: Coding, data: st.DataObject) -> None
     assert sizes.most is not None and sizes.least <= len(wire) <= sizes.most
 
 
-@pytest.mark.parametrize("coding", CODINGS, ids=lambda coding: coding.shown)
+@pytest.mark.parametrize("coding", spread(CODINGS, 2), ids=lambda coding: coding.shown)
 @given(wire=st.lists(st.sampled_from(b"\x00\x01\x02\x03\x07\x31\x5e\x7d\x7e\xdb\xdc\xfd\xff"), max_size=12).map(bytes))
 def test_what_is_no_content_is_told_with_its_place(coding: Coding, wire: bytes) -> None:
     *_, careful, arguments = functions(coding)

@@ -167,6 +167,7 @@ def test_a_size_behind_values_in_a_row_is_compiled_in_work_that_grows_with_them(
     assert compiling(12) < 4 * compiling(6)
 
 
+@pytest.mark.long
 def test_frames_that_no_constant_tells_apart_have_a_bound(tmp_path: Path) -> None:
     path = tmp_path / "alike.protocol.yaml"
     path.write_text(

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 import shipped
+from spread import spread
 
 from framekit.definition.expression import Expression, Text, walk
 from framekit.definition.load import load_protocol, load_protocol_text
@@ -13,7 +14,7 @@ from framekit.definition.model.segments import Bits, Check, Const, Data, Field, 
 from framekit.definition.problems import DefinitionError
 
 
-@pytest.mark.parametrize("name", shipped.PROTOCOLS + shipped.APPLICATIONS)
+@pytest.mark.parametrize("name", spread(shipped.PROTOCOLS + shipped.APPLICATIONS, 3, 2))
 def test_shipped_definitions_load_without_a_warning(name: str) -> None:
     protocol = load_protocol(name)
     assert protocol.name == name

@@ -10,6 +10,7 @@ import pytest
 from link.link_world import MS, cut_at, feed
 from link.test_shipped_streams import NAMES, loaded, receiver
 from small_protocol import small_protocol
+from spread import spread
 
 from framekit.codec.codec import compile_protocol
 from framekit.definition.times import LineFormat
@@ -125,7 +126,7 @@ def compare(name: str, stream: bytes, choose: random.Random, pieces: list[bytes]
 
 
 @pytest.mark.parametrize("strange", [False, True])
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", spread(NAMES, 3, 0))
 def test_the_quick_way_finds_what_looking_finds(name: str, strange: bool) -> None:
     choose = random.Random(f"{name} {strange}")
     for _ in range(ROUNDS):
@@ -157,7 +158,7 @@ def noise_of(name: str, choose: random.Random) -> bytes:
     return b"".join(parts)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", spread(NAMES, 3, 1))
 def test_the_quick_way_finds_the_same_in_noise(name: str) -> None:
     choose = random.Random(f"noise {name}")
     for _ in range(2 * ROUNDS):
@@ -166,7 +167,7 @@ def test_the_quick_way_finds_the_same_in_noise(name: str) -> None:
         compare(name, stream, choose, cut_at(stream, [choose.randrange(len(stream)) for _ in range(9)]), False)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", spread(NAMES, 3, 2))
 def test_the_quick_way_finds_the_same_in_rows_of_one_kind(name: str) -> None:
     """Many good frames of those that are expected, noise before some, cut where it is hardest: where they begin."""
     choose, looking = random.Random(f"rows {name}"), receiver(name)

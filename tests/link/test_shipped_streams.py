@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from link.link_world import MS, cut_at, feed
 from shipped import file_of, vectors_of
+from spread import spread
 
 from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol
@@ -66,7 +67,7 @@ def streams(name: str) -> st.SearchStrategy[bytes]:
     return st.lists(part, max_size=6).map(b"".join)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", spread(NAMES, 3, 1))
 @given(data=st.data())
 @settings(max_examples=20, deadline=None)
 def test_cutting_changes_nothing(name: str, data: st.DataObject) -> None:
@@ -92,7 +93,7 @@ def test_noise_goes_on_behind_a_delimiter_that_comes_last(pieces: list[int]) -> 
     assert feed(receiver("shdlc"), cut_at(stream, pieces), (), receiver("shdlc").table.on_line) == whole
 
 
-@pytest.mark.parametrize("name", ["shdlc", "df1", "modbus-rtu"])
+@pytest.mark.parametrize("name", spread(["shdlc", "df1", "modbus-rtu"], 3))
 @given(data=st.data())
 @settings(max_examples=40, deadline=None)
 def test_cutting_changes_nothing_where_the_first_bad_frame_ends_all(name: str, data: st.DataObject) -> None:
@@ -117,7 +118,7 @@ def test_a_frame_stands_inside_another_only_where_that_one_has_begun() -> None:
 EVENTS = ("bytes", "time", "exchange", "break", "lost")
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", spread(NAMES, 3, 2))
 @given(data=st.data())
 @settings(max_examples=15, deadline=None)
 def test_an_engine_survives_everything_that_may_happen(name: str, data: st.DataObject) -> None:

@@ -169,6 +169,7 @@ def test_every_exchange_is_done_or_reported_and_executed_once(embedded: str) -> 
     assert damage.hit > EXCHANGES / 100
 
 
+@pytest.mark.long
 def test_a_sum_lets_pass_what_theory_says() -> None:
     """Three wrong bytes: the last one has to undo the others, one value of 255. Whatever is wrong has passed so."""
     stations, damage = run(3, {"check_kind": "bcc", "ack_timeout": "500 ms"}, EXCHANGES)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock
@@ -39,6 +41,7 @@ def write_run(folder: Path) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_with_one_dead_station_the_others_keep_their_rate(tmp_path: Path) -> None:
     """It is dead from the start; its first failures, before it is known to be dead, count as well."""
     seconds = 100

@@ -65,6 +65,7 @@ def stuffing(path: str) -> None:
         port.closePort()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("work", [reading_and_writing, stuffing])
 def test_its_master(tmp_path: Path, work: Any) -> None:
     async def scenario() -> None:

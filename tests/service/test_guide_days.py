@@ -151,6 +151,7 @@ def test_example_2_mldp_two_channels_every_minute(seconds: int) -> None:
     assert day.device("mldp-station-2").memory.read("P", "word", 200, 11) == [seconds // 60 - 1] * 10 + [0]
 
 
+@pytest.mark.long
 def test_example_3_modbus_remote_io_for_ten_minutes() -> None:
     check_remote_io(600)
 
@@ -184,6 +185,7 @@ def check_remote_io(seconds: int) -> None:
     ]
 
 
+@pytest.mark.long
 def test_example_4_third_party_plc_for_an_hour() -> None:
     check_third_party(3600)
 

@@ -6,6 +6,8 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
+import pytest
+
 from framekit.link.events import Seen
 from framekit.runfile.run_file import load_run
 from framekit.service.feasibility import load_problems, loads_of
@@ -68,6 +70,7 @@ def write_run(folder: Path) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_sixty_four_blocks_on_eight_protocols(tmp_path: Path) -> None:
     run = load_run(write_run(tmp_path))
     assert len(run.blocks) == 64 and len(run.channels) == 8

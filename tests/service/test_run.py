@@ -114,6 +114,7 @@ def test_stop_in_the_middle_of_an_exchange(tmp_path: Path) -> None:
     assert len(bench.seen) == before
 
 
+@pytest.mark.long
 def test_an_hour_of_polling_counts_every_exchange(tmp_path: Path) -> None:
     bench = Bench(write(tmp_path, r_run=SILENT.replace("every: 100 ms", "every: 2 s"), there_device=THERE))
     for _ in range(60):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock
@@ -12,6 +14,7 @@ RUN = Path(__file__).parents[2] / "examples" / "side-by-side" / "side-by-side.ru
 SECONDS = 30
 
 
+@pytest.mark.long
 def test_all_link_procedures_side_by_side() -> None:
     clock = VirtualClock()
     service = RunService(load_run(RUN), clock)

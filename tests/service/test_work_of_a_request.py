@@ -92,6 +92,7 @@ def test_a_served_read_leaves_nothing_to_the_collector(served: AtOnce) -> None:
         gc.enable()
 
 
+@pytest.mark.long
 def test_a_poll_leaves_nothing_to_the_collector() -> None:
     world = ByHand("modbus-tcp")
     _, told = world.poll("40001", 4, station=1)
