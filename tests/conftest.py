@@ -15,7 +15,7 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.sources import Sources, cached_by
 
 settings.register_profile("long", deadline=None)
-settings.register_profile("short", deadline=None, max_examples=30)
+settings.register_profile("short", deadline=None, max_examples=15)
 
 gc.set_threshold(
     100_000, 50, 100

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from spread import spread
 
 from framekit.definition.times import LineFormat
 from framekit.runfile.devices import load_devices
@@ -135,7 +136,7 @@ def event(name: str) -> Callable[[dict[str, Any]], bool]:
     return lambda line: line["event"] == name
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", spread([signal.SIGTERM, signal.SIGINT], 2))
 def test_a_signal_ends_a_run_with_its_summary(tmp_path: Path, number: signal.Signals) -> None:
     async def test(wires: Wires, device: DeviceService) -> None:
         async with started(tmp_path, wires) as run:
@@ -156,6 +157,7 @@ def test_a_signal_ends_a_run_with_its_summary(tmp_path: Path, number: signal.Sig
     on_wires(tmp_path, test)
 
 
+@pytest.mark.long
 def test_a_run_that_is_killed_can_be_started_again(tmp_path: Path) -> None:
     async def test(wires: Wires, device: DeviceService) -> None:
         for _ in range(2):
@@ -215,6 +217,7 @@ def test_a_run_goes_on_when_its_adapter_is_pulled_out_and_put_back(tmp_path: Pat
     on_wires(tmp_path, test)
 
 
+@pytest.mark.long
 def test_a_run_waits_for_a_port_that_is_not_there_yet(tmp_path: Path) -> None:
     async def test(wires: Wires, device: DeviceService) -> None:
         wires.pull()

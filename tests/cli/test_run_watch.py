@@ -49,6 +49,7 @@ def replace_file(path: Path, text: str) -> None:
     os.replace(path.with_suffix(".new"), path)
 
 
+@pytest.mark.long
 def test_edits_of_a_run_that_goes_on(tmp_path: Path) -> None:
     (tmp_path / "one.device.yaml").write_text(DEVICE, encoding="utf-8")
     path = tmp_path / "watched.run.yaml"

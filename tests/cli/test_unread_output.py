@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from spread import spread
 
 DEVICE = "device: far\nprotocol: modbus-tcp\nstation: 1\n"
 RUN = """run: unread
@@ -21,12 +22,15 @@ WORDS = ["2003", "5", "0", "1", "1", "0", "8", "100", "8", "50", "4", "1", "4", 
 
 @pytest.mark.parametrize(
     "words",
-    [
-        ["run", "unread.run.yaml"],
-        ["run", "unread.run.yaml", "--json"],
-        ["run", "unread.run.yaml", "--virtual", "--for", "1h"],
-        ["commreq", "srtp", "--commands", "ge-channels", "--port", "sim:plc.device.yaml", *WORDS],
-    ],
+    spread(
+        [
+            ["run", "unread.run.yaml"],
+            ["run", "unread.run.yaml", "--json"],
+            ["run", "unread.run.yaml", "--virtual", "--for", "1h"],
+            ["commreq", "srtp", "--commands", "ge-channels", "--port", "sim:plc.device.yaml", *WORDS],
+        ],
+        4,
+    ),
 )
 def test_nobody_reads_any_more(tmp_path: Path, words: list[str]) -> None:
     (tmp_path / "far.device.yaml").write_text(DEVICE, encoding="utf-8")

@@ -82,6 +82,7 @@ def test_capture_and_status_of_a_virtual_run(tmp_path: Path, capsys: pytest.Capt
     assert sorted(one.name for one in tmp_path.glob("*.pcap")) == ["x-1.pcap", "x-2.pcap"]
 
 
+@pytest.mark.long
 def test_a_run_is_the_same_with_and_without_a_capture(tmp_path: Path) -> None:
     def shown(*words: str) -> str:
         command = [sys.executable, "-m", "framekit", "run", str(TWO), "--virtual", "--for", "1s", *words]

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from construct_oracle import compile_construct
 from segment_cases import CASES, Case
+from spread import spread
 
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import EncodeError, FrameError
@@ -40,7 +41,7 @@ def test_bytes_that_are_not_the_frame(case: Case, compiler: str) -> None:
 
 
 @pytest.mark.parametrize("compiler", COMPILERS)
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.title)
+@pytest.mark.parametrize("case", spread(CASES, 4), ids=lambda case: case.title)
 def test_unknown_and_missing_values_are_refused_by_name(case: Case, compiler: str) -> None:
     tested = codec(case, compiler)
     with pytest.raises(EncodeError, match="nobody"):
@@ -51,7 +52,7 @@ def test_unknown_and_missing_values_are_refused_by_name(case: Case, compiler: st
             tested.encode("f", {})
 
 
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.title)
+@pytest.mark.parametrize("case", spread(CASES, 4, 2), ids=lambda case: case.title)
 def test_a_frame_is_measured_however_it_comes(case: Case) -> None:
     """Complete at the right place; before that it wants more, or only silence ends it."""
     tested = codec(case, "python")

@@ -146,6 +146,7 @@ def work(path: Path, frames: int, body: str) -> int:
         3,
     ),
 )
+@pytest.mark.long
 def test_a_check_of_twice_as_many_frames_is_twice_the_work(tmp_path: Path, body: str) -> None:
     path = tmp_path / "many.protocol.yaml"
     work(path, 1, body)  # what is read once

@@ -25,7 +25,7 @@ from framekit.transport import schemes
 from framekit.transport.schemes import SCHEMES
 
 
-@pytest.mark.parametrize("page", spread(PAGES, 3), ids=lambda page: str(page.relative_to(ROOT)))
+@pytest.mark.parametrize("page", spread(PAGES, 4, 1), ids=lambda page: str(page.relative_to(ROOT)))
 def test_page(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "examples"
     shutil.copytree(ROOT / "examples", folder)

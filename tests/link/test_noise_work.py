@@ -296,6 +296,7 @@ MOST_BY_NUMBER = 75
 """Calls for each byte of starts and damaged frames, of which a new one comes every two to eleven bytes: 67 at most."""
 
 
+@pytest.mark.long
 def test_of_frames_that_a_number_behind_the_head_tells_apart_only_that_one_is_read() -> None:
     """Sixty of them are measured alike, and their check code counts a byte that is not sent."""
     frames = "\n".join(

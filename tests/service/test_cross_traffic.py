@@ -158,6 +158,7 @@ def run(wrong_bytes: int, params: dict[str, Any], exchanges: int) -> tuple[list[
 
 
 @pytest.mark.parametrize("embedded", spread(["yes", "no"], 2))
+@pytest.mark.long
 def test_every_exchange_is_done_or_reported_and_executed_once(embedded: str) -> None:
     stations, damage = run(3, {"check_kind": "crc", "embedded": embedded, "ack_timeout": "500 ms"}, EXCHANGES)
     for station in stations:

@@ -45,7 +45,7 @@ def fits(kind: str, link: Link) -> bool:
     return not list(mismatches(plan, load_protocol(link.protocol), line=True)) and (kind, str(link)) not in NEVER_SENT
 
 
-@pytest.mark.parametrize(("kind", "link"), spread(product(SINGLE, LINKS), 3), ids=str)
+@pytest.mark.parametrize(("kind", "link"), spread(product(SINGLE, LINKS), 5), ids=str)
 def test_one_frame_is_hit_and_the_next_exchange_succeeds(kind: str, link: Link) -> None:
     if not fits(kind, link):
         pytest.skip(f"{link} has nothing that {kind} could be done to")
@@ -89,7 +89,7 @@ def assert_shown(kind: str, world: FaultWorld, outcome: str) -> None:
         assert lost > 0 or outcome != "ok"
 
 
-@pytest.mark.parametrize(("kind", "link"), spread(product(LASTING, LINKS), 3), ids=str)
+@pytest.mark.parametrize(("kind", "link"), spread(product(LASTING, LINKS), 5, 2), ids=str)
 def test_what_lasts_stores_nothing_wrong_and_is_over_when_it_is_over(kind: str, link: Link) -> None:
     if (kind, str(link)) in UNCHECKED:
         pytest.skip(f"{link} cannot see {kind}")
@@ -106,7 +106,7 @@ def test_what_lasts_stores_nothing_wrong_and_is_over_when_it_is_over(kind: str, 
     assert world.wrong == []
 
 
-@pytest.mark.parametrize("link", LINKS, ids=str)
+@pytest.mark.parametrize("link", spread(LINKS, 4), ids=str)
 def test_the_same_seed_gives_the_same_faults(link: Link) -> None:
     rules = [
         FaultRule(kind="noise", rate=1 / 500),

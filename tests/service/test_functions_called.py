@@ -138,6 +138,7 @@ def test_a_read_of_a_client() -> None:
     in_a_loop(scenario)
 
 
+@pytest.mark.long
 def test_a_read_leaves_nothing_to_the_collector() -> None:
     async def scenario(clock: AsyncioClock) -> None:
         port = HandPort(clock)

@@ -14,6 +14,8 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import pytest
+
 import framekit
 from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
@@ -144,6 +146,7 @@ async def scenario(folder: Path) -> None:
     assert not any(run.service.memory.read("I", "bit", 32, 80)), "stop: all bits are 0"
 
 
+@pytest.mark.long
 def test_sixteen_jobs_and_a_server_that_is_killed(tmp_path: Path) -> None:
     asyncio.run(scenario(tmp_path))
 

@@ -188,6 +188,7 @@ def answer_to(request: bytes, value: int) -> bytes:
     return (header + mailbox).ljust(56, b"\0")
 
 
+@pytest.mark.long
 def test_replies_in_any_order_find_their_requests() -> None:
     text = file_of(f"{PROTOCOL}.yaml").read_text(encoding="utf-8")
     protocol, codec = compiled(text)

@@ -225,6 +225,7 @@ while True:
 """
 
 
+@pytest.mark.long
 def test_killed_at_any_time_the_last_committed_state_is_there(tmp_path: Path) -> None:
     path = tmp_path / "s"
     last = 0

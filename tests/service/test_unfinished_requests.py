@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from service.fault_world import LINKS, MS, SECOND, FaultWorld, Link
 from shipped import PROTOCOLS
+from spread import spread
 
 from framekit.definition.load import load_protocol
 
@@ -101,7 +102,7 @@ QUIET = [link for link in OTHERS if str(link) != "df1-master"]
 """Their lines are quiet between exchanges; a DF1 master polls all the time."""
 
 
-@pytest.mark.parametrize("link", QUIET, ids=str)
+@pytest.mark.parametrize("link", spread(QUIET, 3), ids=str)
 def test_the_first_request_after_a_stray_piece_and_a_pause_is_answered(link: Link) -> None:
     world = World(link)
     for data in world.strays():
@@ -113,7 +114,7 @@ def test_the_first_request_after_a_stray_piece_and_a_pause_is_answered(link: Lin
         assert world.seen["repeated"] == 0, data.hex()
 
 
-@pytest.mark.parametrize("link", OTHERS, ids=str)
+@pytest.mark.parametrize("link", spread(OTHERS, 3, 1), ids=str)
 def test_a_request_right_behind_a_stray_piece_is_answered_within_the_usual_repeats(link: Link) -> None:
     world = World(link)
     check_at_once(world, world.some_strays())

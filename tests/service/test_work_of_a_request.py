@@ -81,6 +81,7 @@ def test_a_served_read_takes_90_calls_at_most(served: AtOnce) -> None:
     assert 20 < sum(called.values()) <= 90, sorted((count, code.co_qualname) for code, count in called.items())
 
 
+@pytest.mark.long
 def test_a_served_read_leaves_nothing_to_the_collector(served: AtOnce) -> None:
     gc.collect()
     gc.disable()

@@ -128,6 +128,7 @@ def test_hex_and_ascii() -> None:
     driven(test)
 
 
+@pytest.mark.long
 def test_a_filter_and_its_end() -> None:
     async def test(app: MonitorApp, session: Stepped, pilot: Pilot[None]) -> None:
         session.forward(5 * SECOND)
@@ -175,6 +176,7 @@ def test_a_run_is_controlled_by_a_key() -> None:
     driven(test, "--control")
 
 
+@pytest.mark.long
 def test_brackets_from_the_line_and_from_people_are_no_markup() -> None:
     async def test(app: MonitorApp, session: Stepped, pilot: Pilot[None]) -> None:
         session.forward(SECOND)
@@ -217,6 +219,7 @@ def everything_that_comes(app: MonitorApp) -> list[Callable[[], object]]:
     ]  # fmt: skip
 
 
+@pytest.mark.long
 def test_what_comes_while_the_widgets_go_one_by_one_does_not_end_the_display() -> None:
     kept: list[MonitorApp] = []
 
@@ -255,6 +258,7 @@ def test_a_port_that_is_none_is_told(terminal: None, capsys: pytest.CaptureFixtu
     assert "is no port" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_the_fields_of_the_selected_frame() -> None:
     async def test(app: MonitorApp, session: Stepped, pilot: Pilot[None]) -> None:
         session.forward(SECOND)
@@ -303,6 +307,7 @@ def test_a_port_that_is_not_there(terminal: None, tmp_path: Path, capsys: pytest
     assert capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_without_a_terminal_it_says_so(tmp_path: Path) -> None:
     """No escape codes go into a file or a pipe."""
     words = [sys.executable, "-m", "framekit", "run", str(PLC), "--virtual", "--screen"]
