@@ -359,16 +359,14 @@ def run_frames(arguments: argparse.Namespace) -> int:
 
 def _protocols(as_json: bool) -> int:
     """The shipped definitions by family, a line each; one that extends another is of the same family."""
-    from framekit.definition.nodes import Mapping, read_nodes
+    from framekit.definition.nodes import head_of
     from framekit.definition.sources import shipped_definitions
 
-    roots: dict[str, Mapping] = {}
-    for path in shipped_definitions():
-        root = read_nodes(path)
-        if isinstance(root, Mapping) and root.entries and root.entries[0].key.text in ("protocol", "application"):
-            roots[path.stem] = root
+    heads = {path.stem: head_of(path) for path in shipped_definitions()}
     rows = [
-        (_family(name, roots), name, root.entries[0].key.text, _said(root, "about")) for name, root in roots.items()
+        (_family(name, heads), name, kind, head.get("about", ""))
+        for name, head in heads.items()
+        if (kind := next(iter(head), "")) in ("protocol", "application")
     ]
     rows.sort(key=lambda row: (row[0].casefold(), row[1]))
     head = ("family", "name", "kind", "about")
@@ -379,22 +377,13 @@ def _protocols(as_json: bool) -> int:
     return 0
 
 
-def _family(name: str, roots: Mapping[str, Any]) -> str:
+def _family(name: str, heads: Mapping[str, Mapping[str, str]]) -> str:
     """The family that a shipped definition names, or the first of those it extends that does."""
-    while name in roots:
-        if family := _said(roots[name], "family"):
+    while name in heads:
+        if family := heads[name].get("family"):
             return family
-        name = _said(roots[name], "extends")
+        name = heads[name].get("extends", "")
     return ""
-
-
-def _said(root: Any, key: str) -> str:
-    """What a definition says by a key that holds a text."""
-    from framekit.definition.load.reader import Reader
-    from framekit.definition.nodes import Scalar
-
-    value = root.get(key)
-    return Reader().text(value) if isinstance(value, Scalar) else ""
 
 
 def _as_json(frame: Frame, fields: list[tuple[str, str]]) -> dict[str, Any]:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -237,6 +238,18 @@ def read_text(text: str, file: str, noted: list[Problem] | None = None) -> Node:
     except _GivenUp:
         pass
     return builder.result(noted)
+
+
+def head_of(source: Path) -> dict[str, str]:
+    """The texts at the head of a file that can be read: the first keys, up to the one that holds no text."""
+    texts: list[str] = []
+    with source.open(encoding="utf-8") as stream:
+        events = yaml.parse(stream.read(), Loader=_LOADER)
+        for event in islice(events, 3, None):  # behind the beginnings of the stream, the document and the mapping
+            if not isinstance(event, yaml.ScalarEvent):
+                break
+            texts.append(event.value)
+    return dict(zip(texts[::2], texts[1::2], strict=False))
 
 
 def _unreadable(error: OSError) -> tuple[str, str]:
