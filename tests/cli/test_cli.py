@@ -303,6 +303,7 @@ def test_frames_lists_protocols_and_fields(capsys: pytest.CaptureFixture[str]) -
     assert {"mldp", "modbus-rtu", "third-party-plc"} <= families.keys()
     assert families["commreq-ccm"] == families["commreq"] == "GE Fanuc", "what extends another is of its family"
     assert all(families.values()), "a shipped definition says at its head whose it is, by family:"
+    assert all(one["about"] for one in json.loads(call(capsys, "frames", "--json")[1])), "and what it is, by about:"
     _, frames, _ = call(capsys, "frames", "third-party-plc")
     assert "WR.REQ" in frames and "payload" in frames
     listed = json.loads(call(capsys, "frames", "mldp", "--json")[1])
