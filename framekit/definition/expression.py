@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, fields
 from decimal import Decimal
 from fractions import Fraction
@@ -195,6 +195,21 @@ def walk(node: Node) -> Iterator[Node]:
     yield node
     for child in children(node):
         yield from walk(child)
+
+
+def ordered_by_need(given: Mapping[str, Expression]) -> list[str]:
+    """Names in the order in which they can be worked out, each after those that its expression reads.
+
+    Those of a circle are left out. What has its own name in its expression means something outside by it.
+    """
+    ordered: list[str] = []
+    while ready := [
+        name
+        for name, one in given.items()
+        if name not in ordered and not (names_in(one.root) & given.keys()) - {name, *ordered}
+    ]:
+        ordered += ready
+    return ordered
 
 
 def names_in(node: Node) -> set[str]:

@@ -16,7 +16,7 @@ from framekit.codec.checks import function_of, residue_of
 from framekit.codec.errors import FrameError, Misread
 from framekit.codec.python.choices import Leaf, Switch, fixed_bytes, in_order, tree_of
 from framekit.definition.codings import Hex
-from framekit.definition.expression import Expression, Name, names_in
+from framekit.definition.expression import Expression, Name, names_in, ordered_by_need
 from framekit.definition.kinds.base import all_fixed
 from framekit.definition.model import procedure
 from framekit.definition.model import protocol as model
@@ -91,7 +91,7 @@ class FrameInfo:
         "_diagnose", "announces", "behind", "carries", "computed", "decode", "echo",
         "encode", "extent", "first", "fixed_bytes", "flat", "frame", "guesses", "inner", "insert", "intact", "is_fixed",
         "known", "make", "may_lack", "measure", "most", "name", "numbers", "on_line", "optional", "quick", "refuse",
-        "restricted", "shape", "sizes", "usual", "value_names",
+        "restricted", "rests", "shape", "sizes", "usual", "value_names",
     )  # fmt: skip
 
     def __init__(self, frame: Frame, codec: FrameCodec) -> None:
@@ -129,11 +129,15 @@ class FrameInfo:
         )
         self.optional = optional_of(frame)
         self.may_lack = frozenset(self.optional)
+        self.rests = _rests(frame, self.optional)
         self.usual: dict[str, str] = {}
 
     def unset(self, names: Names, fields: Mapping[str, Any], name: str) -> Any:
         """What one of `optional` that was not given comes to. Raises EVALUATION_ERRORS."""
         evaluate = self.optional[name]
+        for other in self.rests.get(name, ()):
+            if other not in fields:
+                fields = {**fields, other: self.unset(names, fields, other)}
         value = None if evaluate is None else evaluate(Names(fields, names))
         return self.numbers.get(name, {}).get(value, value) if type(value) is str else value
 
@@ -560,6 +564,14 @@ def echoed(plain_name: str | None, evaluate: Evaluate, request: FrameValue, name
     if plain_name is not None:
         return request.field(plain_name)
     return evaluate(Names({**request.complete(), "request": request}, names))
+
+
+def _rests(frame: Frame, optional: Collection[str]) -> dict[str, tuple[str, ...]]:
+    """The defaults that rest on other fields which need not be given: field → those; none of them in a circle."""
+    fields = (one for one in everything(frame.segments) if isinstance(one, Field) and one.name in optional)
+    defaults = {one.name: one.default for one in fields if one.default is not None}
+    named = {name: names_in(defaults[name].root) & set(optional) - {name} for name in ordered_by_need(defaults)}
+    return {name: tuple(sorted(others)) for name, others in named.items() if others}
 
 
 def optional_of(frame: Frame) -> dict[str, Evaluate | None]:

@@ -99,3 +99,33 @@ def test_the_reply_of_a_service_gives_the_same_to_client_and_server() -> None:
     assert result.gives["all"] == USUAL
     reply = loop.serve(loop.request(bytes.fromhex("01 04 05"))).reply
     assert [attribute(reply, name) for name in ["flag", "y", "low", "high", "kind", "p", "b", "c"]] == USUAL[:8]
+
+
+RESTING = """\
+protocol: resting
+extends: standard
+station: {type: none}
+line: {kind: stream, tcp: 4000}
+params: {low: {type: number, default: high - 1}, high: {type: number, default: 9}}
+groups:
+  request: {from: client, head: [{const: 01}]}
+  reply: {from: server, head: [{const: 02}]}
+frames:
+  ask: {group: request, body: [{field: a, type: u8, default: b + low}, {field: b, type: u8, default: c + 1}, {field: c, type: u8}]}
+  told: {group: reply, body: []}
+services:
+  put:
+    - takes: {x: {type: number, default: y + 1}, y: {type: number, default: z + 1}, z: {type: number, default: 3}}
+      request: {ask: {c: x}}
+      reply: {told: {}}
+      gives: {all: "[request.a, request.b, request.c, x, y, z]"}
+"""
+
+
+@pytest.mark.parametrize(
+    ("given", "all_"), [({}, [14, 6, 5, 5, 4, 3]), ({"z": 5}, [16, 8, 7, 7, 6, 5]), ({"y": 5}, [15, 7, 6, 6, 5, 3])]
+)
+def test_defaults_rest_on_others_whatever_their_order(given: dict[str, int], all_: list[int]) -> None:
+    result = Loop(RESTING).do("call", "put", given)
+    assert result.ok, result.cause
+    assert result.gives["all"] == all_

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -63,6 +63,8 @@ class NameChecker:
             self._echo(frame)
         for layout in protocol.layouts.values():
             self._segments(layout.segments, EXCHANGE)
+        settings = [one for one in protocol.params.values() if one.type != "choice"]
+        self._circle({one.name: one.is_ or one.default for one in settings}, "the parameter")
         for parameter in protocol.params.values():
             default = None if parameter.type == "choice" else parameter.default
             self._expressions([default, parameter.is_], EXCHANGE)
@@ -128,6 +130,19 @@ class NameChecker:
         if name in self.protocol.frames:
             return f"write {{{name}: {{}}}} if the frame is meant"
         return did_you_mean(name, known) or f"write '{name}' in quotes if text is meant"
+
+    def _circle(self, given: Mapping[str, Expression | None], kind: str, outside: Collection[str] = ()) -> None:
+        """Values that rest on each other, or on themselves, where nothing `outside` has that name."""
+        rests = {name: names_in(one.root) & given.keys() for name, one in given.items() if one is not None}
+        for name in outside:
+            rests.get(name, set()).discard(name)
+        for name, one in given.items():
+            seen, new = set[str](), rests.get(name, set())
+            while new:
+                seen |= new
+                new = set().union(*(rests.get(other, ()) for other in new)) - seen
+            if one is not None and name in seen:
+                self._note(one.at, f"{kind} '{name}' rests on itself", "break the circle: give a value without it")
 
     # ---- frames -------------------------------------------------------------------------------------------
 
@@ -254,6 +269,7 @@ class NameChecker:
             hint = did_you_mean(run.name, self.protocol.sequences)
             self._note(run.at, f"there is no sequence '{run.name}' to run", hint)
             row = replace(row, run=None)
+        self._circle({one.name: one.default for one in row.takes}, "the argument", self.globally)
         self._expressions(replace(row, back_each={}), local)
         items = item_names(self.protocol, row)
         self._expressions(dict(row.back_each) if items else {}, local | items)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from framekit.definition.expression import Expression, Text, inverse_steps, is_constant, names_in, walk
+from framekit.definition.expression import Expression, Text, inverse_steps, is_constant, names_in, ordered_by_need, walk
 from framekit.definition.keys import (
     CONDITION,
     COUNT,
@@ -310,14 +310,7 @@ class AddressForm:
 
     def results_in_order(self) -> list[str]:
         """The names of the results, each after those it mentions; those of a circle are left out."""
-        ordered: list[str] = []
-        while ready := [
-            name
-            for name, result in self.results.items()
-            if name not in ordered and not (names_in(result.root) & self.results.keys()) - {name, *ordered}
-        ]:
-            ordered += ready
-        return ordered
+        return ordered_by_need(self.results)
 
     @property
     def names(self) -> set[str]:

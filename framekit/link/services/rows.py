@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import Any
 
 from framekit.codec.shown import explain
-from framekit.definition.expression import Expression, names_in
+from framekit.definition.expression import Expression, names_in, ordered_by_need
 from framekit.definition.model.frames import everything, parts_of
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import Argument
@@ -67,12 +67,12 @@ def rows_of(protocol: Protocol, codec: ProtocolCodec) -> ServiceRows:
 class RowFacts:
     """One row. `mentions` are the names its request and the bytes beside it read; `single`: it carries one element.
 
-    `packers`: how elements of a unit stand in its data.
+    `packers`: how elements of a unit stand in its data. `defaults`: of its arguments, those that rest on others last.
     """
 
     __slots__ = (
-        "has_each", "limit_bytes", "limit_count", "mentions", "named_numbers", "packers", "refuse", "row", "run",
-        "shared", "single", "wants_address", "when",
+        "defaults", "has_each", "limit_bytes", "limit_count", "mentions", "named_numbers", "packers", "refuse", "row",
+        "run", "shared", "single", "wants_address", "when",
     )  # fmt: skip
 
     def __init__(self, row: ServiceRow, shared: ServiceRows) -> None:
@@ -81,6 +81,8 @@ class RowFacts:
         self.mentions = mentions_of(row)
         self.has_each = any(True for _ in parts_of([row.request, row.buffer], EachOf))
         self.when = compile_optional(row.when)
+        defaults = {one.name: one.default for one in row.takes if one.default is not None}
+        self.defaults = [(name, compile_expression(defaults[name])) for name in ordered_by_need(defaults)]
         self.refuse = rules(row.refuse)
         self.run = compile_optional(row.run)
         self.limit_count = compile_optional(row.limit.count)
@@ -401,11 +403,20 @@ def arguments_of(facts: RowFacts, given: Mapping[str, Any], names: Names) -> dic
     values: dict[str, Any] = {}
     problems: list[str] = []
     for argument in row.takes:
-        if argument.name in given or argument.default is not None:
+        if argument.name in given:
             try:
-                values[argument.name] = _value(row.service, argument, given, names)
+                values[argument.name] = _value(row.service, argument, given[argument.name])
             except ServiceError as error:
                 problems.append(str(error))
+    if not problems:
+        known = Names(values, names)
+        for name, default in facts.defaults:
+            if name not in given:
+                try:
+                    known[name] = default(known)
+                except EVALUATION_ERRORS as error:
+                    problems.append(f"the default of '{name}' cannot be worked out: {explain(error)}")
+        values = dict(known)
     if problems or len(values) < len(row.takes) or not given.keys() <= values.keys():
         raise ServiceError("; ".join([*problems, *_misnamed(row, given)]))
     for name, numbers in facts.named_numbers.items():
@@ -429,15 +440,9 @@ def _misnamed(row: ServiceRow, given: Mapping[str, Any]) -> Iterator[str]:
         yield f"'{row.service}' takes no arguments {listed(repr(name) for name in unknown)}{hint}"
 
 
-def _value(service: str, argument: Argument, given: Mapping[str, Any], names: Names) -> Any:
-    if argument.name not in given:
-        assert argument.default is not None
-        try:
-            return compile_expression(argument.default)(names)
-        except EVALUATION_ERRORS as error:
-            raise ServiceError(f"the default of '{argument.name}' cannot be worked out: {explain(error)}") from None
+def _value(service: str, argument: Argument, given: Any) -> Any:
     try:
-        return checked(argument, given[argument.name])
+        return checked(argument, given)
     except ParameterError as error:
         raise ServiceError(f"'{service}': {str(error).replace('parameter', 'argument', 1)}") from None
 
