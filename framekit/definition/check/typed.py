@@ -33,7 +33,8 @@ from framekit.definition.expression import (
     Unary,
 )
 from framekit.definition.keys import ValueKind, expressions_with_kinds
-from framekit.definition.kinds.base import Segment, Segments, constant_number
+from framekit.definition.kinds.base import Segment, Segments, constant_number, most_bytes
+from framekit.definition.model.checks import CheckMethod
 from framekit.definition.model.frames import WIRE, Frame, certain, expressions_of, field_names, flat, parts_of
 from framekit.definition.model.procedure import Action, Row, Sequence, Step
 from framekit.definition.model.protocol import Protocol
@@ -41,7 +42,7 @@ from framekit.definition.model.sections import Parameter, StateVariable
 from framekit.definition.model.segments import INDEX, LAST, PREVIOUS
 from framekit.definition.model.services import ServiceRow
 from framekit.definition.model.values import FrameOf, Table, Value
-from framekit.definition.problems import Position, Problem, did_you_mean
+from framekit.definition.problems import Position, Problem, did_you_mean, plural
 
 Kind = ValueKind
 Attributes = Callable[[Attribute], Kind]
@@ -530,6 +531,8 @@ class _Kinds:
             self._announces(frame)
         for layout in protocol.layouts.values():
             self._segments(layout.segments, {})
+        for method in protocol.checks.values():
+            self._method(method)
         for sequence in protocol.sequences.values():
             self._sequence(sequence)
         for rows in protocol.services.values():
@@ -564,6 +567,22 @@ class _Kinds:
         lanes = [lane for role in protocol.roles.values() for lane in role.lanes]
         for part in (protocol.line, protocol.receiver, *protocol.sessions.values(), *lanes):
             self._keys(checker, part)
+
+    def _method(self, method: CheckMethod) -> None:
+        """The expression of a check method: bytes of the code's width, or the next number of a fold."""
+        if method.expression is None:
+            return
+        if method.kind != "code":
+            self._checker({"acc": "number", "byte": "number"}).wants(method.expression, "number")
+            return
+        told = len(self.found)
+        self._checker({"data": "bytes"}).wants(method.expression, "bytes")
+        for result in _results(method.expression.root) if len(self.found) == told else ():
+            most = most_bytes(result)
+            if most is not None and most != method.width // 8:
+                what = f"the code '{method.name}' has {plural(most, 'byte')}, and its width is {method.width} bits"
+                todo = f"write width: {8 * most}, or take other bytes" if most else "take other bytes"
+                self.found.append(Problem(result.at, what, todo))
 
     # ---- frames -------------------------------------------------------------------------------------------
 
@@ -604,7 +623,7 @@ class _Kinds:
             return
         checker.kind(expression)
         for text in _results(expression.root):
-            if text.value not in values.values():
+            if isinstance(text, Text) and text.value not in values.values():
                 what = f"'{text.value}' is not a name of this field's values"
                 self.found.append(Problem(text.at, what, did_you_mean(text.value, values.values())))
 
@@ -761,10 +780,10 @@ def _known_values(frame: Frame) -> dict[str, tuple[Kind, Mapping[int, str] | Non
     return known
 
 
-def _results(node: Node) -> Iterable[Text]:
-    """The texts that an expression may come to."""
-    if isinstance(node, Text):
-        yield node
-    elif isinstance(node, Conditional):
+def _results(node: Node) -> Iterable[Node]:
+    """What an expression may come to, by its conditions."""
+    if isinstance(node, Conditional):
         yield from _results(node.then)
         yield from _results(node.otherwise)
+    else:
+        yield node

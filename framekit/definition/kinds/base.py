@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Self, TypeVar
 from typing import Protocol as Interface
 
-from framekit.definition.expression import Expression, Number, Unary
+from framekit.definition.expression import Binary, Bytes, Call, Conditional, Expression, Number, Slice, Unary
+from framekit.definition.expression import Node as ExpressionNode
 from framekit.definition.keys import Form, Meanings, ValueKind, here, mapping_schema, read_keys, ref
 from framekit.definition.load.reader import Reader, parse_number
 from framekit.definition.problems import Position, Problem, did_you_mean, parted
@@ -420,6 +421,37 @@ def constant_number(expression: Expression | None) -> int | None:
         case Unary(operator="-", operand=Number(value=value, is_time=False)):
             return -value
     return None
+
+
+def most_bytes(node: ExpressionNode) -> int | None:
+    """How many bytes an expression gives where there are enough of them; None where that is open."""
+    match node:
+        case Bytes(value=value):
+            return len(value)
+        case Binary(operator="+", left=left, right=right):
+            parts = (most_bytes(left), most_bytes(right))
+            return None if None in parts else sum(part for part in parts if part is not None)
+        case Conditional(then=then, otherwise=otherwise):
+            first = most_bytes(then)
+            return first if first == most_bytes(otherwise) else None
+        case Call(function="xor" | "aes", arguments=arguments):
+            return most_bytes(arguments[1])
+        case Slice(value=value, start=start, stop=stop):
+            whole, first, last = most_bytes(value), _place(start), _place(stop)
+            if whole is not None and None not in (first, last):
+                return len(range(whole)[slice(first or None, last or None if stop is None else last)])
+            if start is not None and first is not None and first < 0 and stop is None:
+                return -first
+            if last is not None and stop is not None and first is not None and 0 <= first <= last:
+                return last - first
+            if first is not None and last is not None and stop is not None and first < 0 and last < 0:
+                return max(0, last - first)
+    return None
+
+
+def _place(node: ExpressionNode | None) -> int | None:
+    """The end of a slice as a number: 0 for one that is missing, None for one that is worked out."""
+    return 0 if node is None else constant_number(Expression("", node))
 
 
 def bytes_of_number(segment: Numbered, plus: int = 0) -> frozenset[int]:
