@@ -16,7 +16,7 @@ from functools import partial
 from pathlib import Path
 from typing import Literal, get_args
 
-from framekit.definition.check.services import check_forms
+from framekit.definition.check.addresses import check_forms
 from framekit.definition.load.documents import Documents, merged
 from framekit.definition.load.namespace import load_table
 from framekit.definition.load.reader import MOST_ELEMENTS, Broken, Reader

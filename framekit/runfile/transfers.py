@@ -11,7 +11,7 @@ from collections.abc import Mapping as MappingOf
 from functools import partial
 from typing import Any, TypeVar
 
-from framekit.definition.check.services import is_unit
+from framekit.definition.check.addresses import is_unit
 from framekit.definition.expression import Expression, Name
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.frames import Frame, field_names, names_needed

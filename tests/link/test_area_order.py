@@ -182,3 +182,14 @@ def test_values_that_do_not_fit_are_refused() -> None:
     with pytest.raises(MemoryValueError):
         area.write("word", 0, [0x10000])
     assert area.read("word", 0, 4) == [0, 0, 0, 0]
+
+
+@pytest.mark.parametrize("order", ["big", "CDAB", "BADC"])
+def test_a_memory_of_an_odd_number_of_bytes_is_written_to_its_end(order: str) -> None:
+    memory = DeviceMemory([Area("M", size=5, unit="byte")])
+    one = loop(order, memory=memory, mapping={"DB": ("M", 0)})
+    for place in range(5):
+        assert write(one, f"DB{place}", [place + 1]).ok
+    assert read(one, "DB0", count=5).values == [1, 2, 3, 4, 5]
+    assert memory.read("M", "byte", 0, 5) == ([1, 2, 3, 4, 5] if order == "BADC" else [2, 1, 4, 3, 5])
+    assert not write(one, "DB5", [6]).ok

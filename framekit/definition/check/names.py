@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
+from framekit.definition.check.addresses import parts_in
 from framekit.definition.check.services import (
     BUILT_IN,
     EXCHANGE,
@@ -17,7 +18,6 @@ from framekit.definition.check.services import (
     asked_for,
     behind_a_refusal,
     item_names,
-    parts_in,
     takes_something,
     without_parts,
 )

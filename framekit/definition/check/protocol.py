@@ -7,10 +7,11 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from decimal import Decimal
 from typing import Any
 
+from framekit.definition.check.addresses import check_forms
 from framekit.definition.check.frames import FrameEnds, check_frame
 from framekit.definition.check.names import NameChecker
 from framekit.definition.check.procedure import check_procedure
-from framekit.definition.check.services import check_forms, check_services
+from framekit.definition.check.services import check_services
 from framekit.definition.check.typed import check_kinds
 from framekit.definition.expression import Bytes, Expression, List, Name, Number, Real, Text, is_constant
 from framekit.definition.kinds.base import constant_number

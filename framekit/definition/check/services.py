@@ -5,12 +5,12 @@ A server can tell from a request what it asks for, and comes to every row.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from framekit.definition.check.addresses import is_unit
 from framekit.definition.expression import (
     COLUMNS,
     Attribute,
@@ -41,21 +41,17 @@ from framekit.definition.model.procedure import Action, Row, Sequence, Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Data, Field
 from framekit.definition.model.services import (
-    BASES,
     COUNTED_STRING,
     COUNTING,
     NOT_COMPARED,
     NUMBER_BITS,
     UNIT_BITS,
     AddressForm,
-    Area,
-    Maybe,
-    Part,
     ServiceRow,
     is_passed_over,
     mentions_of,
 )
-from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Table, Value
+from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
 from framekit.definition.problems import Position, Problem, did_you_mean, listed
 from framekit.definition.sources import fingerprint
 
@@ -118,153 +114,6 @@ def without_parts(segment: Segment) -> list[Any]:
         if name not in ("of", "cases", "otherwise", "method")
     ]
     return [part for part in parts if part is not None]
-
-
-MOST_PLACES = 18
-_UNIT = re.compile(r"[1-9]\d* bytes?")
-
-
-def check_forms(
-    forms: tuple[AddressForm, ...], areas: Mapping[str, Area], tables: Mapping[str, Table]
-) -> Iterator[Problem]:
-    """Everything wrong with the forms of an `addresses` section."""
-    columns = {name for area in areas.values() for name in area.columns}
-    for form in forms:
-        parts = tuple(parts_in(form))
-        yield from _start(form, parts)
-        yield from _area(form, parts)
-        for part in parts:
-            yield from _part(form, part, areas, columns)
-        yield from _unit(form, parts, areas, tables)
-        yield from _type(form)
-        yield from _counts(form, tables)
-        yield from _names(form, parts, columns, tables)
-
-
-def is_unit(text: str) -> bool:
-    """Whether a text can be a unit at all: a word of the language, or `6 bytes`."""
-    return text in UNIT_BITS or _UNIT.fullmatch(text) is not None
-
-
-def parts_in(form: AddressForm) -> Iterator[Part]:
-    """The parts in braces, those in optional text too."""
-    for item in form.parts:
-        for part in item.parts if isinstance(item, Maybe) else (item,):
-            if isinstance(part, Part):
-                yield part
-
-
-def _start(form: AddressForm, parts: tuple[Part, ...]) -> Iterator[Problem]:
-    if "start" not in form.results and not any(part.name == "start" for part in parts):
-        what = f'the form "{form.text}" does not say where a place is'
-        yield Problem(form.at, what, "add {start:dec} to it, or start: EXPRESSION")
-    seen: set[str] = set()
-    for part in parts:
-        if part.what == "number" and part.name in seen:
-            yield Problem(form.at, f"the form \"{form.text}\" has two parts '{part.name}'", "rename one of them")
-        seen.add(part.name)
-    ordered = form.results_in_order()
-    circle = [result for name, result in form.results.items() if name not in ordered]
-    if circle:
-        what = f'the results of the form "{form.text}" depend on each other in a circle'
-        yield Problem(circle[-1].at, what, "break the circle")
-
-
-def _area(form: AddressForm, parts: tuple[Part, ...]) -> Iterator[Problem]:
-    if form.area is None and not any(part.what in ("area", "column") for part in parts):
-        what = f'the form "{form.text}" does not say which area it is'
-        yield Problem(form.at, what, "add {area} to it, or area: NAME")
-
-
-def _part(form: AddressForm, part: Part, areas: Mapping[str, Area], columns: set[str]) -> Iterator[Problem]:
-    if part.what == "column" and part.name not in columns and areas:
-        yield Problem(form.at, f"no area has a column '{part.name}'", did_you_mean(part.name, columns))
-    if isinstance(part.base, str):
-        yield from _base(form, part.base, areas)
-    for width in (part.least, part.most):
-        if isinstance(width, str) and width not in columns and areas:
-            yield Problem(form.at, f"no area has a column '{width}' for a number of places", "write 4 or 1-3")
-        elif isinstance(width, int) and not 1 <= width <= MOST_PLACES:
-            yield Problem(form.at, f"a number of {width} places cannot be", f"write 1 to {MOST_PLACES}")
-    if isinstance(part.least, int) and isinstance(part.most, int) and part.least > part.most:
-        yield Problem(form.at, f"{part.least}-{part.most} places cannot be", f"write {part.most}-{part.least}")
-
-
-def _base(form: AddressForm, base: str, areas: Mapping[str, Area]) -> Iterator[Problem]:
-    """A number that every area writes in its own way: the column says dec, hex or oct."""
-    having = [area for area in areas.values() if base in area.columns]
-    if not having:
-        what = f"'{base}' is neither a kind of number nor a column of an area"
-        yield Problem(form.at, what, did_you_mean(base, BASES))
-    elif isinstance(form.area, Expression):
-        what = f"the form \"{form.text}\" works out its area, so its numbers cannot be written as column '{base}' says"
-        yield Problem(form.at, what, "write {area} into it, area: NAME, or dec, hex or oct")
-    elif isinstance(form.area, str) and all(area.name != form.area for area in having):
-        yield Problem(form.at, f"area '{form.area}' has no column '{base}'", "write dec, hex or oct")
-    for area in having:
-        if area.columns[base] not in BASES:
-            what = f"{str(area.columns[base])!r} in the column '{base}' of area '{area.name}' is not a kind of number"
-            yield Problem(area.at, what, "write dec, hex or oct")
-
-
-def _unit(
-    form: AddressForm, parts: tuple[Part, ...], areas: Mapping[str, Area], tables: Mapping[str, Table]
-) -> Iterator[Problem]:
-    units = {*UNIT_BITS, *(area.unit for area in areas.values())}
-    if form.unit is not None and form.unit not in units and not _UNIT.fullmatch(form.unit):
-        hint = did_you_mean(form.unit, [*units, *tables])
-        yield Problem(form.at, f"'{form.unit}' is neither a unit nor a table of units", hint)
-    if any(part.what == "unit" for part in parts) and form.units_table is None and form.unit is None:
-        yield Problem(form.at, f'nothing says what {{unit}} of "{form.text}" may be', "add unit: TABLE, letter: unit")
-    table = tables.get(form.units_table or "")
-    for key, unit in table.entries.items() if table is not None else ():
-        if not isinstance(unit, str) or (unit not in units and not _UNIT.fullmatch(unit)):
-            what = f"{unit!r} stands for '{key}' in the table '{form.units_table}' and is no unit"
-            yield Problem(form.at, what, did_you_mean(str(unit), units))
-
-
-def _type(form: AddressForm) -> Iterator[Problem]:
-    if form.type is None:
-        return
-    if form.unit is None:
-        what = f'the form "{form.text}" has a type and no unit of its own'
-        yield Problem(form.at, what, "say unit: too, or give the area the type")
-    elif UNIT_BITS.get(form.unit) != NUMBER_BITS.get(form.type):
-        yield Problem(form.at, f"a {form.type} is no {form.unit}", "give a type of that width")
-
-
-def _counts(form: AddressForm, tables: Mapping[str, Table]) -> Iterator[Problem]:
-    """Elements that begin at any byte, say, are whole numbers of bytes."""
-    if form.counts is None:
-        return
-    table = tables.get(form.units_table or "")
-    units = [form.unit] if form.unit else [str(unit) for unit in table.entries.values()] if table is not None else []
-    if not units:
-        yield Problem(form.at, f'the form "{form.text}" counts in a unit and has none of its own', "say unit: too")
-    elif form.counts not in UNIT_BITS:
-        yield Problem(form.at, f"'{form.counts}' is no unit to count in", did_you_mean(form.counts, UNIT_BITS))
-    elif all(unit == form.counts for unit in units):
-        yield Problem(form.at, f"counts: {form.counts} has no effect: the unit is {form.counts}", "leave it out")
-    for unit in units:
-        if UNIT_BITS.get(unit, 8) % UNIT_BITS.get(form.counts, 1):
-            what = f"a {unit} is no whole number of {form.counts} elements, in which this form counts"
-            yield Problem(form.at, what, "count in a smaller unit")
-
-
-def _names(
-    form: AddressForm, parts: tuple[Part, ...], columns: set[str], tables: Mapping[str, Table]
-) -> Iterator[Problem]:
-    """Names in the results: parts, other results, tables, and columns as `area.NAME`."""
-    known = {"area", *(part.name for part in parts), *form.results, *tables}
-    for expression in (*form.results.values(), form.area):
-        if expression is None or isinstance(expression, str):
-            continue
-        for node in walk(expression.root):
-            if isinstance(node, Name) and node.name not in known:
-                yield Problem(node.at, f"there is no name '{node.name}' here", did_you_mean(node.name, known))
-            of_area = isinstance(node, Attribute) and isinstance(node.value, Name) and node.value.name == "area"
-            if of_area and isinstance(node, Attribute) and node.name not in columns | {"size"}:
-                yield Problem(node.at, f"no area has a column '{node.name}'", did_you_mean(node.name, columns))
 
 
 def check_request_matching(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
@@ -373,7 +222,7 @@ def _uncounted(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
         return
     form = row.packing.bits
     step = 2 if form == "nibble_each" else 8
-    if form in _FILLED_UP and row.align_bits % step and _may_be_bits(protocol, row):
+    if form in _FILLED_UP and row.align_bits % step and "bit" in _units_in(protocol, row):
         what = f"bits: {form} fills the data up to whole bytes, so a server cannot tell how many bits this write is for"
     elif "bytes" not in read and any(name in _padded(protocol, sent) for name in _holders_of_data(sent)):
         what = "padding may follow the data, so a server cannot tell how many elements this write is for"
@@ -383,16 +232,30 @@ def _uncounted(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
     yield Problem(row.at, what, f"give count: put it into the request, or add back: {{{todo}}}, or client_only: yes")
 
 
-def _may_be_bits(protocol: Protocol, row: ServiceRow) -> bool:
-    """Whether the elements of a row are bits, for some request."""
+_PAIRED = ("BADC", "CDAB")
+"""Orders that exchange words, or the bytes of each."""
+
+
+def _is_odd(unit: str) -> bool:
+    """Whether a unit is `3 bytes`, say: no words."""
+    return is_unit(unit) and unit not in UNIT_BITS and int(unit.split()[0]) % 2 == 1 and unit != "1 byte"
+
+
+def _units_of(protocol: Protocol, form: AddressForm) -> set[str]:
+    """The units that addresses of a form may have; none where their area says it."""
+    table = protocol.tables.get(form.units_table or "")
+    return {form.unit} if form.unit else set() if table is None else set(map(str, table.entries.values()))
+
+
+def _units_in(protocol: Protocol, row: ServiceRow) -> set[str]:
+    """The units that the elements of a row may have, for some request."""
     if row.units and all(map(is_unit, row.units)) and not {"unit"} & {*row.back, *row.back_each}:
-        return "bit" in row.units
+        return set(row.units)
     areas = [area for name, area in protocol.areas.items() if not row.areas or name in row.areas]
     units = {unit for area in areas for unit in (area.unit, *area.codes)}
-    for form in protocol.addresses:
-        table = protocol.tables.get(form.units_table or "")
-        units |= {form.unit} if form.unit else set() if table is None else set(map(str, table.entries.values()))
-    return "bit" in units
+    others = protocol.areas.keys() - set(row.areas) if row.areas else ()
+    forms = (form for form in protocol.addresses if form.area not in others)
+    return units.union(*(_units_of(protocol, form) for form in forms))
 
 
 def _holders_of_data(values: Iterable[Value]) -> Iterator[str]:
@@ -781,7 +644,11 @@ def _units(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
 
 
 def _points(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
-    """The form of bits says something only where elements are bits."""
+    """The form of bits says something only where elements are bits; an order of words only where they are words."""
+    odd = sorted(filter(_is_odd, _units_in(protocol, row))) if row.packing.order in _PAIRED else []
+    for unit in odd if row.service in ("read", "write") else ():
+        what = f"order: {row.packing.order} goes by words, and {unit} are no whole number of them"
+        yield Problem(row.at, what, "give big or little")
     form = row.packing.bits
     if form == "packed" or not row.units or "bit" in row.units or not all(map(is_unit, row.units)):
         return
@@ -913,6 +780,12 @@ def _areas(protocol: Protocol, broken: Collection[str]) -> Iterator[Problem]:
         elif area.type is not None and NUMBER_BITS.get(area.type, area.element_bits) != area.element_bits:
             what = f"a {area.type} is no {area.unit}, which an element of area '{area.name}' is"
             yield Problem(area.at, what, "give a type of that width")
+        if area.order in _PAIRED:
+            forms = (one for one in protocol.addresses if not isinstance(one.area, str) or one.area == area.name)
+            units = {area.unit, *area.codes}.union(*(_units_of(protocol, form) for form in forms))
+            for unit in sorted(filter(_is_odd, units)):
+                what = f"order: {area.order} goes by words, and {unit} are no whole number of them"
+                yield Problem(area.at, f"{what}, in area '{area.name}'", "give big or little")
         for unit in area.codes:
             if is_unit(unit) and unit not in UNIT_BITS and unit != area.unit:
                 what = f"'{unit}' in the codes of area '{area.name}' is not a unit"

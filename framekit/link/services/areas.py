@@ -143,12 +143,13 @@ class AreaUnit:
 
     def _words(self, there: MemoryArea, first: int, bits: int) -> bytes:
         """The whole words that hold these bits, as the device has their bytes."""
-        word, end = first // 16, -(-(first + bits) // 16)
-        return self._turned(there, there.read_bits(word * 16, (end - word) * 16))
+        start, end = first // 16 * 16, min(-(-(first + bits) // 16) * 16, there.size_bits)
+        return self._turned(there, there.read_bits(start, end - start))
 
     def _turned(self, there: MemoryArea, words: bytes) -> bytes:
-        """Words between memory and device."""
-        return ordered(ordered(words, there.order, 2), self._order, 2)
+        """Words between memory and device; half a word at the end of the memory stands where it is."""
+        whole = len(words) // 2 * 2
+        return ordered(ordered(words[:whole], there.order, 2), self._order, 2) + words[whole:]
 
     def _write(self, there: MemoryArea, first: int, bits: int, data: bytes) -> None:
         if there.order == self._order:
@@ -158,7 +159,8 @@ class AreaUnit:
         mask = ((1 << bits) - 1) << first % 16
         number = int.from_bytes(words, "little") & ~mask | int.from_bytes(data, "little") << first % 16
         whole = self._turned(there, number.to_bytes(len(words), "little"))
-        there.write_bits(first // 16 * 16, len(whole) * 8, whole)
+        start = first // 16 * 16
+        there.write_bits(start, min(len(whole) * 8, there.size_bits - start), whole)
 
 
 class DeviceAreas:

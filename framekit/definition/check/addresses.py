@@ -1,0 +1,157 @@
+"""Forms of addresses: what each says of a place, in which units it counts, and which names its results read."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+
+from framekit.definition.expression import Attribute, Expression, Name, walk
+from framekit.definition.model.services import BASES, NUMBER_BITS, UNIT_BITS, AddressForm, Area, Maybe, Part
+from framekit.definition.model.values import Table
+from framekit.definition.problems import Problem, did_you_mean
+
+MOST_PLACES = 18
+_UNIT = re.compile(r"[1-9]\d* bytes?")
+
+
+def check_forms(
+    forms: tuple[AddressForm, ...], areas: Mapping[str, Area], tables: Mapping[str, Table]
+) -> Iterator[Problem]:
+    """Everything wrong with the forms of an `addresses` section."""
+    columns = {name for area in areas.values() for name in area.columns}
+    for form in forms:
+        parts = tuple(parts_in(form))
+        yield from _start(form, parts)
+        yield from _area(form, parts)
+        for part in parts:
+            yield from _part(form, part, areas, columns)
+        yield from _unit(form, parts, areas, tables)
+        yield from _type(form)
+        yield from _counts(form, tables)
+        yield from _names(form, parts, columns, tables)
+
+
+def is_unit(text: str) -> bool:
+    """Whether a text can be a unit at all: a word of the language, or `6 bytes`."""
+    return text in UNIT_BITS or _UNIT.fullmatch(text) is not None
+
+
+def parts_in(form: AddressForm) -> Iterator[Part]:
+    """The parts in braces, those in optional text too."""
+    for item in form.parts:
+        for part in item.parts if isinstance(item, Maybe) else (item,):
+            if isinstance(part, Part):
+                yield part
+
+
+def _start(form: AddressForm, parts: tuple[Part, ...]) -> Iterator[Problem]:
+    if "start" not in form.results and not any(part.name == "start" for part in parts):
+        what = f'the form "{form.text}" does not say where a place is'
+        yield Problem(form.at, what, "add {start:dec} to it, or start: EXPRESSION")
+    seen: set[str] = set()
+    for part in parts:
+        if part.what == "number" and part.name in seen:
+            yield Problem(form.at, f"the form \"{form.text}\" has two parts '{part.name}'", "rename one of them")
+        seen.add(part.name)
+    ordered = form.results_in_order()
+    circle = [result for name, result in form.results.items() if name not in ordered]
+    if circle:
+        what = f'the results of the form "{form.text}" depend on each other in a circle'
+        yield Problem(circle[-1].at, what, "break the circle")
+
+
+def _area(form: AddressForm, parts: tuple[Part, ...]) -> Iterator[Problem]:
+    if form.area is None and not any(part.what in ("area", "column") for part in parts):
+        what = f'the form "{form.text}" does not say which area it is'
+        yield Problem(form.at, what, "add {area} to it, or area: NAME")
+
+
+def _part(form: AddressForm, part: Part, areas: Mapping[str, Area], columns: set[str]) -> Iterator[Problem]:
+    if part.what == "column" and part.name not in columns and areas:
+        yield Problem(form.at, f"no area has a column '{part.name}'", did_you_mean(part.name, columns))
+    if isinstance(part.base, str):
+        yield from _base(form, part.base, areas)
+    for width in (part.least, part.most):
+        if isinstance(width, str) and width not in columns and areas:
+            yield Problem(form.at, f"no area has a column '{width}' for a number of places", "write 4 or 1-3")
+        elif isinstance(width, int) and not 1 <= width <= MOST_PLACES:
+            yield Problem(form.at, f"a number of {width} places cannot be", f"write 1 to {MOST_PLACES}")
+    if isinstance(part.least, int) and isinstance(part.most, int) and part.least > part.most:
+        yield Problem(form.at, f"{part.least}-{part.most} places cannot be", f"write {part.most}-{part.least}")
+
+
+def _base(form: AddressForm, base: str, areas: Mapping[str, Area]) -> Iterator[Problem]:
+    """A number that every area writes in its own way: the column says dec, hex or oct."""
+    having = [area for area in areas.values() if base in area.columns]
+    if not having:
+        what = f"'{base}' is neither a kind of number nor a column of an area"
+        yield Problem(form.at, what, did_you_mean(base, BASES))
+    elif isinstance(form.area, Expression):
+        what = f"the form \"{form.text}\" works out its area, so its numbers cannot be written as column '{base}' says"
+        yield Problem(form.at, what, "write {area} into it, area: NAME, or dec, hex or oct")
+    elif isinstance(form.area, str) and all(area.name != form.area for area in having):
+        yield Problem(form.at, f"area '{form.area}' has no column '{base}'", "write dec, hex or oct")
+    for area in having:
+        if area.columns[base] not in BASES:
+            what = f"{str(area.columns[base])!r} in the column '{base}' of area '{area.name}' is not a kind of number"
+            yield Problem(area.at, what, "write dec, hex or oct")
+
+
+def _unit(
+    form: AddressForm, parts: tuple[Part, ...], areas: Mapping[str, Area], tables: Mapping[str, Table]
+) -> Iterator[Problem]:
+    units = {*UNIT_BITS, *(area.unit for area in areas.values())}
+    if form.unit is not None and form.unit not in units and not _UNIT.fullmatch(form.unit):
+        hint = did_you_mean(form.unit, [*units, *tables])
+        yield Problem(form.at, f"'{form.unit}' is neither a unit nor a table of units", hint)
+    if any(part.what == "unit" for part in parts) and form.units_table is None and form.unit is None:
+        yield Problem(form.at, f'nothing says what {{unit}} of "{form.text}" may be', "add unit: TABLE, letter: unit")
+    table = tables.get(form.units_table or "")
+    for key, unit in table.entries.items() if table is not None else ():
+        if not isinstance(unit, str) or (unit not in units and not _UNIT.fullmatch(unit)):
+            what = f"{unit!r} stands for '{key}' in the table '{form.units_table}' and is no unit"
+            yield Problem(form.at, what, did_you_mean(str(unit), units))
+
+
+def _type(form: AddressForm) -> Iterator[Problem]:
+    if form.type is None:
+        return
+    if form.unit is None:
+        what = f'the form "{form.text}" has a type and no unit of its own'
+        yield Problem(form.at, what, "say unit: too, or give the area the type")
+    elif UNIT_BITS.get(form.unit) != NUMBER_BITS.get(form.type):
+        yield Problem(form.at, f"a {form.type} is no {form.unit}", "give a type of that width")
+
+
+def _counts(form: AddressForm, tables: Mapping[str, Table]) -> Iterator[Problem]:
+    """Elements that begin at any byte, say, are whole numbers of bytes."""
+    if form.counts is None:
+        return
+    table = tables.get(form.units_table or "")
+    units = [form.unit] if form.unit else [str(unit) for unit in table.entries.values()] if table is not None else []
+    if not units:
+        yield Problem(form.at, f'the form "{form.text}" counts in a unit and has none of its own', "say unit: too")
+    elif form.counts not in UNIT_BITS:
+        yield Problem(form.at, f"'{form.counts}' is no unit to count in", did_you_mean(form.counts, UNIT_BITS))
+    elif all(unit == form.counts for unit in units):
+        yield Problem(form.at, f"counts: {form.counts} has no effect: the unit is {form.counts}", "leave it out")
+    for unit in units:
+        if UNIT_BITS.get(unit, 8) % UNIT_BITS.get(form.counts, 1):
+            what = f"a {unit} is no whole number of {form.counts} elements, in which this form counts"
+            yield Problem(form.at, what, "count in a smaller unit")
+
+
+def _names(
+    form: AddressForm, parts: tuple[Part, ...], columns: set[str], tables: Mapping[str, Table]
+) -> Iterator[Problem]:
+    """Names in the results: parts, other results, tables, and columns as `area.NAME`."""
+    known = {"area", *(part.name for part in parts), *form.results, *tables}
+    for expression in (*form.results.values(), form.area):
+        if expression is None or isinstance(expression, str):
+            continue
+        for node in walk(expression.root):
+            if isinstance(node, Name) and node.name not in known:
+                yield Problem(node.at, f"there is no name '{node.name}' here", did_you_mean(node.name, known))
+            of_area = isinstance(node, Attribute) and isinstance(node.value, Name) and node.value.name == "area"
+            if of_area and isinstance(node, Attribute) and node.name not in columns | {"size"}:
+                yield Problem(node.at, f"no area has a column '{node.name}'", did_you_mean(node.name, columns))
