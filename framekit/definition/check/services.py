@@ -6,7 +6,7 @@ A server can tell from a request what it asks for, and comes to every row.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -349,6 +349,27 @@ def _settings(protocol: Protocol) -> Iterator[Problem]:
             yield Problem(value.at, f"{what} answers requests to others", todo, warning=True)
 
 
+def _of_client(protocol: Protocol) -> Iterator[Problem]:
+    """`from: client` keeps a device from comparing a parameter of a request: one that it would compare."""
+    rows = [row for rows in protocol.services.values() for row in rows]
+    served = [row for row in rows if not row.client_only] if serves(protocol) else []
+    sent: list[Any] = [part for row in served for part in (row.request, row.buffer)]
+    frames = (protocol.frames.get(made.frame) for made in parts_of(sent, FrameOf))
+    sent += [frame.segments for frame in frames if frame is not None]
+    told = {name for one in expressions_of(sent) for name in names_in(one.root)}
+    for one in protocol.params.values():
+        if not one.of_client or one.at.file != protocol.at.file:
+            continue  # of an application: some of its carriers tell it
+        if not replace(one, of_client=False).is_compared:
+            kind = "a secret" if one.secret else "one with is:" if one.is_ is not None else f"a {one.type}"
+            what = f"from: client has no effect: '{one.name}' is {kind}, which no device compares"
+        elif one.name not in told:
+            what = f"from: client has no effect: no request that a device serves tells '{one.name}'"
+        else:
+            continue
+        yield Problem(one.at, what, "leave it out")
+
+
 def _leaves_of(made: FrameOf | LayoutOf | RecordOf) -> Iterator[tuple[str, Expression]]:
     """Fields and the expressions that fill them, those of records and layouts inside too."""
     for name, value in made.fields.items():
@@ -524,7 +545,7 @@ def check_services(protocol: Protocol, broken: Collection[str] = ()) -> list[Pro
             found += _limits_too_high(protocol, row)
             found += check_request_matching(protocol, row)
         found += _dead(rows)
-    found += [*_stations(protocol), *_settings(protocol)]
+    found += [*_stations(protocol), *_settings(protocol), *_of_client(protocol)]
     told = {problem.at for problem in found}
     found += [problem for problem in check_unserved(protocol) if problem.at not in told]
     return [*found, *_areas(protocol, broken), *_codes(protocol), *_errors(protocol, broken)]
