@@ -7,13 +7,13 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from decimal import Decimal
-from io import BytesIO
 from typing import Any
 
 from framekit.codec.plain import PlainValues
 from framekit.codec.shown import code_text, explain
 from framekit.definition.load.reader import parse_number
 from framekit.definition.model.protocol import Protocol
+from framekit.definition.problems import plural
 from framekit.definition.times import NEVER, LineFormat, parse_format, readable_time
 from framekit.definition.vectors import Conversation, FrameVector, ScriptLine, nine_bits, role_of
 from framekit.link.arrivals import Arrival, BadFrame, FrameArrived
@@ -308,6 +308,22 @@ def run_conversation(
         return [f"{case.at}: {case.name}: {explain(error)}"]
 
 
+class _Random:
+    """What `random:` of a case gives, in its order; `short` says when it was not enough."""
+
+    def __init__(self, data: bytes) -> None:
+        self.left = data
+        self.short = ""
+
+    def take(self, size: int) -> bytes:
+        """The next bytes. Raises ValueError when there are not so many."""
+        if size > len(self.left):
+            self.short = f"random({size}) wants {plural(size, 'byte')}, random: of the case has {len(self.left)} left"
+            raise ValueError(self.short)
+        found, self.left = self.left[:size], self.left[size:]
+        return found
+
+
 class _Player:
     def __init__(
         self, case: Conversation, protocol: Protocol, codec: ProtocolCodec, make_side: MakeSide, line: LineFormat | None
@@ -320,7 +336,8 @@ class _Player:
             server=self.side.server, memory=self.side.memory, monitor=self.side.monitor,
         )  # fmt: skip
         self.engine.machine.on_fault = self._seen
-        self.engine.scope["functions"].make_random = BytesIO(case.random).read
+        self.random = _Random(case.random)
+        self.engine.scope["functions"].make_random = self.random.take
         if self.side.ask is not None:
             self.engine.machine.ask_service = self.side.ask(self.engine)
         set_state(self.engine.scope, case.state)
@@ -349,6 +366,10 @@ class _Player:
                 break
         else:
             self._finish()
+        if self.random.short:
+            self._note(None, self.random.short)
+        elif self.random.left and not self.problems:
+            self._note(None, f"random: has {plural(len(self.random.left), 'byte')} more than are asked for")
         for trouble in self.side.troubles if self.problems else ():
             self._note(None, trouble)
         return self.problems

@@ -287,3 +287,34 @@ def test_a_side_that_runs_nothing(tmp_path: Path) -> None:
     (case,) = read(tmp_path, text).conversations
     problems = run_conversation(case, protocol, codec, lambda *_: SideUnderTest())
     assert "nobody runs services" in problems[0]
+
+
+DRAWN = """
+protocol: drawn
+extends: standard
+groups:
+  request: {from: client, head: [{const: 01}, {data: d, size: 2}]}
+frames:
+  ask: {group: request}
+  got: {from: server, body: [{const: 02}]}
+services:
+  fetch:
+    - {request: {ask: {d: random(2)}}, reply: {got: {}}, client_only: yes}
+"""
+
+
+@pytest.mark.parametrize(
+    ("drawn", "words"),
+    [
+        ("random: 05 06, ", ""),
+        ("random: 05 06 07, ", "random: has 1 byte more than are asked for"),
+        ("random: 05, ", "random(2) wants 2 bytes, random: of the case has 1 left"),
+        ("", "random(2) wants 2 bytes, random: of the case has 0 left"),
+    ],
+)
+def test_random_bytes_of_a_case_are_as_many_as_are_asked_for(tmp_path: Path, drawn: str, words: str) -> None:
+    protocol, codec = compiled(DRAWN)
+    text = f"{{name: c, {drawn}do: {{fetch: {{}}}}, script: [{{send: 01 05 06}}, {{receive: 02}}]}}"
+    (case,) = read(tmp_path, f"vectors: drawn\nconversations:\n  - {text}\n").conversations
+    problems = run_conversation(case, protocol, codec, make_side)
+    assert problems == [] if not words else any(words in problem for problem in problems), problems
