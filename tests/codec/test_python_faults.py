@@ -95,6 +95,7 @@ def test_bytes_are_shown_in_capitals() -> None:
         ("[{repeat: r, times: rest, of: u16}, {check: sum8}]", "00 01 02 03", "short", "r", 0),
         ("[{repeat: r, times: rest, of: u16}, {check: sum8}]", "00 01 02 04", "check", "check", 3),
         ("[{repeat: r, times: rest, of: u16}, {const: 03}]", "00 01 02 03", "short", "r", 0),
+        ("[{check: xor8, over: [d], name: one}, {data: d, size: 1}, {check: xor8}]", "01 02 09", "check", "one", 0),
     ],
 )
 def test_the_first_fault_counts(body: str, data: str, cause: str, segment: str, offset: int) -> None:

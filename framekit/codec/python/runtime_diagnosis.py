@@ -625,11 +625,11 @@ class Diagnosis:
         self.wrong_check(name, start, expected, hex_text(found), verify)
 
     def wrong_check(self, name: str, place: int, expected: str, found: str, verify: bool = True) -> None:
-        """A check code is not right; unless that is verified, it is only told."""
+        """A check code is not right; unless that is verified, it is only told. The first in the frame counts."""
         fault = FrameError("check", self.path + shown(name), self.wire(place), expected, found)
         if not verify:
             self.notes.warnings.append(str(fault))
-        elif self.notes.check is None:
+        elif self.notes.check is None or fault.offset < self.notes.check.offset:
             self.notes.check = fault
 
     def inner(self, name: str, size: int | Ask | None, choice: Any, behind: int | Ask = 0, found: bool = False) -> None:
