@@ -94,9 +94,9 @@ class SinkHost:
             try:
                 assert self._points is not None
                 self._points.write(point, value, who, written)
-            except (ValueError, ArithmeticError) as error:
+            except Exception as error:  # what comes from outside may be anything
                 self._under_way -= 1
-                refuse(str(error))
+                refuse(_in_words(error))
 
         try:
             self._soon(write)

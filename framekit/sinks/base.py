@@ -41,6 +41,13 @@ def good_value(value: PointValue) -> Any:
     return value.value if value.quality == "good" else None
 
 
+def as_record(time: str, value: PointValue, unit: str) -> dict[str, Any]:
+    """A value for JSON: `time`, `point`, `value`, `unit` if any, `quality` and, where it is not good, `reason`."""
+    data = {"time": time, "point": value.name, "value": good_value(value)}
+    data |= {"unit": unit} if unit else {}
+    return data | {"quality": value.quality, **({"reason": value.reason} if value.reason else {})}
+
+
 PERIOD = Form(ref("time"), lambda r, node: r.reader.time(node))
 FILE = Form(ref("text"), lambda r, node: r.loader.file(node))
 """A file; a relative name counts from the folder of the run."""

@@ -17,7 +17,7 @@ from framekit.definition.keys import NUMBER, Form, KeyReading, key, words
 from framekit.definition.tree import Node
 from framekit.run.model import Point
 from framekit.run.points import PointValue, iso_time
-from framekit.sinks.base import FILE, Sampled, Sink, SinkKind, good_value, open_alone
+from framekit.sinks.base import FILE, Sampled, Sink, SinkKind, as_record, good_value, open_alone
 
 _SIZES = {"KB": 1_000, "MB": 1_000_000, "GB": 1_000_000_000}
 _ROTATE = re.compile(r"\s*([0-9]+)\s*(KB|MB|GB)\s*")
@@ -269,7 +269,4 @@ class JsonFile(LinesFile):
 
     def lines(self, time: str, values: Sequence[PointValue]) -> Iterator[bytes]:
         for one in values:
-            data = {"time": time, "point": one.name, "value": good_value(one)}
-            data |= {"unit": self._units[one.name]} if self._units[one.name] else {}
-            data |= {"quality": one.quality, **({"reason": one.reason} if one.reason else {})}
-            yield json.dumps(data, ensure_ascii=False).encode() + b"\n"
+            yield json.dumps(as_record(time, one, self._units[one.name]), ensure_ascii=False).encode() + b"\n"

@@ -12,12 +12,13 @@ import shutil
 import socket
 import subprocess
 import sys
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from docs.pages import PAGES, ROOT, snippets
+from points.mosquitto import BINARY, Broker
 from spread import spread
 
 from framekit.cli.main import main
@@ -32,12 +33,22 @@ def test_page(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
     monkeypatch.chdir(folder)
     monkeypatch.setattr(schemes, "SCHEMES", dict(SCHEMES))  # a page's own port is known on that page only
     ports: dict[str, str] = {}
+    with ExitStack() as programs:
+        _carry_out_page(page, folder, ports, programs, capsys)
+
+
+def _carry_out_page(
+    page: Path, folder: Path, ports: dict[str, str], programs: ExitStack, capsys: pytest.CaptureFixture[str]
+) -> None:
     for snippet in snippets(page):
         snippet = replace(snippet, text=with_free_ports(snippet.text, ports))
         where = f"{page.name}:{snippet.line}"
         if snippet.kind == "console":
             for command, expected in commands(snippet.text):
-                assert_shown(carry_out(command, capsys), expected, f"{where}: {command}")
+                if command == "mosquitto":  # the broker that a page needs, as long as the page
+                    programs.enter_context(broker(folder, ports))
+                else:
+                    assert_shown(carry_out(command, capsys), expected, f"{where}: {command}")
         elif snippet.file is not None:
             (folder / snippet.file).write_text(snippet.text, "utf-8")
         elif snippet.kind == "python":
@@ -45,7 +56,7 @@ def test_page(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
         assert snippet.kind in ("console", "yaml", "python", "text", "mermaid"), f"{where}: what is {snippet.kind}?"
 
 
-PORTS = re.compile(r"\b(?:9101|9102|1883|8086)\b")
+PORTS = re.compile(r"\b(?:9102|1883|8086)\b")
 """Ports that pages listen on."""
 
 
@@ -59,6 +70,12 @@ def with_free_ports(text: str, ports: dict[str, str]) -> str:
         return ports[match[0]]
 
     return PORTS.sub(free, text)
+
+
+def broker(folder: Path, ports: dict[str, str]) -> Broker:
+    if BINARY is None:
+        pytest.skip("mosquitto is not installed")
+    return Broker(folder, port=int(ports["1883"]))
 
 
 def commands(text: str) -> list[tuple[str, list[str]]]:

@@ -1,0 +1,296 @@
+"""A connection to an MQTT broker for sinks: what it takes, in order, and what it has confirmed.
+
+A lost connection is never mended here: the sink is opened anew, and sends again what was not confirmed. Its name at the
+broker stays the same, so that the broker drops what is left of the old connection before it takes anything new.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import socket
+import threading
+import time
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from framekit.definition.keys import TEXT, Form, KeyReading, key, ref
+from framekit.definition.tree import Node
+from framekit.sinks.base import Host, not_installed
+from framekit.sinks.store import NetworkSink
+
+if TYPE_CHECKING:
+    from paho.mqtt.client import Client
+
+LONGEST_CONNECT = 5.0
+LONGEST_CONFIRM = 10.0
+"""Seconds until a broker has to answer, and until it has to confirm the next message."""
+
+KEEPALIVE = 15
+"""Seconds of silence after which the connection is tried."""
+
+LONGEST_END = 1.0
+LARGEST_COMMAND = 65536
+_BROKER = re.compile(r"(?:\[(?P<six>[0-9A-Fa-f:.]+)\]|(?P<host>[^\s:/@\[\]]+))(?::(?P<port>[0-9]{1,5}))?")
+
+PORT, TLS_PORT = 1883, 8883
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a broker is; `port` None: the usual one."""
+
+    host: str
+    port: int | None = None
+
+    def __str__(self) -> str:
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return host if self.port is None else f"{host}:{self.port}"
+
+
+def read_place(reading: KeyReading, node: Node) -> Place:
+    """`HOST`, `HOST:PORT` or `[IPv6]:PORT`. Raises Broken."""
+    text = reading.reader.text(node).strip()
+    match = _BROKER.fullmatch(text)
+    if match is None or (match["port"] is not None and not 0 < int(match["port"]) < 65536):
+        raise reading.reader.broken(node.at, f"'{text}' is no address of a broker", "write HOST or HOST:PORT")
+    return Place(match["six"] or match["host"], None if match["port"] is None else int(match["port"]))
+
+
+PLACE = Form(ref("text"), read_place)
+
+
+@dataclass(frozen=True, slots=True)
+class Secret:
+    """Where a password stands: in a variable of the environment or in a file; never in a run file, nor in any log."""
+
+    kind: str
+    name: str
+
+    def read(self) -> str:
+        """The password. Raises OSError, ValueError."""
+        if self.kind == "env":
+            found = os.environ.get(self.name)
+            if found is None:
+                raise ValueError(f"the password is to stand in the environment as {self.name}, and does not")
+            return found
+        return Path(self.name).read_text("utf-8").rstrip("\r\n")
+
+
+def read_secret(reading: KeyReading, node: Node) -> Secret:
+    """`env:NAME` or `file:NAME`. Raises Broken, without the text: it may be a password."""
+    kind, _, name = reading.reader.text(node).strip().partition(":")
+    if kind not in ("env", "file") or not name.strip():
+        what = "a password does not stand in a run file"
+        raise reading.reader.broken(node.at, what, "write env:NAME for the environment, or file:NAME")
+    return Secret(kind, name.strip() if kind == "env" else str(reading.loader.folder / name.strip()))
+
+
+def read_tls(reading: KeyReading, node: Node) -> str | None:
+    """'' for the certificates of the system, else a file of certificates; None: no TLS. Raises Broken."""
+    text = reading.reader.text(node).strip()
+    if text in ("no", "false", "off"):
+        return None
+    if text in ("yes", "true", "on"):
+        return ""
+    path: Path = reading.loader.folder / text
+    if not path.is_file():
+        raise reading.reader.broken(node.at, f"there is no file '{text}'", "write yes, or a file of certificates (PEM)")
+    return str(path)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BrokerSink(NetworkSink):
+    """What all sinks say that send to an MQTT broker. `tls`: '' for the system's certificates, else a file of them."""
+
+    user: str = key("user", TEXT, "The user's name at the broker.", default="")
+    password: Secret | None = key(
+        "password", Form(ref("text"), read_secret),
+        "Where the password stands: env:NAME, a variable of the environment, or file:NAME, a file beside the run.",
+        default=None,
+    )  # fmt: skip
+    tls: str | None = key(
+        "tls", Form(ref("text"), read_tls),
+        "yes: encrypted, and the broker's certificate is checked against those of the system; or a file of "
+        "certificates (PEM) to check it against.", default=None,
+    )  # fmt: skip
+    client: str = key(
+        "client", TEXT, "The name of the client at the broker, which nobody else may have; default: one made of the "
+        "names of the run, the machine and the store.", default="",
+    )  # fmt: skip
+
+    @property
+    def place(self) -> Place:
+        """Where the broker is, with its port."""
+        place: Place = getattr(self, self.word)
+        return place if place.port is not None else replace(place, port=PORT if self.tls is None else TLS_PORT)
+
+    def mistakes_of_broker(self) -> Iterator[tuple[str, str, str]]:
+        """What the keys of the broker say wrongly."""
+        yield from not_installed("paho-mqtt", "paho.mqtt.client", "mqtt")
+        if self.password is not None and not self.user:
+            yield "password", "a password without a user has no effect", "add user:"
+
+    def client_name(self, run: str) -> str:
+        """The same at every start, and another for every sink."""
+        own = zlib.crc32(f"{socket.gethostname()} {os.path.abspath(self.store)}".encode())
+        return self.client or f"framekit-{run}-{own:08x}"
+
+
+class Message(NamedTuple):
+    """What is published. `retain`: the broker keeps it for those who come later."""
+
+    topic: str
+    payload: bytes
+    retain: bool = True
+
+
+class Command(NamedTuple):
+    """What somebody else has published now; what the broker had kept is none."""
+
+    topic: str
+    payload: bytes
+
+
+class Connection:
+    """One connection, from `open` to `close`. `lost` and `heard` are called in a thread of its own."""
+
+    def __init__(self, kind: BrokerSink, lost: Callable[[str], None], heard: Callable[[Command], None]) -> None:
+        self.kind = kind
+        self._lost, self._heard = lost, heard
+        self._client: Client | None = None
+        self._change = threading.Condition()
+        self._state = ""
+        self._problem = ""
+        self._confirmed: set[int] = set()
+
+    def open(self, run: str, will: Message | None) -> None:
+        """Connects; `will` is what the broker publishes when this is cut off. Raises OSError, ValueError."""
+        from paho.mqtt.client import Client
+        from paho.mqtt.enums import CallbackAPIVersion
+
+        kind, place = self.kind, self.kind.place
+        client = Client(
+            CallbackAPIVersion.VERSION2, client_id=kind.client_name(run), clean_session=True, reconnect_on_failure=False
+        )
+        client.connect_timeout = LONGEST_CONNECT
+        client.max_inflight_messages_set(0)  # as many as are sent at once
+        client.on_connect = self._connected
+        client.on_disconnect = self._disconnected
+        client.on_publish = self._published
+        client.on_message = self._message
+        if kind.user:
+            client.username_pw_set(kind.user, None if kind.password is None else kind.password.read())
+        if kind.tls is not None:
+            client.tls_set(ca_certs=kind.tls or None)
+        if will is not None:
+            client.will_set(will.topic, will.payload, qos=1, retain=will.retain)
+        self._client, self._state, self._problem = client, "connecting", ""
+        assert place.port is not None
+        client.connect(place.host, place.port, KEEPALIVE)
+        client.loop_start()
+        with self._change:
+            if not self._change.wait_for(lambda: self._state != "connecting", LONGEST_CONNECT):
+                raise TimeoutError(f"the broker {place} does not answer")
+            if self._state != "connected":
+                raise ConnectionError(self._problem)
+
+    def subscribe(self, topics: Sequence[str]) -> None:
+        """From now on what others publish there is heard."""
+        if self._client is not None and topics:
+            self._client.subscribe([(topic, 1) for topic in topics])
+
+    def say(self, message: Message) -> None:
+        """Publishes, at least once while the connection lasts; any thread."""
+        client = self._client
+        if client is not None:
+            client.publish(message.topic, message.payload, qos=1, retain=message.retain)
+
+    def send(self, groups: Sequence[Sequence[Message]]) -> int:
+        """Publishes, in order, and waits until it is confirmed; of how many groups all was. Raises ConnectionError."""
+        client = self._client
+        if client is None:
+            raise ConnectionError("there is no connection")
+        with self._change:
+            self._confirmed.clear()
+        numbers = []
+        for group in groups:
+            if self._state != "connected":
+                break
+            numbers.append(
+                {client.publish(one.topic, one.payload, qos=1, retain=one.retain).mid for one in group}
+            )  # fmt: skip
+        done = self._wait(numbers)
+        if not done and groups:
+            raise ConnectionError(self._problem or "the broker does not confirm what it gets")
+        return done
+
+    def _wait(self, numbers: Sequence[set[int]]) -> int:
+        """How many of the first are confirmed, at the end or when nothing more comes."""
+        done = 0
+        until = time.monotonic() + LONGEST_CONFIRM
+        with self._change:
+            seen = 0
+            while done < len(numbers):
+                if numbers[done] <= self._confirmed:
+                    done += 1
+                    continue
+                left = until - time.monotonic()
+                if self._state != "connected" or left <= 0:
+                    break
+                self._change.wait(left)
+                if len(self._confirmed) > seen:
+                    seen, until = len(self._confirmed), time.monotonic() + LONGEST_CONFIRM
+        return done
+
+    def close(self, last: Message | None = None) -> None:
+        """The end, with `last` as the last thing that is said."""
+        client = self._client
+        if client is None:
+            return
+        if last is not None and self._state == "connected":
+            with self._change:
+                self._confirmed.clear()
+            number = client.publish(last.topic, last.payload, qos=1, retain=last.retain).mid
+            with self._change:
+                self._change.wait_for(lambda: number in self._confirmed or self._state != "connected", LONGEST_END)
+        with self._change:
+            self._state = "closed"
+        self._client = None
+        client.disconnect()
+        client.loop_stop()
+
+    # ---- in the library's thread --------------------------------------------------------------------------
+
+    def _connected(self, client: Client, data: Any, flags: Any, reason: Any, properties: Any) -> None:
+        with self._change:
+            self._state = "refused" if reason.is_failure else "connected"
+            self._problem = f"the broker {self.kind.place} refuses: {reason}" if reason.is_failure else ""
+            self._change.notify_all()
+
+    def _disconnected(self, client: Client, data: Any, flags: Any, reason: Any, properties: Any) -> None:
+        with self._change:
+            before, place = self._state, self.kind.place
+            if before in ("connecting", "connected"):
+                self._state = "lost"
+                self._problem = f"the broker {place} has gone" if before == "connected" else f"{place} is no broker"
+            self._change.notify_all()
+        if before == "connected":
+            self._lost(self._problem)
+
+    def _published(self, client: Client, data: Any, number: int, reason: Any, properties: Any) -> None:
+        with self._change:
+            self._confirmed.add(number)
+            self._change.notify_all()
+
+    def _message(self, client: Client, data: Any, message: Any) -> None:
+        if not message.retain:  # an old command, kept by the broker, would come at every start
+            self._heard(Command(message.topic, bytes(message.payload[: LARGEST_COMMAND + 1])))
+
+
+def lost_of(host: Host | None) -> Callable[[str], None]:
+    """Who is told that a connection was lost."""
+    return (lambda problem: None) if host is None else host.lost

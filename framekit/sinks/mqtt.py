@@ -1,0 +1,236 @@
+"""Values to an MQTT broker, a topic for each point, and values from it to points that may be written.
+
+At least once (QoS 1), in order for each point, with the last value kept by the broker. Home Assistant finds the points
+by itself where `discovery` is given.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from framekit.definition.keys import FLAG, Form, KeyReading, key, ref, words
+from framekit.definition.tree import Node
+from framekit.run.model import Point
+from framekit.run.points import PointValue, iso_time
+from framekit.sinks.base import Host, Sampled, Sink, as_record, good_value
+from framekit.sinks.broker import (
+    LARGEST_COMMAND,
+    PLACE,
+    BrokerSink,
+    Command,
+    Connection,
+    Message,
+    Place,
+    lost_of,
+)
+
+MOST_MESSAGES = 1_000
+"""So many messages are sent before the broker has to have confirmed them, unless one sample has more."""
+
+_PART = re.compile(r"\{([^{}]*)\}")
+
+
+def read_topic(reading: KeyReading, node: Node) -> str:
+    """A topic in which {run} and {point} stand for names. Raises Broken."""
+    text = reading.reader.text(node).strip()
+    wrong = next((part for part in _PART.findall(text) if part not in ("run", "point")), None)
+    if wrong is not None:
+        raise reading.reader.broken(node.at, f"'{{{wrong}}}' is no part of a topic", "known: {run}, {point}")
+    if not text or set(text) & set("+#\0") or set(_PART.sub("", text)) & set("{}") or text.startswith(("/", "$")):
+        raise reading.reader.broken(node.at, f"'{text}' is no topic", "write it like plant/{run}/{point}")
+    return text
+
+
+TOPIC = Form(ref("text"), read_topic)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mqtt(BrokerSink):
+    """An MQTT broker: a topic for each point, the last value retained, QoS 1."""
+
+    word: ClassVar[str] = "mqtt"
+    mqtt: Place = key("mqtt", PLACE, "The broker: HOST or HOST:PORT; default: port 1883, with tls 8883.")
+    topic: str = key(
+        "topic", TOPIC, "Where values are published; {run} and {point} are names. Default: framekit/{run}/{point}.",
+        default="framekit/{run}/{point}",
+    )  # fmt: skip
+    status: str = key(
+        "status", TOPIC, "Where online and offline are published. Default: framekit/{run}/status.",
+        default="framekit/{run}/status",
+    )  # fmt: skip
+    payload: str = key(
+        "payload", Form(words("a form", "json", "plain"), lambda r, node: r.reader.text(node)),
+        "json: an object with time, value, unit and quality; plain: the value, and nothing where it is not good. "
+        "Default: json.", default="json",
+    )  # fmt: skip
+    retain: bool = key(
+        "retain", FLAG._replace(read=lambda r, node: r.reader.flag(node, default=True)),
+        "no: the broker keeps no last values. Default: yes.", default=True,
+    )  # fmt: skip
+    commands: bool = key(
+        "commands", FLAG._replace(read=lambda r, node: r.reader.flag(node, default=False)),
+        "yes: what is published to a point's topic with /set behind it is written, where the point has access: rw; "
+        "the answer comes to /set/answer. Default: no.", default=False,
+    )  # fmt: skip
+    discovery: str = key(
+        "discovery", TOPIC, "Tells Home Assistant of the points, below this topic: homeassistant, unless "
+        "it was changed there.", default="",
+    )  # fmt: skip
+
+    def mistakes(self, points: Sequence[Point]) -> Iterator[tuple[str, str, str]]:
+        yield from self.mistakes_of_broker()
+        if "{point}" not in self.topic:
+            yield "topic", "all points would have one topic", "write {point} into it"
+        if "{point}" in self.status:
+            yield "status", "the status is that of the run, not of a point", "leave {point} out"
+        if self.commands and not any(point.is_writable for point in points):
+            yield "commands", "'commands' has no effect: no point can be written", "give one access: rw, or remove it"
+
+    def make(self) -> Sink:
+        return MqttSink(self)
+
+
+class MqttSink(Sink):
+    """Publishes values. Raises OSError, ValueError."""
+
+    def __init__(self, kind: Mqtt) -> None:
+        self.kind = kind
+        self._host: Host | None = None
+        self._run = ""
+        self._points: Mapping[str, Point] = {}
+        self._commands: Mapping[str, str] = {}
+        self._connection: Connection | None = None
+
+    def meet(self, host: Host) -> None:
+        self._host, self._run = host, host.run
+
+    def topic(self, point: str) -> str:
+        """Where the values of a point are published."""
+        return self._named(self.kind.topic, point)
+
+    def _named(self, template: str, point: str = "") -> str:
+        return template.replace("{run}", self._run).replace("{point}", point)
+
+    def _status(self, word: str) -> Message:
+        return Message(self._named(self.kind.status), word.encode())
+
+    def open(self, points: Sequence[Point]) -> None:
+        self._points = {point.name: point for point in points}
+        writable = [point.name for point in points if point.is_writable] if self.kind.commands else []
+        self._commands = {f"{self.topic(name)}/set": name for name in writable}
+        self._connection = connection = Connection(self.kind, lost_of(self._host), self._heard)
+        connection.open(self._run, self._status("offline"))
+        connection.subscribe(list(self._commands))
+        first = [self._status("online")]
+        if self.kind.discovery:
+            first += [self._discovered(point) for point in points]
+        connection.send([first])
+
+    def write(self, samples: Sequence[Sampled]) -> int:
+        if self._connection is None:
+            raise ConnectionError("there is no connection")
+        groups: list[list[Message]] = []
+        count = 0
+        for sample in samples:
+            time = iso_time(sample.time)
+            groups.append([self._message(time, one) for one in sample.values])
+            count += len(sample.values)
+            if count >= MOST_MESSAGES:
+                break
+        return self._connection.send(groups)
+
+    def _message(self, time: str, value: PointValue) -> Message:
+        if self.kind.payload == "plain":
+            good = good_value(value)
+            payload = "" if good is None else str(good)
+        else:
+            payload = json.dumps(as_record(time, value, self._points[value.name].unit), ensure_ascii=False)
+        return Message(self.topic(value.name), payload.encode(), self.kind.retain)
+
+    def close(self) -> None:
+        connection, self._connection = self._connection, None
+        if connection is not None:
+            connection.close(self._status("offline"))
+
+    # ---- writing back -------------------------------------------------------------------------------------
+
+    def _heard(self, command: Command) -> None:
+        """Somebody wants a point written; the answer goes to the topic with /answer behind it."""
+        name, connection, host = self._commands.get(command.topic), self._connection, self._host
+        if name is None or connection is None or host is None:
+            return
+        answer: dict[str, Any] = {"point": name}
+
+        def told(why: str) -> None:
+            data = answer | {"ok": not why} | ({"reason": why} if why else {})
+            connection.say(Message(f"{command.topic}/answer", json.dumps(data, ensure_ascii=False).encode(), False))
+
+        try:
+            value, said = parsed(command.payload)
+        except ValueError as error:
+            told(str(error))
+            return
+        answer |= {"value": value, **({"id": said["id"]} if "id" in said else {})}
+        who = f"{str(said.get('who') or 'somebody')[:100]!r} by {command.topic} of {self.kind.place}"
+        host.write(name, value, who, told)
+
+    # ---- Home Assistant -----------------------------------------------------------------------------------
+
+    def _discovered(self, point: Point) -> Message:
+        """What Home Assistant wants to know of a point (its documentation, MQTT discovery)."""
+        name = f"{self._run}_{point.name}".replace(".", "_")
+        state = self.topic(point.name)
+        data: dict[str, Any] = {
+            "name": point.name,
+            "unique_id": f"framekit_{name}",
+            "state_topic": state,
+            "availability_topic": self._named(self.kind.status),
+            "device": {"identifiers": [f"framekit_{self._run}"], "name": self._run, "manufacturer": "framekit"},
+        }
+        if self.kind.payload == "json":
+            data["value_template"] = "{{ value_json.value }}"
+        if point.unit:
+            data["unit_of_measurement"] = point.unit
+        component = "sensor"
+        if f"{state}/set" in self._commands:
+            data["command_topic"] = f"{state}/set"
+            if point.names:
+                component, data["options"] = "select", list(point.names.values())
+            elif point.form.type == "string":
+                component = "text"
+            else:
+                component = "number"
+                low, high = point.limits or (None, None)
+                data |= {"mode": "box", **({} if low is None else {"min": low, "max": high})}
+                data["step"] = 1 if point.scaling is None and not point.form.is_float else 0.001
+        topic = f"{self._named(self.kind.discovery)}/{component}/framekit_{name}/config"
+        return Message(topic, json.dumps(data, ensure_ascii=False).encode())
+
+
+def _no_number(text: str) -> None:
+    raise ValueError(f"{text} is no number")
+
+
+def parsed(payload: bytes) -> tuple[Any, dict[str, Any]]:
+    """The value of a command, and what else it says: a value by itself, or `{"value": …, "who": …, "id": …}`.
+
+    Raises ValueError.
+    """
+    if len(payload) > LARGEST_COMMAND:
+        raise ValueError("this is too long for a value")
+    text = payload.decode()
+    try:
+        found = json.loads(text, parse_constant=_no_number)
+    except RecursionError:
+        raise ValueError("this is no value") from None
+    except ValueError:
+        found = text.strip()
+    said = found if isinstance(found, dict) else {"value": found}
+    value = said.get("value")
+    if not isinstance(value, (str, int, float)):
+        raise ValueError('this is no value – send it by itself, or as {"value": 5}')
+    return value, said

@@ -1,0 +1,211 @@
+"""Broker, network and framekit are killed at random while points change: nothing is lost, all is in order.
+
+`python tests/points/test_mqtt_kills.py` prints figures of the long one.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import random
+import socket
+import sys
+import tempfile
+import threading
+import time
+from collections import Counter
+from contextlib import suppress
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+if __name__ == "__main__":
+    sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[2])]
+
+from points import killed_run
+from points.mosquitto import Broker, Listener, needs_mosquitto
+
+pytestmark = needs_mosquitto
+
+
+class Network:
+    """What is between a client and a server at `port`: it can be cut."""
+
+    def __init__(self, port: int) -> None:
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self.port: int = self._server.getsockname()[1]
+        self._to = port
+        self._open: set[socket.socket] = set()
+        self._lock = threading.Lock()
+        self.is_up = True
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def _accept(self) -> None:
+        while True:
+            try:
+                here, _ = self._server.accept()
+            except OSError:
+                return
+            try:
+                there = socket.create_connection(("127.0.0.1", self._to), 1)
+            except OSError:
+                here.close()
+                continue
+            with self._lock:
+                is_up = self.is_up
+                if is_up:
+                    self._open |= {here, there}
+            if not is_up:
+                here.close()
+                there.close()
+                continue
+            for one, other in ((here, there), (there, here)):
+                threading.Thread(target=self._pass, args=(one, other), daemon=True).start()
+
+    def _pass(self, one: socket.socket, other: socket.socket) -> None:
+        try:
+            while data := one.recv(random.choice((7, 100, 65536))):
+                other.sendall(data)
+        except OSError:
+            pass
+        for end in (one, other):
+            with self._lock:
+                self._open.discard(end)
+            with suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+
+    def cut(self) -> None:
+        """Whatever is under way is lost; nobody gets through."""
+        with self._lock:
+            self.is_up = False
+            ends = list(self._open)
+        for end in ends:
+            with suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+
+    def mend(self) -> None:
+        with self._lock:
+            self.is_up = True
+
+    def close(self) -> None:
+        self._server.close()
+        self.cut()
+
+
+def kill_at_random(folder: Path, changes: int, kills: int, pause: float, seed: int) -> Counter[str]:
+    """What happened, and how many messages came, and how many of them twice. Raises AssertionError."""
+    chance = random.Random(seed)
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["points.killed_run", "framekit.api.run", "paho.mqtt.client"])
+    log = folder / "log"
+    log.write_text("")
+    figures: Counter[str] = Counter()
+    with Broker(folder) as broker:
+        network = Network(broker.port)
+        path = killed_run.write_files(folder, network.port)
+        arguments = (str(path), str(log), changes, pause)
+
+        def started() -> multiprocessing.process.BaseProcess:
+            process = context.Process(target=killed_run.change, args=arguments, daemon=True)
+            process.start()
+            return process
+
+        with Listener(broker.port, "#", qos=0) as listener:
+            process = started()
+            for number in range(kills):
+                _wait_for_changes(log, changes * (number + chance.random()) / (kills + 1), process)
+                what = chance.choice(("framekit", "broker", "network"))
+                figures[what] += 1
+                if what == "framekit":
+                    process.kill()
+                    process.join()
+                    process = started()
+                    continue
+                network.cut()
+                if what == "broker":
+                    broker.kill()
+                    listener.listens = False
+                    time.sleep(chance.random() / 5)
+                    broker.start()
+                    listener.wait(lambda: listener.listens)  # what nobody hears is nobody's
+                else:
+                    time.sleep(chance.random() / 5)
+                network.mend()
+            process.join(120)
+            assert process.exitcode == 0, "the run has not come to its end"
+            listener.say("end", "")
+            listener.wait(lambda: listener.of("end"))
+            heard = [(topic, int(payload)) for topic, payload, _ in listener.heard if payload.isdigit()]
+        network.close()
+    kept = _kept(log)
+    for point in range(killed_run.POINTS):
+        came = [number for topic, number in heard if topic == f"p{point}" and number]
+        wanted = {number for number in kept if number % killed_run.POINTS == point}
+        assert not wanted - set(came), f"lost: {sorted(wanted - set(came))}"
+        figures["came"] += len(came)
+        figures["twice"] += len(came) - len(set(came))
+        # What is sent again begins anew at a place before; without what came before already, all is in order.
+        first = list(dict.fromkeys(came))
+        assert first == sorted(first), f"out of order: {first}"
+        assert _repeats(came) <= kills, "more is repeated than connections were lost"
+    figures["kept"] = len(kept)
+    return figures
+
+
+def _repeats(came: list[int]) -> int:
+    """How often a sequence goes back; each time it goes on from there without a gap, in its own order."""
+    back = 0
+    order = {number: at for at, number in enumerate(sorted(set(came)))}
+    for before, number in pairwise(came):
+        if number <= before:
+            back += 1
+        else:
+            assert order[number] == order[before] + 1, f"{number} came after {before}"
+    return back
+
+
+def _wait_for_changes(log: Path, number: float, process: multiprocessing.process.BaseProcess) -> None:
+    """Until so many have begun."""
+    until = time.monotonic() + 30
+    while time.monotonic() < until and process.is_alive():
+        with log.open("rb") as file:
+            file.seek(max(0, log.stat().st_size - 60))
+            lines = file.read().split(b"\n")[1:-1]
+        if any(int(line[2:]) >= number for line in lines if line[:2] == b"b "):
+            return
+        time.sleep(0.005)
+    assert process.is_alive(), "the run has ended"
+    raise AssertionError("nothing changes any more")
+
+
+def _kept(log: Path) -> set[int]:
+    """The numbers that were told to be kept, by the process that had begun them."""
+    kept: set[int] = set()
+    begun: set[int] = set()
+    for line in log.read_text().splitlines():
+        number = int(line[2:])
+        if line[0] == "b":
+            begun.add(number)
+        else:
+            kept |= begun if line[0] == "k" else set()
+            begun.clear()
+    return kept
+
+
+def test_nothing_is_lost_by_a_few_kills(tmp_path: Path) -> None:
+    figures = kill_at_random(tmp_path, changes=150, kills=5, pause=0.0005, seed=5)
+    assert figures["kept"] > 75 and figures["framekit"] and figures["broker"] and figures["network"]
+
+
+@pytest.mark.long
+def test_nothing_is_lost_by_200_kills(tmp_path: Path) -> None:
+    figures = kill_at_random(tmp_path, changes=20_000, kills=200, pause=0.002, seed=int(time.time()))
+    assert figures["kept"] > 18_000
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as place:
+        began = time.monotonic()
+        print(
+            dict(kill_at_random(Path(place), 20_000, 200, 0.002, seed=int(began))), f"{time.monotonic() - began:.0f} s"
+        )
