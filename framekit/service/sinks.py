@@ -23,7 +23,7 @@ from framekit.run.status import RunStatus, SinkStatus
 from framekit.service.points import PointService
 from framekit.service.waiting import AT_ONCE, Waiting
 from framekit.sinks import Sink, SinkKind
-from framekit.sinks.base import Sampled, fits
+from framekit.sinks.base import RefusedError, Sampled, fits
 from framekit.sinks.store import NetworkSink, Store
 from framekit.transport.clock import AsyncioClock, Clock, Handle
 
@@ -121,7 +121,7 @@ class SinkFeeder:
         self._ending = False
         self._is_open = False
         self._thread: threading.Thread | None = None
-        self._written = 0
+        self._written = self._refused = 0
         self._problem = self._store_problem = self._lost = ""
 
     @property
@@ -130,7 +130,7 @@ class SinkFeeder:
         with self._change:
             return SinkStatus(
                 kind=self.kind.word, target=self.kind.target, written=self._written, waiting=len(self._waiting),
-                dropped=self._waiting.dropped, problem=self._store_problem or self._problem,
+                dropped=self._waiting.dropped + self._refused, problem=self._store_problem or self._problem,
             )  # fmt: skip
 
     def start(self) -> None:
@@ -212,12 +212,22 @@ class SinkFeeder:
                 if not isinstance(taken, int) or not 1 <= taken <= len(samples):
                     raise ValueError(f"write took {taken!r} of {len(samples)} samples")
                 self._waiting.done(start, taken)
+            except RefusedError as error:
+                self._refuse(start, str(error))
+                continue
             except Exception as error:  # a sink may raise anything; lines go on
                 self._fail(_in_words(error))
                 return False
             with self._change:
                 self._written += taken
             self._mended()
+
+    def _refuse(self, start: int, why: str) -> None:
+        """The first sample is dropped."""
+        self._waiting.done(start, 1)
+        with self._change:
+            self._refused += 1
+        log.warning("sink %s %s: a sample is refused and dropped: %s", self.kind.word, self.kind.target, why)
 
     def _known(self, sample: Sampled) -> Sampled:
         """The values of points that there are."""

@@ -5,8 +5,18 @@ from framekit.sinks.base import Sink as Sink
 from framekit.sinks.base import SinkKind as SinkKind
 from framekit.sinks.base import add_sink as add_sink
 from framekit.sinks.files import CsvFile, JsonLines
+from framekit.sinks.influx import Influx
 from framekit.sinks.mqtt import Mqtt
 from framekit.sinks.prometheus import Prometheus
 from framekit.sinks.sqlite import SqliteHistory
 
-SINKS.update({"csv": CsvFile, "jsonl": JsonLines, "sqlite": SqliteHistory, "prometheus": Prometheus, "mqtt": Mqtt})
+SINKS.update(
+    {
+        "csv": CsvFile,
+        "jsonl": JsonLines,
+        "sqlite": SqliteHistory,
+        "prometheus": Prometheus,
+        "mqtt": Mqtt,
+        "influx": Influx,
+    }
+)

@@ -97,6 +97,10 @@ def fits(pattern: str, name: str) -> bool:
     return fnmatchcase(name, as_glob(pattern))
 
 
+class RefusedError(ValueError):
+    """The first of the samples will never be taken; the text says why. It is dropped, and counted."""
+
+
 class Host(Interface):
     """The run, as a sink sees it; its methods may be called from any thread."""
 
@@ -129,7 +133,10 @@ class Sink(ABC):
 
     @abstractmethod
     def write(self, samples: Sequence[Sampled]) -> int:
-        """Takes samples, oldest first; how many: the others come again. When it raises, it has taken none."""
+        """Takes samples, oldest first; how many: the others come again. When it raises, it has taken none.
+
+        Raises RefusedError for a sample that will never be taken, so that those behind it come through.
+        """
 
     @abstractmethod
     def close(self) -> None:

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from framekit.definition.keys import TEXT, Form, KeyReading, key, ref
 from framekit.definition.tree import Node
 from framekit.sinks.base import Host, not_installed
+from framekit.sinks.secrets import SECRET, Secret
 from framekit.sinks.store import NetworkSink
 
 if TYPE_CHECKING:
@@ -63,32 +64,6 @@ def read_place(reading: KeyReading, node: Node) -> Place:
 PLACE = Form(ref("text"), read_place)
 
 
-@dataclass(frozen=True, slots=True)
-class Secret:
-    """Where a password stands: in a variable of the environment or in a file; never in a run file, nor in any log."""
-
-    kind: str
-    name: str
-
-    def read(self) -> str:
-        """The password. Raises OSError, ValueError."""
-        if self.kind == "env":
-            found = os.environ.get(self.name)
-            if found is None:
-                raise ValueError(f"the password is to stand in the environment as {self.name}, and does not")
-            return found
-        return Path(self.name).read_text("utf-8").rstrip("\r\n")
-
-
-def read_secret(reading: KeyReading, node: Node) -> Secret:
-    """`env:NAME` or `file:NAME`. Raises Broken, without the text: it may be a password."""
-    kind, _, name = reading.reader.text(node).strip().partition(":")
-    if kind not in ("env", "file") or not name.strip():
-        what = "a password does not stand in a run file"
-        raise reading.reader.broken(node.at, what, "write env:NAME for the environment, or file:NAME")
-    return Secret(kind, name.strip() if kind == "env" else str(reading.loader.folder / name.strip()))
-
-
 def read_tls(reading: KeyReading, node: Node) -> str | None:
     """'' for the certificates of the system, else a file of certificates; None: no TLS. Raises Broken."""
     text = reading.reader.text(node).strip()
@@ -108,7 +83,7 @@ class BrokerSink(NetworkSink):
 
     user: str = key("user", TEXT, "The user's name at the broker.", default="")
     password: Secret | None = key(
-        "password", Form(ref("text"), read_secret),
+        "password", SECRET,
         "Where the password stands: env:NAME, a variable of the environment, or file:NAME, a file beside the run.",
         default=None,
     )  # fmt: skip

@@ -1,0 +1,40 @@
+"""Passwords of sinks: in the environment or in a file, never in a run file, and in no log."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from framekit.definition.keys import Form, KeyReading, ref
+from framekit.definition.tree import Node
+
+
+@dataclass(frozen=True, slots=True)
+class Secret:
+    """Where a password stands: `env`, in the variable `name` of the environment, or `file`, in the file `name`."""
+
+    kind: str
+    name: str
+
+    def read(self) -> str:
+        """The password. Raises OSError, ValueError."""
+        if self.kind == "env":
+            found = os.environ.get(self.name)
+            if found is None:
+                raise ValueError(f"the password is to stand in the environment as {self.name}, and does not")
+            return found
+        return Path(self.name).read_text("utf-8").rstrip("\r\n")
+
+
+def read_secret(reading: KeyReading, node: Node) -> Secret:
+    """`env:NAME` or `file:NAME`. Raises Broken, without the text: it may be a password."""
+    kind, _, name = reading.reader.text(node).strip().partition(":")
+    if kind not in ("env", "file") or not name.strip():
+        what = "a password does not stand in a run file"
+        raise reading.reader.broken(node.at, what, "write env:NAME for the environment, or file:NAME")
+    return Secret(kind, name.strip() if kind == "env" else str(reading.loader.folder / name.strip()))
+
+
+SECRET = Form(ref("text"), read_secret)
+"""env:NAME, a variable of the environment, or file:NAME, a file beside the run."""
