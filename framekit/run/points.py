@@ -238,9 +238,11 @@ class _Planning:
         if len(plan.exchanges) != 1 or len(plan.exchanges[0]) != 1:
             return None
         piece = plan.exchanges[0][0]
+        if _place(piece.address) == _place(address) and address.text:
+            return replace(piece, address=replace(piece.address, text=address.text))
         text = self.grammar.print(piece.address)
         again = self.grammar.parse(text)
-        if (again.area, again.unit, again.start) != (piece.address.area, piece.address.unit, piece.address.start):
+        if _place(again) != _place(piece.address):
             return None
         return replace(piece, address=replace(piece.address, text=text))
 
@@ -261,6 +263,11 @@ class _Planning:
             waiting.pop()
             run = _Run([*run.members, *following.key.members], run.address, count)
         return run
+
+
+def _place(address: Address) -> tuple[str, str, int, int]:
+    """Where it is, however it is written."""
+    return address.area, address.unit, address.start, address.shift
 
 
 # ---- at work ----------------------------------------------------------------------------------------------------

@@ -267,11 +267,11 @@ def neighbours(first: Read[Key], others: Sequence[Read[Key]], merge: Merge, gram
     while added:
         added = False
         for other in others:
-            if other in chosen or not _same_row(first.address, other.address, grammar):
-                continue
             gap = max(other.address.start - end, least - other.end, 0)
             low, high = min(least, other.address.start), max(end, other.end)
-            if gap <= merge.gap and (merge.most is None or high - low <= merge.most):
+            if gap > merge.gap or (merge.most is not None and high - low > merge.most) or other in chosen:
+                continue
+            if _same_row(first.address, other.address, grammar):
                 chosen.append(other)
                 least, end, added = low, high, True
     return chosen[1:]
@@ -282,7 +282,7 @@ def _same_row(one: Address, other: Address, grammar: AddressGrammar) -> bool:
     if (one.area, one.unit) != (other.area, other.unit):
         return False
     try:
-        return grammar.print(grammar.advance(one, other.start - one.start)) == grammar.print(grammar.advance(other, 0))
+        return grammar.print(replace(one, start=other.start)) == grammar.print(other)
     except AddressError:
         return False
 
