@@ -7,6 +7,7 @@ from framekit.sinks.base import add_sink as add_sink
 from framekit.sinks.files import CsvFile, JsonLines
 from framekit.sinks.influx import Influx
 from framekit.sinks.mqtt import Mqtt
+from framekit.sinks.parquet import ParquetFiles
 from framekit.sinks.prometheus import Prometheus
 from framekit.sinks.sqlite import SqliteHistory
 
@@ -15,6 +16,7 @@ SINKS.update(
         "csv": CsvFile,
         "jsonl": JsonLines,
         "sqlite": SqliteHistory,
+        "parquet": ParquetFiles,
         "prometheus": Prometheus,
         "mqtt": Mqtt,
         "influx": Influx,

@@ -21,25 +21,36 @@ from framekit.sinks.base import FILE, Sampled, Sink, SinkKind, as_record, good_v
 
 _SIZES = {"KB": 1_000, "MB": 1_000_000, "GB": 1_000_000_000}
 _ROTATE = re.compile(r"\s*([0-9]+)\s*(KB|MB|GB)\s*")
-_DAY = len("2026-03-01")
+_COMMON = {"day": len("2026-03-01"), "hour": len("2026-03-01T12")}
+"""What the times of one day, or one hour, have in common."""
 
-Rotation = int | Literal["day"]
-"""When a new file begins: after so many bytes, or each day (UTC)."""
+Rotation = int | Literal["day", "hour"]
+"""When a new file begins: after so many bytes, or each day or hour (UTC)."""
 
 
 def read_rotation(reading: KeyReading, node: Node) -> Rotation:
-    """`day`, or a size in bytes. Raises Broken."""
+    """`day`, `hour`, or a size in bytes. Raises Broken."""
     text = reading.reader.text(node)
     match = _ROTATE.fullmatch(text)
-    if match is None and text.strip() != "day":
-        raise reading.reader.broken(node.at, f"'{text}' is no size of a file", "write day, or a size such as 10 MB")
-    if match is not None and not int(match[1]):
+    if match is None and text.strip() == "day":
+        return "day"
+    if match is None and text.strip() == "hour":
+        return "hour"
+    if match is None:
+        raise reading.reader.broken(
+            node.at, f"'{text}' is no size of a file", "write day, hour, or a size such as 10 MB"
+        )
+    if not int(match[1]):
         raise reading.reader.broken(node.at, "a file of no size holds nothing", "give a size such as 10 MB")
-    return "day" if match is None else int(match[1]) * _SIZES[match[2]]
+    return int(match[1]) * _SIZES[match[2]]
 
 
 ROTATION = Form(
-    {"type": "string", "pattern": "^\\s*(day|[0-9]+\\s*(KB|MB|GB))\\s*$", "x-expected": "day, or a size (10 MB)"},
+    {
+        "type": "string",
+        "pattern": "^\\s*(day|hour|[0-9]+\\s*(KB|MB|GB))\\s*$",
+        "x-expected": "day, hour, or a size (10 MB)",
+    },
     read_rotation,
 )
 
@@ -49,8 +60,8 @@ class FileSink(SinkKind):
     """A file that grows line by line. `rotate`: when a new one begins; `keep`: how many of those before it stay."""
 
     rotate: Rotation | None = key(
-        "rotate", ROTATION, "day, or a size: then the file gets the time of its first line as a name, and a new one "
-        "begins. Days are those of UTC.", default=None,
+        "rotate", ROTATION, "day, hour, or a size: then the file gets the time of its first line as a name, and a new "
+        "one begins. Days and hours are those of UTC.", default=None,
     )  # fmt: skip
     keep: int | None = key("keep", NUMBER, "So many of the files before it are kept; default: all.", default=None)
 
@@ -123,8 +134,7 @@ class LinesFile(Sink):
         self._began = self.time_in(first[0]) if first else ""
         if data and not data.startswith(head):
             if not head.startswith(data):  # else a crash has cut the head
-                self.close()
-                self._put_aside()
+                self._finish()
                 self._file = file = open_alone(self.path)
             data = b""
         self._size = _whole_lines(file) if data else 0
@@ -147,8 +157,7 @@ class LinesFile(Sink):
                 if waiting:
                     self._put(waiting)
                     return count
-                self.close()
-                self._put_aside()
+                self._finish()
                 self._begin()
             self._began = self._began or time
             waiting += data
@@ -159,7 +168,10 @@ class LinesFile(Sink):
         """Whether the file is too old, or too full for so many bytes more; one without values never is."""
         if self._rotate is None or not self._began:
             return False
-        return time[:_DAY] > self._began[:_DAY] if self._rotate == "day" else self._size + more > self._rotate
+        if isinstance(self._rotate, int):
+            return self._size + more > self._rotate
+        common = _COMMON[self._rotate]
+        return time[:common] > self._began[:common]
 
     def _put(self, data: bytes | bytearray) -> None:
         """Whole, or not at all: what was written of it before a disk was full is taken away."""
@@ -174,30 +186,44 @@ class LinesFile(Sink):
             raise
         self._size += len(data)
 
-    def _put_aside(self) -> None:
-        """The file gets the time of its first line as a part of its name; of those, as many as `keep` says stay."""
-        stamp = re.sub(r"[-:]", "", self._began).partition(".")[0] or "before"
-        name, end = self.path.stem, self.path.suffix
-        aside = self.path.with_name(f"{name}.{stamp}{end}")
-        number = 1
-        while aside.exists():
-            number += 1
-            aside = self.path.with_name(f"{name}.{stamp}.{number}{end}")
-        self.path.rename(aside)
-        if self._keep is not None:
-            pattern = re.compile(rf"{re.escape(name)}\.(\d{{8}}T\d{{6}})(?:\.(\d+))?{re.escape(end)}")
-            there = [
-                (match[1], int(match[2] or 1), one)
-                for one in self.path.parent.iterdir()
-                if (match := pattern.fullmatch(one.name))
-            ]
-            for _, _, old in sorted(there)[: max(0, len(there) - self._keep)]:
-                old.unlink()
+    def _finish(self) -> None:
+        """The file is finished: it is closed, and put aside under the time of its first line."""
+        self._let_go()
+        self.put_aside(re.sub(r"[-:]", "", self._began).partition(".")[0] or "before")
+
+    def put_aside(self, stamp: str) -> None:
+        """What becomes of a finished file: here it is renamed, and as many as `keep` says stay."""
+        self.path.rename(name_with(self.path, stamp))
+        keep_newest(self.path, self._keep)
 
     def close(self) -> None:
+        self._let_go()
+
+    def _let_go(self) -> None:
         file, self._file = self._file, None
         if file is not None:
             os.close(file)
+
+
+def name_with(path: Path, stamp: str) -> Path:
+    """A name that is not taken yet: that of a file, with a time in it."""
+    found, number = path.with_name(f"{path.stem}.{stamp}{path.suffix}"), 1
+    while found.exists():
+        number += 1
+        found = path.with_name(f"{path.stem}.{stamp}.{number}{path.suffix}")
+    return found
+
+
+def keep_newest(path: Path, most: int | None) -> None:
+    """Of the files that `name_with` has named, so many stay; None: all."""
+    if most is None:
+        return
+    pattern = re.compile(rf"{re.escape(path.stem)}\.(\d{{8}}T\d{{6}})(?:\.(\d+))?{re.escape(path.suffix)}")
+    there = [
+        (match[1], int(match[2] or 1), one) for one in path.parent.iterdir() if (match := pattern.fullmatch(one.name))
+    ]
+    for _, _, old in sorted(there)[: max(0, len(there) - most)]:
+        old.unlink()
 
 
 def _read_at(file: int, start: int, size: int) -> bytes:

@@ -52,9 +52,9 @@ def lines_of(path: Path) -> list[str]:
     return path.read_text("utf-8").splitlines()
 
 
-def taken(sink: Sink, samples: Sequence[Sampled]) -> None:
+def taken(sink: Sink, samples: Sequence[Sampled], points: Sequence[Point] = POINTS) -> None:
     """All samples, however many are taken at once."""
-    sink.open(POINTS)
+    sink.open(points)
     rest = list(samples)
     while rest:
         rest = rest[sink.write(rest) :]
@@ -280,7 +280,7 @@ def test_a_sink_that_cannot_be_opened_is_told_and_the_run_goes_on(tmp_path: Path
     ("sink", "problem"),
     [
         ("{tsv: a.csv}", "unknown key 'tsv' in a sink – did you mean 'csv'?"),
-        ("{every: 1 s}", "a sink has no kind – add one of csv, jsonl, sqlite, prometheus, mqtt, influx"),
+        ("{every: 1 s}", "a sink has no kind – add one of csv, jsonl, sqlite, parquet, prometheus, mqtt, influx"),
         ("{csv: a.csv, jsonl: b}", "a sink has more than one kind: 'csv' and 'jsonl' – keep one"),
         ("{csv: a.csv, every: 10 ms}", "values are taken every 100 ms at most – leave every out, or write 1 s"),
         ("{csv: a.csv, every: never}", "no value would ever be taken – leave every out, or write 1 s"),
@@ -288,7 +288,7 @@ def test_a_sink_that_cannot_be_opened_is_told_and_the_run_goes_on(tmp_path: Path
         ("{jsonl: a, keep: 0, rotate: day}", "nothing would be kept – give 1 or more, or leave keep out"),
         ("{sqlite: a, keep: never}", "'keep: never' has no effect: without keep values stay for ever – remove it"),
         ("{csv: a.csv, points: tmp}", "no point is called 'tmp' – known: state, temperature"),
-        ("{csv: a.csv, rotate: week}", "'week' is not day, or a size (10 MB)"),
+        ("{csv: a.csv, rotate: week}", "'week' is not day, hour, or a size (10 MB)"),
         ("{sqlite: a.db, keep: 5}", "'5' is not a time (50 ms, 3 s or never)"),
         ("{sqlite: a.db, rotate: day}", "unknown key 'rotate' in a sqlite sink – known: every, keep, points, sqlite"),
     ],

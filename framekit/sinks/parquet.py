@@ -1,0 +1,132 @@
+"""Files of columns for analysis: Parquet, a file for each hour or day, with a column for each point.
+
+Rows are lines of JSON in a file beside them, `NAME.parquet.part`, until the hour is over: a Parquet file can be read
+only when it is whole. What a crash leaves there goes on with the next start.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+from framekit.definition.keys import NUMBER, Form, key, words
+from framekit.memory.views import NumberView
+from framekit.run.model import Point
+from framekit.run.points import PointValue, scaled
+from framekit.sinks.base import FILE, Sink, SinkKind, good_value, not_installed
+from framekit.sinks.files import LinesFile, keep_newest, name_with
+
+CELLS_AT_ONCE = 500_000
+"""So many values are in memory at most while a file is made."""
+
+_INT64 = range(-(1 << 63), 1 << 63)
+_UINT64 = range(1 << 64)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ParquetFiles(SinkKind):
+    """A table in Parquet files, one for each hour or day, with a typed column for each point."""
+
+    word: ClassVar[str] = "parquet"
+    parquet: str = key(
+        "parquet", FILE, "Parquet files; each gets the time of its first row as a part of its name: x.parquet becomes "
+        "x.20260301T120000.parquet.",
+    )  # fmt: skip
+    rotate: Literal["hour", "day"] = key(
+        "rotate", Form(words("a time", "hour", "day"), lambda r, node: r.reader.text(node)),
+        "When a file is finished: each hour (the default) or each day, of UTC; and when the run ends.", default="hour",
+    )  # fmt: skip
+    keep: int | None = key("keep", NUMBER, "So many finished files are kept; default: all.", default=None)
+
+    def mistakes(self, points: Sequence[Point]) -> Iterator[tuple[str, str, str]]:
+        yield from not_installed("pyarrow", "pyarrow", "parquet")
+        if self.keep is not None and self.keep < 1:
+            yield "keep", "nothing would be kept", "give 1 or more, or leave keep out"
+
+    def make(self) -> Sink:
+        return ParquetSink(Path(self.parquet), self.rotate, self.keep)
+
+
+def column_type(point: Point) -> str:
+    """What a point's values are in a column: `string`, `bool`, `int64`, `uint64`, `decimal128(38, 0)` or `double`."""
+    form = point.form
+    if point.names or form.type == "string":
+        return "string"
+    if form.is_float or (point.scaling is not None and not point.scaling.is_whole):
+        return "double"
+    if point.scaling is None and form.bits == 1:
+        return "bool"
+    is_signed = isinstance(form.view, NumberView) and form.view.kind == "signed"
+    ends = (-(1 << form.bits - 1), (1 << form.bits - 1) - 1) if is_signed else (0, (1 << form.bits) - 1)
+    ends = (scaled(point, ends[0]), scaled(point, ends[1]))
+    for name, numbers in (("int64", _INT64), ("uint64", _UINT64)):
+        if all(end in numbers for end in ends):
+            return name
+    return "decimal128(38, 0)" if all(abs(end) < 10**38 for end in ends) else "string"
+
+
+class ParquetSink(LinesFile):
+    """Rows wait as lines; each is the time and what has changed. A finished file is never written again."""
+
+    def __init__(self, path: Path, rotate: Literal["hour", "day"], keep: int | None) -> None:
+        super().__init__(path.with_name(f"{path.name}.part"), rotate, None)
+        self.finished, self._most = path, keep
+
+    def head(self) -> bytes:
+        columns = [(point.name, column_type(point), point.unit) for point in self._points]
+        return json.dumps({"columns": columns}, ensure_ascii=False).encode() + b"\n"
+
+    def lines(self, time: str, values: Sequence[PointValue]) -> Iterator[bytes]:
+        yield json.dumps([time, {one.name: good_value(one) for one in values}], ensure_ascii=False).encode() + b"\n"
+
+    def put_aside(self, stamp: str) -> None:
+        """Makes the Parquet file of the rows; they go when it is whole."""
+        target = name_with(self.finished, stamp)
+        half = target.with_name(f"{target.name}.half")
+        write_parquet(self.path, half)
+        half.rename(target)
+        self.path.unlink()
+        keep_newest(self.finished, self._most)
+
+    def close(self) -> None:
+        """What has come so far is a file too when the run ends, and readable."""
+        if self._file is not None and self._began:
+            self._finish()
+        super().close()
+
+
+def write_parquet(lines: Path, target: Path) -> None:
+    """Makes a Parquet file of lines, without what a crash has cut. Raises OSError and ValueError."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    with lines.open(encoding="utf-8") as source:
+        columns = json.loads(next(source))["columns"]
+        types = {
+            name: pa.type_for_alias(kind) if "(" not in kind else pa.decimal128(38, 0) for name, kind, _ in columns
+        }
+        fields = [pa.field("time", pa.timestamp("ms", tz="UTC"), nullable=False)]
+        fields += [pa.field(name, types[name], metadata={"unit": unit} if unit else None) for name, _, unit in columns]
+        schema = pa.schema(fields)
+        at_once = max(1, CELLS_AT_ONCE // len(fields))
+        with pq.ParquetWriter(target, schema) as writer:
+            row: dict[str, Any] = dict.fromkeys(types)
+            while some := [json.loads(line) for line in islice(source, at_once) if line.endswith("\n")]:
+                cells: dict[str, list[Any]] = {name: [] for name in types}
+                for _, changed in some:
+                    row.update((name, _as(kind, changed[name])) for name, kind, _ in columns if name in changed)
+                    for name, values in cells.items():
+                        values.append(row[name])
+                times = pa.array([time for time, _ in some], pa.string()).cast(pa.timestamp("ms", tz="UTC"))
+                writer.write_table(pa.table([times, *(pa.array(cells[n], types[n]) for n in cells)], schema=schema))
+
+
+def _as(kind: str, value: Any) -> Any:
+    """A value as its column takes it."""
+    if value is None or kind not in ("string", "bool", "double"):
+        return value
+    return {"string": str, "bool": bool, "double": float}[kind](value)
