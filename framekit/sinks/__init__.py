@@ -8,6 +8,7 @@ from framekit.sinks.files import CsvFile, JsonLines
 from framekit.sinks.influx import Influx
 from framekit.sinks.mqtt import Mqtt
 from framekit.sinks.parquet import ParquetFiles
+from framekit.sinks.postgres import Postgres
 from framekit.sinks.prometheus import Prometheus
 from framekit.sinks.sqlite import SqliteHistory
 
@@ -20,5 +21,6 @@ SINKS.update(
         "prometheus": Prometheus,
         "mqtt": Mqtt,
         "influx": Influx,
+        "postgres": Postgres,
     }
 )

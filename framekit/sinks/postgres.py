@@ -1,0 +1,165 @@
+"""A history of values in PostgreSQL: one table, filled by COPY in batches; ready to be a hypertable of TimescaleDB.
+
+A batch goes in whole or not at all, and what is there already is left as it is: so nothing is doubled by what is sent
+again after a kill or a lost connection.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any, ClassVar
+from urllib.parse import urlsplit
+
+from framekit.definition.keys import TEXT, Form, KeyReading, key, ref
+from framekit.definition.tree import Node
+from framekit.run.model import Point
+from framekit.run.points import PointValue
+from framekit.sinks.base import Host, RefusedError, Sampled, Sink, not_installed
+from framekit.sinks.secrets import SECRET, Secret
+from framekit.sinks.store import NetworkSink
+
+if TYPE_CHECKING:
+    import psycopg
+
+MOST_ROWS = 5_000
+"""Rows of one batch, unless one sample has more."""
+
+LONGEST_ANSWER = 10
+"""Seconds until a server has to answer."""
+
+_COLUMNS = "time, run, point, value, words, unit, quality, reason"
+
+
+def read_database(reading: KeyReading, node: Node) -> str:
+    """`postgresql://HOST:PORT/DATABASE`. Raises Broken."""
+    text = reading.reader.text(node).strip()
+    try:
+        found = urlsplit(text)
+        is_address = found.scheme in ("postgresql", "postgres") and len(found.path) > 1
+        password = found.password
+    except ValueError:
+        is_address, password = False, None
+    if not is_address:
+        raise reading.reader.broken(node.at, f"'{text}' names no database", "write it like postgresql://HOST/DATABASE")
+    if password is not None:
+        raise reading.reader.broken(node.at, "a password does not stand in a run file", "use user: and password:")
+    return text
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Postgres(NetworkSink):
+    """A table of a PostgreSQL database; it is made where there is none."""
+
+    word: ClassVar[str] = "postgres"
+    postgres: str = key(
+        "postgres", Form(ref("text"), read_database), "The database: postgresql://HOST:5432/DATABASE, with the options "
+        "of libpq behind ?, such as sslmode=verify-full.",
+    )  # fmt: skip
+    table: str = key("table", TEXT, "The table; schema.table for one in a schema.", default="history")
+    user: str = key("user", TEXT, "The user's name.", default="")
+    password: Secret | None = key("password", SECRET, "Where the password stands: env:NAME or file:NAME.", default=None)
+
+    def mistakes(self, points: Sequence[Point]) -> Iterator[tuple[str, str, str]]:
+        yield from not_installed("psycopg", "psycopg", "postgres")
+        yield from self.mistakes_of_store()
+        if self.password is not None and not self.user:
+            yield "password", "'password' has no effect without user", "add user:, or remove it"
+        parts = self.table.split(".")
+        if len(parts) > 2 or not all(parts) or "\0" in self.table:
+            yield "table", f"'{self.table}' is no name of a table", "write table, or schema.table"
+
+    def make(self) -> Sink:
+        return PostgresSink(self)
+
+
+class PostgresSink(Sink):
+    """Writes rows. Raises psycopg.Error, OSError, ValueError.
+
+    `value` is exact whatever a number has (numeric); `words` has texts, and the words of `enum`. Both are null where
+    the value is not good.
+    """
+
+    def __init__(self, kind: Postgres) -> None:
+        self.kind = kind
+        self._run = ""
+        self._units: Mapping[str, str] = {}
+        self._connection: psycopg.Connection[Any] | None = None
+
+    def meet(self, host: Host) -> None:
+        self._run = host.run
+
+    def open(self, points: Sequence[Point]) -> None:
+        import psycopg
+
+        kind = self.kind
+        self._units = {point.name: point.unit for point in points}
+        options: dict[str, Any] = {"connect_timeout": LONGEST_ANSWER, "application_name": f"framekit {self._run}"}
+        if kind.user:
+            options |= {"user": kind.user}
+        if kind.password is not None:
+            options |= {"password": kind.password.read()}
+        self._connection = connection = psycopg.connect(kind.postgres, autocommit=True, **options)
+        connection.execute(f"SET statement_timeout = '{LONGEST_ANSWER}s'")
+        if connection.execute("SELECT to_regclass(%s)", (self._name.as_string(connection),)).fetchone() == (None,):
+            connection.execute(self._sql(
+                "CREATE TABLE IF NOT EXISTS {table} (time timestamptz NOT NULL, run text NOT NULL, "
+                "point text NOT NULL, value numeric, words text, unit text NOT NULL, quality text NOT NULL, "
+                "reason text NOT NULL, PRIMARY KEY (run, point, time))"
+            ))  # fmt: skip
+        connection.execute(self._sql("CREATE TEMP TABLE incoming (LIKE {table}) ON COMMIT DELETE ROWS"))
+
+    @property
+    def _name(self) -> psycopg.sql.Identifier:
+        from psycopg.sql import Identifier
+
+        return Identifier(*self.kind.table.split("."))
+
+    def _sql(self, text: Any) -> psycopg.sql.Composed:
+        from psycopg.sql import SQL
+
+        return SQL(text).format(table=self._name)
+
+    def write(self, samples: Sequence[Sampled]) -> int:
+        import psycopg
+
+        connection = self._connection
+        assert connection is not None
+        rows: list[tuple[Any, ...]] = []
+        count = 0
+        for sample in samples:
+            if count and len(rows) + len(sample.values) > MOST_ROWS:
+                break
+            rows += [self.row(sample.time, one) for one in sample.values]
+            count += 1
+        try:
+            with connection.transaction(), connection.cursor() as cursor:
+                with cursor.copy(f"COPY incoming ({_COLUMNS}) FROM STDIN") as copy:
+                    for row in rows:
+                        copy.write_row(row)
+                cursor.execute(self._sql(
+                    f"INSERT INTO {{table}} ({_COLUMNS}) SELECT {_COLUMNS} FROM incoming ON CONFLICT DO NOTHING"
+                ))  # fmt: skip
+        except (psycopg.DataError, psycopg.IntegrityError) as error:
+            if count > 1:  # one of them is wrong: fewer at once find it
+                return self.write(samples[: count // 2])
+            raise RefusedError(str(error).partition("\n")[0]) from None
+        return count
+
+    def row(self, time: int, one: PointValue) -> tuple[Any, ...]:
+        """A value as a row; PostgreSQL has no character 0 in texts, ␀ stands for it."""
+        seconds, rest = divmod(time, 1_000_000_000)
+        moment = datetime.fromtimestamp(seconds, UTC).replace(microsecond=rest // 1000)
+        value = one.value if one.quality == "good" else None
+        words = value.replace("\0", "␀") if isinstance(value, str) else None
+        number = value if words is None else one.number
+        if not isinstance(number, (int, float)):  # a text of the device
+            number = None
+        reason = one.reason.replace("\0", "␀")
+        return (moment, self._run, one.name, number, words, self._units.get(one.name, ""), one.quality, reason)
+
+    def close(self) -> None:
+        connection, self._connection = self._connection, None
+        if connection is not None:
+            connection.close()
