@@ -205,7 +205,8 @@ def test_an_include_circle_is_refused() -> None:
         load_protocol_text("protocol: t\nlayouts:\n  a: [{include: a}]\nframes:\n  f: {body: [{include: a}]}\n")
 
 
-def test_a_used_file_brings_only_what_is_mentioned(tmp_path: Path) -> None:
+@pytest.mark.parametrize("written", ["lib", "lib.yaml", "lib, lib"])
+def test_a_used_file_brings_only_what_is_mentioned(tmp_path: Path, written: str) -> None:
     (tmp_path / "lib.yaml").write_text(
         "application: lib\n"
         "params: {depth: {type: number, default: 3}, other: {type: number, default: 4}}\n"
@@ -213,10 +214,14 @@ def test_a_used_file_brings_only_what_is_mentioned(tmp_path: Path) -> None:
         encoding="utf-8",
     )
     (tmp_path / "p.yaml").write_text(
-        "protocol: p\nuses: [lib]\nframes:\n  f: {body: [{include: lib.part}]}\n", encoding="utf-8"
+        f"protocol: p\nuses: [{written}]\nframes:\n  f: {{body: [{{include: lib.part}}]}}\n", encoding="utf-8"
     )
     protocol = load_protocol(tmp_path / "p.yaml")
     assert set(protocol.params) == {"depth"}
+    file = tmp_path / "p.yaml"
+    file.write_text(file.read_text("utf-8").replace("lib.part", "part"), encoding="utf-8")
+    with pytest.raises(DefinitionError, match=r"there is no layout 'part' – write lib\.part"):
+        load_protocol(file)
 
 
 def test_a_definition_is_loaded_once_and_again_when_a_file_of_it_changes(tmp_path: Path) -> None:

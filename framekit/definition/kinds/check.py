@@ -69,13 +69,18 @@ def _covered(reading: KeyReading, node: Node) -> Covered:
 
 
 def _size(reading: KeyReading) -> int:
-    """Bytes on the wire of a check code."""
+    """Bytes on the wire of a check code. An order where they are one byte, or its digits, is noted."""
     node, method, form = reading.keys.get("size"), reading.found["method"], reading.found["form"]
     if node is not None:
-        return reading.reader.number(node)
-    if form == "dec":
-        return len(str((1 << method.width) - 1))
-    return int(method.size * (1 if form == "raw" else 2))
+        size = reading.reader.number(node)
+    elif form == "dec":
+        size = len(str((1 << method.width) - 1))
+    else:
+        size = int(method.size * (1 if form == "raw" else 2))
+    order = reading.keys.get("order")
+    if order is not None and size <= (1 if form in ("raw", "dec") else 2):
+        reading.reader.note(order.at, "order has no effect: the code is one byte", "leave it out")
+    return size
 
 
 def _order(reading: KeyReading, node: Node) -> Literal["big", "little"]:

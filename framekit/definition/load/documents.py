@@ -156,22 +156,18 @@ class Documents:
         files: tuple[str, ...] = (str(path),)
         uses: dict[str, SourceText] = {}
         application: SourceText | None = None
-        wanted = 0
         base = self._named(root.get("extends"), path)
         if base is not None:
             root = merged(base.root, root)
             names, files, uses = names + base.names, files + base.files, dict(base.uses)
             application = base.application
-        for name in self.reader.items(root.get("uses")):
-            used = self._named(name, path)
-            wanted += 1
-            if used is not None:
-                uses[self.reader.text(name)] = used
+        used = [(self.reader.text(name), self._named(name, path)) for name in self.reader.items(root.get("uses"))]
+        uses |= {name.removesuffix(".yaml").removesuffix(".yml"): one for name, one in used if one is not None}
         own = self.roots[path]
         carried = own.get("application") if own.get("protocol") is not None else None
         application = self._named(carried, path) or application
         missing = (own.get("extends") is not None and base is None) or (carried is not None and application is None)
-        if missing or len(uses) < wanted:
+        if missing or any(one is None for _, one in used):
             raise Broken(str(path))  # without them nearly everything would be unknown
         return SourceText(root, path, names, files, uses, application)
 

@@ -197,7 +197,8 @@ class Namespace:
             name, space = found
             layouts = space.section("layouts")
         if name not in layouts:
-            hint = did_you_mean(name, layouts) or "add it to layouts:"
+            having = [used for used, one in self.uses.items() if name in one.section("layouts")]
+            hint = f"write {having[0]}.{name}" if having else did_you_mean(name, layouts) or "add it to layouts:"
             raise self.reader.broken(node.at, f"there is no layout '{name}'", hint)
         return self.reader.sequence(layouts[name].entry.value), space
 
