@@ -166,7 +166,7 @@ def field_rows(codec: Codec, protocol: Protocol, seen: Seen, params: Mapping[str
         return [FieldRow(name, 0, b"", str(value)) for name, value in plain.to_plain(seen.frame, seen.fields).items()]
     rows = []
     for path, start, end, value in spans:
-        shown = plain.to_plain("", {"": value})[""]
+        shown = plain.named(seen.frame, path, plain.to_plain("", {"": value})[""])
         rows.append(FieldRow(path, start, seen.raw[start:end], "" if shown is None else str(shown)))
     return rows
 

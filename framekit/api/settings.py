@@ -173,6 +173,7 @@ def _set_variable(scope: Scope, protocol: Protocol, name: str, value: Any) -> No
     if name not in protocol.state:
         known = [*protocol.params, *protocol.state]
         raise RequestError(no_such(f"'{protocol.name}' has no parameter or variable", name, known))
+    value = protocol.state[name].number_of(value)
     parsers: dict[str, Callable[[str], Any]] = {"bytes": parse_bytes, "text": str, "time": parse_time}
     parse = parsers.get(protocol.state[name].type, parse_number)
     try:

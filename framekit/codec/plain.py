@@ -12,7 +12,7 @@ from typing import Any
 from framekit.codec.errors import EncodeError
 from framekit.codec.shown import explain, shown
 from framekit.definition.load.reader import parse_bytes, parse_number
-from framekit.definition.model.frames import by_value_name
+from framekit.definition.model.frames import by_value_name, everything
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import (
     Bits,
@@ -37,6 +37,7 @@ class PlainValues:
         self.protocol = protocol
         self._known: dict[str, dict[str, Segment]] = {}
         self._special: dict[str, dict[str, Segment]] = {}
+        self._names: dict[str, dict[str, Mapping[int, str] | None]] = {}
 
     def from_plain(self, frame: str, fields: Mapping[str, Any]) -> dict[str, Any]:
         """Codec values. Unknown names are left for the encoder to refuse. Raises EncodeError."""
@@ -54,6 +55,16 @@ class PlainValues:
             special = self._special[frame] = _special(self.protocol.frames[frame].segments)
         return self._written(special, fields)
 
+    def named(self, frame: str, path: str, value: Any) -> Any:
+        """A number of a frame with the name that it has there, `2 (fast)`; any other value as it is."""
+        if type(value) is not int or frame not in self.protocol.frames:
+            return value
+        names = self._names.get(frame)
+        if names is None:
+            names = self._names[frame] = _names_of(self.protocol, frame, {})
+        name = (names.get(path.rpartition(".")[2]) or {}).get(value)
+        return value if name is None else f"{value} ({name})"
+
     # ---- reading ------------------------------------------------------------------------------------------
 
     def _read(self, known: Mapping[str, Segment], fields: Mapping[str, Any]) -> dict[str, Any]:
@@ -61,7 +72,9 @@ class PlainValues:
         for name, value in fields.items():
             segment = known.get(name)
             try:
-                result[name] = value if segment is None else self._value(segment, value)
+                names = None if segment is None else dict(segment.numbers_with_names()).get(name)
+                is_name = names is not None and isinstance(value, str) and value in names.values()
+                result[name] = value if segment is None or is_name else self._value(segment, value)
             except (ValueError, TypeError) as error:
                 if isinstance(error, EncodeError):
                     raise
@@ -70,9 +83,7 @@ class PlainValues:
 
     def _value(self, segment: Segment, value: Any) -> Any:
         match segment:
-            case Field(type=type_, values=values, unit=unit):
-                if values is not None and isinstance(value, str) and value in values.values():
-                    return value
+            case Field(type=type_, unit=unit):
                 return parse_time(value) if unit is not None and isinstance(value, str) else _typed(type_, value)
             case Data():
                 return _bytes(value)
@@ -132,6 +143,19 @@ def _special(segments: tuple[Segment, ...]) -> dict[str, Segment]:
         or isinstance(segment, (Inner, Nested))
         or (isinstance(segment, Field) and segment.unit is not None)
     }
+
+
+def _names_of(
+    protocol: Protocol, frame: str, found: dict[str, Mapping[int, str] | None], seen: tuple[str, ...] = ()
+) -> dict[str, Mapping[int, str] | None]:
+    """The names of numbers by field, of a frame and those inside it; None where two fields of a name differ."""
+    for segment in everything(protocol.frames[frame].segments):
+        for name, names in segment.numbers_with_names():
+            found[name] = names if found.get(name, names) == names else None
+        for inner in segment.frames_inside:
+            if inner in protocol.frames and inner not in (frame, *seen):
+                _names_of(protocol, inner, found, (frame, *seen))
+    return found
 
 
 def _typed(type_: FieldType, value: Any) -> Any:
@@ -208,8 +232,9 @@ def _hint(name: str, levels: Iterable[Level], more: Iterable[str]) -> str:
         if name in given and name not in known:
             return _known(name, list(known), more)
         segment = known.get(name)
-        if isinstance(segment, Field) and segment.values and not _has_meaning(segment.values, given.get(name)):
-            return numbers_of(segment.values)
+        numbers = None if segment is None else dict(segment.numbers_with_names()).get(name)
+        if numbers and not _has_meaning(numbers, given.get(name)):
+            return numbers_of(numbers)
         if isinstance(segment, Inner) and isinstance(value := given.get(name), Mapping):
             return next(
                 (did_you_mean(str(frame), segment.frames) for frame in value if frame not in segment.frames), ""

@@ -199,14 +199,16 @@ def set_state(scope: Scope, state: Mapping[str, Any]) -> None:
             raise ValueError(f"there is no state variable '{name}'")
         if isinstance(value, Mapping) and variable.keys is not None:
             for key, item in value.items():
-                scope.set_entry(name, int(state_value("number", key)), state_value(variable.type, item))
+                scope.set_entry(
+                    name, int(state_value("number", key)), state_value(variable.type, variable.number_of(item))
+                )
             continue
         if isinstance(value, Mapping) and isinstance(record := scope.get(name), Mapping):
             unknown = [key for key in value if key not in record]
             if unknown:
                 raise ValueError(f"state variable '{name}' has no field '{unknown[0]}'")
             value = dict(record) | {key: state_value(_kind_of(record[key]), item) for key, item in value.items()}
-        scope.set(name, state_value(variable.type, value))
+        scope.set(name, state_value(variable.type, variable.number_of(value)))
 
 
 def state_value(type_: str, value: Any) -> Any:
@@ -567,7 +569,7 @@ class _Player:
         scope = self.engine.scope
         for name, value in wanted.state.items():
             variable = scope.protocol.state.get(name)
-            expected = value if variable is None else state_value(variable.type, value)
+            expected = value if variable is None else state_value(variable.type, variable.number_of(value))
             if not same_number(scope.get(name), expected):
                 shown = str(expected) if isinstance(expected, Decimal) else repr(expected)
                 self._note(None, f"{name} is {scope.get(name)!r} afterwards, expected {shown}")

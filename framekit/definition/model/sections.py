@@ -330,6 +330,10 @@ class StateVariable:
     size: int | None = key("size", _size_in_bytes("variable"), default=None)
     publish: bool = key("publish", FLAG, default=False)
 
+    def number_of(self, value: Any) -> Any:
+        """The number that a name of `values` stands for; any other value as it is."""
+        return next((number for number, name in (self.values or {}).items() if name == value), value)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Queue:
