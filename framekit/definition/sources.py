@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
+from decimal import Decimal
 from enum import Enum
 from functools import cache
 from hashlib import sha256
@@ -149,7 +150,7 @@ def _pieces(value: object) -> Iterator[str]:
             yield f"{field.name}="
             yield from _pieces(getattr(value, field.name))
         yield ")"
-    elif value is None or isinstance(value, (str, bytes, int, float, Enum)):
+    elif value is None or isinstance(value, (str, bytes, int, float, Decimal, Enum)):
         yield f"{value!r},"
     elif isinstance(value, Mapping):
         yield "{"

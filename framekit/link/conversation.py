@@ -38,7 +38,7 @@ from framekit.link.receiver import Receiver
 from framekit.link.scope import Scope
 from framekit.link.services.client import Client, TransferResult
 from framekit.link.values import EVALUATION_ERRORS, FrameValue, Names, compile_expression
-from framekit.link.variables import fit_of
+from framekit.link.variables import same_number
 
 
 def run_frame_vector(vector: FrameVector, protocol: Protocol, codec: ProtocolCodec) -> list[str]:
@@ -238,13 +238,6 @@ def result_agrees(found: Any, wanted: Any) -> bool:
     if isinstance(wanted, (list, tuple)):
         return len(found) == len(wanted) and all(result_agrees(*pair) for pair in zip(found, wanted, strict=True))
     return same_number(found, state_value(_kind_of(found), wanted))
-
-
-def same_number(found: Any, wanted: Any) -> bool:
-    """Whether two values are the same; a float of 32 or 64 bits is the number that it is nearest to."""
-    if isinstance(found, float) and isinstance(wanted, Decimal):
-        return any(found == fit_of(type_)(wanted) for type_ in ("f32", "f64"))
-    return bool(found == wanted)
 
 
 def _kind_of(value: Any) -> str:

@@ -219,6 +219,13 @@ def _filled(value: Any, columns: Mapping[str, Any]) -> Any:
     return {**columns, **value} if isinstance(value, Mapping) else value
 
 
+def same_number(found: Any, wanted: Any) -> bool:
+    """Whether two values are the same; a float of 32 or 64 bits is the number that it is nearest to."""
+    if isinstance(found, float) and isinstance(wanted, Decimal):
+        return any(found == fit_of(type_)(wanted) for type_ in ("f32", "f64"))
+    return bool(found == wanted)
+
+
 # ---- given values of parameters -----------------------------------------------------------------------------
 
 

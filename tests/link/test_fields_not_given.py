@@ -129,3 +129,29 @@ def test_defaults_rest_on_others_whatever_their_order(given: dict[str, int], all
     result = Loop(RESTING).do("call", "put", given)
     assert result.ok, result.cause
     assert result.gives["all"] == all_
+
+
+FRACTIONS = """\
+protocol: fractions
+extends: standard
+station: {type: none}
+line: {kind: stream, tcp: 4000}
+groups:
+  request: {from: client, head: [{const: 01}]}
+  reply: {from: server, head: [{const: 02}]}
+frames:
+  ask: {group: request, body: [{field: a, type: i16, scale: 0.1}, {field: b, type: f32}, {field: c, type: decimal, decimals: 2, size: 5}]}
+  told: {group: reply, body: [{field: y, type: u8, scale: 0.5}]}
+services:
+  put: [{request: {ask: {a: -1.5, b: 0.1, c: 3.25}}, reply: {told: {y: 7.5}}, gives: {y: reply.y}}]
+"""
+
+
+def test_fields_are_given_fractions_and_a_device_compares_them() -> None:
+    loop = Loop(FRACTIONS)
+    result = loop.do("call", "put", {})
+    assert result.ok, result.cause
+    assert str(result.gives["y"]) == "7.5"
+    assert loop.log[0][0] == bytes.fromhex("01 FF F1 3D CC CC CD") + b"03.25"
+    other = bytes.fromhex("01 FF F2 3D CC CC CD") + b"03.25"
+    assert loop.serve(loop.request(other)).reply is None

@@ -19,6 +19,7 @@ from framekit.definition.expression import (
     Expression,
     Name,
     Node,
+    Real,
     Text,
     children,
     inverse_steps,
@@ -596,6 +597,12 @@ def _never_fit(protocol: Protocol, made: FrameOf, frame: Frame) -> Iterator[Prob
     for name, value in made.fields.items():
         if not isinstance(value, Expression):
             continue
+        if isinstance(value.root, Real):
+            held = [one for one in parts_of(frame.segments, Segment) if name in one.value_names]
+            types = [one.type for one in held if isinstance(one, Field) and one.value_kind == "number"]
+            if types and not any(type_.has_fractions and type_.writes(value.root.value) for type_ in types):
+                what = f"{value} does not fit: '{name}' of '{frame.name}' holds no such fraction"
+                yield Problem(value.at, what, "correct one of them")
         is_code = isinstance(value.root, Name) and value.root.name == "code"
         for number in codes.values() if is_code else (value,):
             yield from _fits(constant_number(number), number.at, name, frame)

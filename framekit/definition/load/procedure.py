@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TypeVar
 
-from framekit.definition.expression import Expression
+from framekit.definition.expression import Expression, real_number
 from framekit.definition.keys import read_keys
 from framekit.definition.load.frames import FrameLoader
 from framekit.definition.load.namespace import Namespace
@@ -51,6 +51,14 @@ class ValueLoader:
     def fields(self, node: Node | None) -> dict[str, Value]:
         return {entry.key.text: self.value(entry.value) for entry in self.reader.entries(node)}
 
+    def filled(self, node: Node | None) -> dict[str, Value]:
+        """What fields of a constructor are given: values, and numbers with a fraction, which stand alone."""
+        return {entry.key.text: self._given(entry.value) for entry in self.reader.entries(node)}
+
+    def _given(self, node: Node) -> Value:
+        real = real_number(node.text, node.at) if isinstance(node, Scalar) and not node.quoted else None
+        return self.value(node) if real is None else real
+
     def frame_of(self, node: Node | None) -> FrameOf:
         """`{frame: {…}}` where a frame must stand. Raises Broken."""
         return self._frame(self.only_entry(node))
@@ -71,20 +79,20 @@ class ValueLoader:
                 entry.key.at, f"there is no frame '{name}'", did_you_mean(name, self.frames.outlines)
             )
         empty = isinstance(entry.value, Scalar) and not entry.value.text
-        return FrameOf(name, {} if empty else self.fields(entry.value), entry.key.at)
+        return FrameOf(name, {} if empty else self.filled(entry.value), entry.key.at)
 
     def _mapping(self, node: Mapping) -> Value:
         if len(node.entries) == 1:
             entry = node.read_all()[0]
             if entry.key.text == "each":
-                return EachOf(self.fields(entry.value), node.at)
+                return EachOf(self.filled(entry.value), node.at)
             if entry.key.text in self.frames.outlines and not isinstance(entry.value, Scalar):
                 return self._frame(entry)
             if self._is_layout(entry.key.text):
                 if isinstance(entry.value, Mapping) and not self._is_constructor(entry.value):
-                    return LayoutOf(entry.key.text, self.fields(entry.value), node.at)
+                    return LayoutOf(entry.key.text, self.filled(entry.value), node.at)
                 return ReadAs(entry.key.text, self.value(entry.value), node.at)
-        return RecordOf(self.fields(node), node.at)
+        return RecordOf(self.filled(node), node.at)
 
     def _is_layout(self, name: str) -> bool:
         if name in self.space.section("layouts"):

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from decimal import Decimal
 from typing import Any
 
 from framekit.codec.python.source import Source
@@ -36,6 +37,7 @@ from framekit.link.values import (
     present,
     quotient,
 )
+from framekit.link.variables import same_number
 from framekit.memory.memory import DeviceMemoryError, MemoryRangeError, UnknownAreaError
 
 PLACE_NAMES = ("area", "unit", "start", "count", "bytes", "element_bytes", "total")
@@ -348,7 +350,9 @@ class RowWriter:
             if isinstance(constant, str):
                 constant = numbers.get(constant, constant)
             text = self.values.constant(constant)
-            if padded and isinstance(constant, bytes):  # what follows is padding
+            if isinstance(constant, Decimal):
+                self.unfit_if(f"not same_number({actual}, {text})")
+            elif padded and isinstance(constant, bytes):  # what follows is padding
                 self.unfit_if(f"not isinstance({actual}, bytes) or not {actual}.startswith({text})")
             else:
                 self.unfit_if(f"{actual} != {text}")
@@ -720,6 +724,7 @@ _RUNTIME: dict[str, Any] = {
     "no_data": no_data,
     "part_of": part_of,
     "quotient": quotient,
+    "same_number": same_number,
     "set_missing": set_missing,
     "values_of": values_of,
     "wrong_place": wrong_place,
