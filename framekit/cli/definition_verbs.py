@@ -496,9 +496,15 @@ def run_check(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print_json([{"file": name, **_file_as_json(checked)} for name, checked in results])
         return status
+    told: set[str] = set()
     for name, checked in results:
-        for line in told_once(checked.problems):
-            print(line, file=sys.stderr)
+        lines = list(told_once(checked.problems))
+        for line in lines:
+            if line not in told:
+                print(line, file=sys.stderr)
+        if lines and told.issuperset(lines):  # of a device and its protocol, say
+            print(f"{name}: what is wrong has been told above", file=sys.stderr)
+        told.update(lines)
         if not any(not problem.warning for problem in checked.problems):
             print(f"{name}: {checked.what}")
             _show_loads(checked, arguments.load)

@@ -164,7 +164,7 @@ class FieldType:
             return self.form.contents | frozenset(self.end or b"")
         if self.inside is not None:
             return self.inside.contents
-        return TYPE_KINDS[self.kind].contents
+        return TYPE_KINDS[self.kind].contents - frozenset(self.stops)
 
     @property
     def bounds(self) -> tuple[int, int] | None:

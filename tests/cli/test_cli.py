@@ -350,6 +350,10 @@ def test_check_counts_and_complains(capsys: pytest.CaptureFixture[str], tmp_path
     assert f"{path}:3:" in err
     listed = json.loads(call(capsys, "check", "--json", str(path))[1])
     assert listed[0]["problems"][0]["line"] == 3
+    device = tmp_path / "bad.device.yaml"
+    device.write_text("device: bad\nprotocol: bad\n", encoding="utf-8")
+    told = f"{err}{device}: what is wrong has been told above\n"
+    assert call(capsys, "check", str(path), str(device)) == (1, "", told)
 
 
 def test_run_on_virtual_time(capsys: pytest.CaptureFixture[str]) -> None:
