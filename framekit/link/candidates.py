@@ -271,7 +271,17 @@ class Candidates:
             return self._wrongly_marked(info, raw, wrong)
         what = "a pause" if self.marks is None or self.marks.next(end) != end else "the first byte of another frame"
         found = Fault("cut" if fault is None else fault.value, place=len(raw), expected="more bytes", found=what)
-        return self._bad(info, raw, lambda: found, False)
+        return self._bad(info, raw, partial(self._broken_off, info, raw, found), False)
+
+    def _broken_off(self, info: FrameInfo, raw: bytes, found: Fault) -> Fault:
+        """What is wrong with a frame that was waited for in vain: its code, if it ends by a fitting one, or `found`."""
+        if found.cause == "cut":
+            try:
+                info.decode(raw, self._context)
+            except CODEC_ERRORS as error:
+                if isinstance(error, FrameError) and error.cause == "check" and error.also is None:
+                    return fault_of(error)
+        return found
 
     def _read(self, info: FrameInfo, start: int, end: int) -> Result:
         raw = bytes(self._stream.buffer[start:end])

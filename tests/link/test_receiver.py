@@ -547,3 +547,33 @@ def test_a_bad_frame_does_not_wait_for_a_longer_one_that_is_bad_already() -> Non
     for _ in range(50):
         cuts = [random.randrange(len(stream)) for _ in range(random.randrange(6))]
         assert feed(receiver_of(LONGER), cut_at(stream, cuts), names) == whole
+
+
+@pytest.mark.parametrize(
+    ("data", "cause", "segment"),
+    [
+        ("05 04 00 01 00 02 99 0D", "check", "check"),  # complete but for its code, which would have ended it
+        ("05 04 00 01 00 02 99", "cut", ""),
+        ("05 04 00 01 00", "cut", ""),
+    ],
+)
+def test_a_wrong_code_after_a_list_is_told_when_no_more_comes(data: str, cause: str, segment: str) -> None:
+    text = """
+protocol: listed
+line: {format: 8E1}
+frames:
+  told:
+    body:
+      - {const: 05}
+      - {length: n, type: u8, of: [vals]}
+      - {repeat: vals, times: rest, of: [{field: x, type: u16}]}
+      - {check: sum8}
+      - {const: CR}
+"""
+    receiver = receiver_of(text)
+    receiver.append(bytes.fromhex(data), 0)
+    assert receiver.next(("told",), ()) is None
+    receiver.cut()
+    bad = receiver.next(("told",), ())
+    assert isinstance(bad, BadFrame)
+    assert (bad.frame, bad.cause, bad.segment) == ("told", cause, segment)
