@@ -16,7 +16,7 @@ from construct_oracle.forms import form_of
 from construct_oracle.keyed import code_with_key
 from construct_oracle.names import Names
 from construct_oracle.sizes import Evaluate
-from construct_oracle.state import Leaf, Mark, Reading, State, Writing, is_marked, mark_of
+from construct_oracle.state import Leaf, Mark, Reading, State, Unopened, Writing, is_marked, mark_of
 from framekit.codec import support
 from framekit.codec.checks import compute
 from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName
@@ -50,6 +50,10 @@ class CheckConstruct(SegmentConstruct):
                 value_of = partial(reading.evaluate, context=context)
                 covered = self._covered(reading, context, stream.getvalue()[:start], stream, leaves, value_of)
                 code = self._code(covered, reading.names, value_of)
+            except Unopened:
+                reading.note(place, "value", "values it can be worked out from", "none")
+                reading.faults.unchecked = True
+                return
             except (ConstructError, MissingName, *EVALUATION_ERRORS):
                 reading.note(place, "value", "values it can be worked out from", "none")
                 return

@@ -133,7 +133,7 @@ class HexConstruct(WrapConstruct):
         try:
             return support.ascii_to_hex(digits)
         except ValueError:
-            reading.leaf(digits)
+            reading.unopened()
             bad = len(_leading_digits(digits))
             reading.note(replace(place, offset=place.offset + bad), "digits", "pairs of hex digits", digits[bad:])
             return None
@@ -228,13 +228,13 @@ class CodedConstruct(WrapConstruct):
             content = reading.sizes.all(self.segment.of, reading.known_in(context))
             assert content is not None
             if not self.segment.coding.least <= len(wire) <= content:
-                reading.leaf(wire)
+                reading.unopened()
                 cause, offset = ("short", len(wire)) if len(wire) < content else ("too_long", content)
                 reading.note(replace(place, offset=place.offset + offset), cause, "wrapped content", wire)
                 return
         plain, places = uncoded(self.segment.coding, wire, content)
         if plain is None:
-            reading.leaf(wire)
+            reading.unopened()
             cause = "digits" if isinstance(self.segment.coding, Hex) else "constant"
             reading.note(replace(place, offset=place.offset + places[-1]), cause, "wrapped content", wire)
             return
@@ -251,7 +251,7 @@ class CodedConstruct(WrapConstruct):
             wanted = writer.written(code_of(coding.check_code.method, block, reading.names))
             digits = coding.check_code.form in ("hex", "HEX")
             if not block:
-                reading.leaf(wire)
+                reading.unopened()
                 reading.note(replace(place, offset=place.offset + at), "short", wanted, found)
                 return
             if (found.upper() if digits else found) != (wanted.upper() if digits else wanted):
@@ -267,13 +267,13 @@ class CodedConstruct(WrapConstruct):
         try:
             values = checked(coding, *(reading.evaluate(one, context) for _, one in coding.expressions))
         except (ConstructError, MissingName, *EVALUATION_ERRORS):
-            reading.leaf(wire)
+            reading.unopened()
             reading.note(place, "value", "wrapped content", wire)
             return
         try:
             plain, wanted, found = deciphered(coding, wire, *values)
         except ValueError:
-            reading.leaf(wire)
+            reading.unopened()
             reading.note(place, "constant", "wrapped content", wire)
             return
         if wanted != found:

@@ -29,9 +29,12 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class Leaf:
-    """The bytes of one segment as they are inside its wrap, and how many they are before conversion."""
+    """The bytes of one segment as they are inside its wrap, and how many they are before conversion.
 
-    data: bytes
+    No bytes: content of a wrap that could not be opened.
+    """
+
+    data: bytes | None
     plain: int
 
 
@@ -43,6 +46,10 @@ class Mark:
     last: int
     wire: int
     start: int = 0
+
+
+class Unopened(Exception):  # noqa: N818 - it says what cannot be counted
+    """Content that could not be opened."""
 
 
 class State:
@@ -65,6 +72,9 @@ class State:
         self.leaves.append(leaf)
         return leaf
 
+    def unopened(self) -> None:
+        self.leaves.append(Leaf(None, 0))
+
     def bytes_of(self, first: int, last: int) -> bytes:
         found = bytearray()
         while first < last:
@@ -73,7 +83,10 @@ class State:
                 found += stream.getvalue()[start:stop]
                 first = end
             else:
-                found += self.leaves[first].data
+                data = self.leaves[first].data
+                if data is None:
+                    raise Unopened
+                found += data
                 first += 1
         return bytes(found)
 

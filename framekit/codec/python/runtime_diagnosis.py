@@ -358,14 +358,15 @@ class Diagnosis:
         self.places = [self.wire(start + place) for place in places]
         self.data, self.at, self.end = plain, 0, len(plain)
         has_content = cause in ("", "check")
-        values = self.scopes[-1]
+        values, bounds = self.scopes[-1], dict(self.bounds)
         before = tuple(values)
         quiet, self.is_quiet = self.is_quiet, self.is_quiet or not has_content
         try:
             with self.part(checks=checks):
                 yield
         finally:
-            if not has_content:  # what is worked out of nothing is no value of the frame
+            if not has_content:  # what is worked out of nothing is no value of the frame, and no check code counts it
+                self.bounds = bounds
                 for one in values.keys() - set(before):
                     del values[one]
             self.data, self.at, self.end, self.places = whole
