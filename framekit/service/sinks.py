@@ -14,7 +14,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from framekit.run.block_state import Failure
 from framekit.run.model import Point
@@ -28,6 +28,8 @@ from framekit.sinks.store import NetworkSink, Store
 from framekit.transport.clock import AsyncioClock, Clock, Handle
 
 log = logging.getLogger(__name__)
+
+T = TypeVar("T")
 
 LONGEST_ANSWER = 2.0
 """Seconds in which a run says how it is doing."""
@@ -62,9 +64,18 @@ class SinkHost:
 
     def status(self) -> RunStatus:
         """How the run is doing now. Raises TimeoutError."""
-        found: Future[RunStatus] = Future()
-        ask = self._status
-        assert ask is not None
+        assert self._status is not None
+        return self._asked(self._status)
+
+    def values(self) -> Sequence[PointValue]:
+        """What all points are now. Raises TimeoutError."""
+        assert self._points is not None
+        table = self._points.table
+        return self._asked(lambda: list(table))
+
+    def _asked(self, ask: Callable[[], T]) -> T:
+        """What a function gives in the run's thread. Raises TimeoutError."""
+        found: Future[T] = Future()
 
         def answer() -> None:
             try:
@@ -276,6 +287,9 @@ class _Meeting:
 
     def status(self) -> RunStatus:
         return self.host.status()
+
+    def values(self) -> Sequence[PointValue]:
+        return self.host.values()
 
     def write(self, point: str, value: Any, who: str, told: Callable[[str], None]) -> None:
         self.host.write(point, value, who, told)

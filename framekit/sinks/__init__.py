@@ -10,6 +10,7 @@ from framekit.sinks.mqtt import Mqtt
 from framekit.sinks.parquet import ParquetFiles
 from framekit.sinks.postgres import Postgres
 from framekit.sinks.prometheus import Prometheus
+from framekit.sinks.sparkplug import Sparkplug
 from framekit.sinks.sqlite import SqliteHistory
 
 SINKS.update(
@@ -20,6 +21,7 @@ SINKS.update(
         "parquet": ParquetFiles,
         "prometheus": Prometheus,
         "mqtt": Mqtt,
+        "sparkplug": Sparkplug,
         "influx": Influx,
         "postgres": Postgres,
     }

@@ -111,6 +111,9 @@ class Host(Interface):
     def status(self) -> RunStatus:
         """How channels, blocks and sinks are doing now. Raises TimeoutError while the run is busy or ends."""
 
+    def values(self) -> Sequence[PointValue]:
+        """What all points are now. Raises TimeoutError."""
+
     def write(self, point: str, value: Any, who: str, told: Callable[[str], None]) -> None:
         """Has a value written, in the point's own scale; `who` wants it, and from where, for the log.
 

@@ -105,7 +105,7 @@ class BrokerSink(NetworkSink):
 
     def mistakes_of_broker(self) -> Iterator[tuple[str, str, str]]:
         """What the keys of the broker say wrongly."""
-        yield from not_installed("paho-mqtt", "paho.mqtt.client", "mqtt")
+        yield from not_installed("paho-mqtt", "paho.mqtt.client", self.word)
         if self.password is not None and not self.user:
             yield "password", "a password without a user has no effect", "add user:"
 
@@ -121,6 +121,7 @@ class Message(NamedTuple):
     topic: str
     payload: bytes
     retain: bool = True
+    qos: int = 1
 
 
 class Command(NamedTuple):
@@ -141,6 +142,7 @@ class Connection:
         self._state = ""
         self._problem = ""
         self._confirmed: set[int] = set()
+        self._subscribed: set[int] = set()
 
     def open(self, run: str, will: Message | None) -> None:
         """Connects; `will` is what the broker publishes when this is cut off. Raises OSError, ValueError."""
@@ -156,13 +158,14 @@ class Connection:
         client.on_connect = self._connected
         client.on_disconnect = self._disconnected
         client.on_publish = self._published
+        client.on_subscribe = self._has_subscribed
         client.on_message = self._message
         if kind.user:
             client.username_pw_set(kind.user, None if kind.password is None else kind.password.read())
         if kind.tls is not None:
             client.tls_set(ca_certs=kind.tls or None)
         if will is not None:
-            client.will_set(will.topic, will.payload, qos=1, retain=will.retain)
+            client.will_set(will.topic, will.payload, qos=will.qos, retain=will.retain)
         self._client, self._state, self._problem = client, "connecting", ""
         assert place.port is not None
         client.connect(place.host, place.port, KEEPALIVE)
@@ -182,7 +185,31 @@ class Connection:
         """Publishes, at least once while the connection lasts; any thread."""
         client = self._client
         if client is not None:
-            client.publish(message.topic, message.payload, qos=1, retain=message.retain)
+            client.publish(message.topic, message.payload, qos=message.qos, retain=message.retain)
+
+    def post(self, messages: Sequence[Message]) -> set[int]:
+        """Publishes, in order; the numbers by which they will be confirmed, those without QoS when they have left."""
+        client = self._client
+        if client is None:
+            return set()
+        return {
+            client.publish(one.topic, one.payload, qos=one.qos, retain=one.retain).mid for one in messages
+        }  # fmt: skip
+
+    def answered(self, topic: str) -> None:
+        """Waits until the broker has taken all that was posted: it answers a subscription that it has already.
+
+        Raises ConnectionError.
+        """
+        client = self._client
+        if client is None:
+            raise ConnectionError("there is no connection")
+        _, number = client.subscribe(topic, 1)
+        with self._change:
+            self._change.wait_for(lambda: number in self._subscribed or self._state != "connected", LONGEST_CONFIRM)
+            if number not in self._subscribed:
+                raise ConnectionError(self._problem or "the broker does not answer")
+            self._subscribed.clear()
 
     def send(self, groups: Sequence[Sequence[Message]]) -> int:
         """Publishes, in order, and waits until it is confirmed; of how many groups all was. Raises ConnectionError."""
@@ -195,9 +222,7 @@ class Connection:
         for group in groups:
             if self._state != "connected":
                 break
-            numbers.append(
-                {client.publish(one.topic, one.payload, qos=1, retain=one.retain).mid for one in group}
-            )  # fmt: skip
+            numbers.append(self.post(group))
         done = self._wait(numbers)
         if not done and groups:
             raise ConnectionError(self._problem or "the broker does not confirm what it gets")
@@ -229,7 +254,7 @@ class Connection:
         if last is not None and self._state == "connected":
             with self._change:
                 self._confirmed.clear()
-            number = client.publish(last.topic, last.payload, qos=1, retain=last.retain).mid
+            number = client.publish(last.topic, last.payload, qos=last.qos, retain=last.retain).mid
             with self._change:
                 self._change.wait_for(lambda: number in self._confirmed or self._state != "connected", LONGEST_END)
         with self._change:
@@ -259,6 +284,11 @@ class Connection:
     def _published(self, client: Client, data: Any, number: int, reason: Any, properties: Any) -> None:
         with self._change:
             self._confirmed.add(number)
+            self._change.notify_all()
+
+    def _has_subscribed(self, client: Client, data: Any, number: int, reasons: Any, properties: Any) -> None:
+        with self._change:
+            self._subscribed.add(number)
             self._change.notify_all()
 
     def _message(self, client: Client, data: Any, message: Any) -> None:

@@ -1,0 +1,202 @@
+"""Values to an MQTT broker as Sparkplug B: a run is an edge node that tells its birth, its data by alias and its death.
+
+After the specification 3.0.0: births and data go with QoS 0. So that nothing is lost with a connection, data count as
+sent when the broker has answered something that was asked behind them.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+from framekit.definition.keys import FLAG, Form, KeyReading, key, ref
+from framekit.definition.tree import Node
+from framekit.run.model import Point
+from framekit.run.points import PointValue
+from framekit.sinks.base import Host, Sampled, Sink, good_value, not_installed
+from framekit.sinks.broker import PLACE, BrokerSink, Command, Connection, Message, Place, lost_of
+from framekit.sinks.sparkplug_messages import (
+    BAD,
+    BOOLEAN,
+    DOUBLE,
+    GOOD,
+    INT64,
+    STALE,
+    STRING,
+    Metric,
+    decoded,
+    encoded,
+)
+
+log = logging.getLogger(__name__)
+
+REBIRTH = "Node Control/Rebirth"
+BIRTHS = "bdSeq"
+MOST_METRICS = 500
+"""So many metrics are in one message, unless one sample has more."""
+
+_QUALITY = {"good": GOOD, "failed": BAD, "stale": STALE}
+_WHOLE = range(-(1 << 63), 1 << 63)
+
+
+def read_name(reading: KeyReading, node: Node) -> str:
+    """A name of a group or a node. Raises Broken."""
+    text = reading.reader.text(node).strip()
+    if not text or set(text) & set("/+#\0"):
+        raise reading.reader.broken(node.at, f"'{text}' is no name in Sparkplug", "leave / + and # out")
+    return text
+
+
+NAME = Form(ref("text"), read_name)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sparkplug(BrokerSink):
+    """An MQTT broker with Sparkplug B: birth, data by alias, death; rebirth and values by commands."""
+
+    word: ClassVar[str] = "sparkplug"
+    sparkplug: Place = key("sparkplug", PLACE, "The broker: HOST or HOST:PORT; default: port 1883, with tls 8883.")
+    group: str = key("group", NAME, "The group that the edge node belongs to.")
+    node: str = key("node", NAME, "The name of the edge node; default: the run's name.", default="")
+    commands: bool = key(
+        "commands", FLAG._replace(read=lambda r, node: r.reader.flag(node, default=False)),
+        "yes: node commands write points that have access: rw. Default: no.", default=False,
+    )  # fmt: skip
+
+    def mistakes(self, points: Sequence[Point]) -> Iterator[tuple[str, str, str]]:
+        yield from self.mistakes_of_broker()
+        yield from not_installed("protobuf", "google.protobuf", "sparkplug")
+        if self.commands and not any(point.is_writable for point in points):
+            yield "commands", "'commands' has no effect: no point can be written", "give one access: rw, or remove it"
+
+    def make(self) -> Sink:
+        return SparkplugSink(self)
+
+
+class SparkplugSink(Sink):
+    """An edge node. Raises OSError, ValueError."""
+
+    def __init__(self, kind: Sparkplug) -> None:
+        self.kind = kind
+        self._host: Host | None = None
+        self._points: Mapping[str, Point] = {}
+        self._aliases: Mapping[str, int] = {}
+        self._connection: Connection | None = None
+        self._lock = threading.Lock()
+        self._seq = 0
+        self._births = time.time_ns() // 1_000_000_000 % 256
+        """Which birth it is, 0 to 255; another one than that of the run before."""
+        self._born = 0
+
+    def meet(self, host: Host) -> None:
+        self._host = host
+
+    def _topic(self, kind: str) -> str:
+        node = self.kind.node or ("" if self._host is None else self._host.run)
+        return f"spBv1.0/{self.kind.group}/{kind}/{node}"
+
+    def _death(self) -> Message:
+        births = Metric(self._births, _now(), BIRTHS, type=INT64)
+        return Message(self._topic("NDEATH"), encoded([births], _now()), retain=False)
+
+    def open(self, points: Sequence[Point]) -> None:
+        self._points = {point.name: point for point in points}
+        self._aliases = {name: number for number, name in enumerate(self._points, 1)}
+        self._births = (self._births + 1) % 256
+        self._connection = connection = Connection(self.kind, lost_of(self._host), self._heard)
+        connection.open("" if self._host is None else self._host.run, self._death())
+        connection.subscribe([self._topic("NCMD")])
+        self._bear(connection)
+        connection.answered(self._topic("NCMD"))
+
+    def _bear(self, connection: Connection) -> None:
+        """Tells all metrics, with their names, types and values as they are now."""
+        born = time.time_ns()
+        values = () if self._host is None else self._host.values()
+        now = {one.name: one for one in values if one.name in self._points}
+        metrics = [Metric(self._births, _now(), BIRTHS, type=INT64), Metric(False, _now(), REBIRTH, type=BOOLEAN)]
+        for name, point in self._points.items():
+            value = now.get(name, PointValue(name))
+            metric = self._metric(value, value.time // 1_000_000 or _now())
+            metrics.append(
+                metric._replace(name=name, type=_type(point), quality=_QUALITY[value.quality], unit=point.unit)
+            )
+        with self._lock:
+            self._seq = 0
+            self._born = born
+            connection.post([Message(self._topic("NBIRTH"), encoded(metrics, _now(), 0), retain=False, qos=0)])
+
+    def _metric(self, value: PointValue, time: int) -> Metric:
+        point, good = self._points[value.name], good_value(value)
+        quality = None if value.quality == "good" else _QUALITY[value.quality]
+        if good is not None and _type(point) == STRING:
+            good = str(good)
+        elif good is not None:
+            good = float(good) if _type(point) == DOUBLE else int(good) if int(good) in _WHOLE else None
+            quality = BAD if good is None else quality
+        return Metric(good, time, alias=self._aliases[value.name], quality=quality)
+
+    def write(self, samples: Sequence[Sampled]) -> int:
+        connection = self._connection
+        if connection is None:
+            raise ConnectionError("there is no connection")
+        with self._lock:
+            metrics: list[Metric] = []
+            count = 0
+            for sample in samples:
+                if count and len(metrics) + len(sample.values) > MOST_METRICS:
+                    break
+                at = sample.time // 1_000_000
+                is_old = sample.time <= self._born  # the birth has told what it has come to
+                metrics += [self._metric(one, at)._replace(is_historical=is_old) for one in sample.values]
+                count += 1
+            if not metrics:
+                return count
+            self._seq = (self._seq + 1) % 256
+            data = encoded(metrics, _now(), self._seq)
+            connection.post([Message(self._topic("NDATA"), data, retain=False, qos=0)])
+        connection.answered(self._topic("NCMD"))
+        return count
+
+    def close(self) -> None:
+        connection, self._connection = self._connection, None
+        if connection is not None:
+            connection.close(self._death())
+
+    # ---- commands -----------------------------------------------------------------------------------------
+
+    def _heard(self, command: Command) -> None:
+        """A host wants everything told anew, or points written. It has no answer but the value."""
+        connection, host = self._connection, self._host
+        if connection is None or host is None:
+            return
+        names = {number: name for name, number in self._aliases.items()}
+        who = f"somebody by {command.topic} of {self.kind.place}"
+        try:
+            for asked in decoded(command.payload):
+                name = asked.name or names.get(asked.alias or 0, "")
+                if name == REBIRTH:
+                    if asked.value is True:
+                        self._bear(connection)
+                elif self.kind.commands and name in self._points and asked.value is not None:
+                    host.write(name, asked.value, who, lambda why: None)
+                else:
+                    log.warning("sink sparkplug: %s is not written for %s", name or "an alias", who)
+        except (ValueError, TimeoutError) as error:
+            log.warning("sink sparkplug: a command of %s is left out: %s", command.topic, error)
+
+
+def _now() -> int:
+    return time.time_ns() // 1_000_000
+
+
+def _type(point: Point) -> int:
+    """The type of a point's metric, the same for ever."""
+    if point.names or point.form.type == "string":
+        return STRING
+    is_whole = not point.form.is_float and (point.scaling is None or point.scaling.is_whole)
+    return INT64 if is_whole else DOUBLE
