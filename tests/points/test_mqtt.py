@@ -81,6 +81,7 @@ def test_values_are_written_back_and_others_refused(tmp_path: Path, caplog: pyte
             listener.say(set_, "45.5")
             listener.wait(lambda: len(listener.of(answer)) == 1)
             listener.say(set_, '{"value": 99, "who": "anna", "id": 7}')
+            listener.wait(lambda: len(listener.of(answer)) == 2)
             listener.say(set_, '{"valeu": 9}')
             listener.say(set_, "much")
             listener.wait(lambda: len(listener.of(answer)) == 4)
