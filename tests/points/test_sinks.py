@@ -282,8 +282,7 @@ def test_a_sink_that_cannot_be_opened_is_told_and_the_run_goes_on(tmp_path: Path
         ("{tsv: a.csv}", "unknown key 'tsv' in a sink – did you mean 'csv'?"),
         (
             "{every: 1 s}",
-            "a sink has no kind – add one of csv, jsonl, sqlite, parquet, prometheus, mqtt, sparkplug, influx, "
-            "…",
+            "a sink has no kind – add one of csv, jsonl, sqlite, parquet, prometheus, mqtt, sparkplug, influx, …",
         ),
         ("{csv: a.csv, jsonl: b}", "a sink has more than one kind: 'csv' and 'jsonl' – keep one"),
         ("{csv: a.csv, every: 10 ms}", "values are taken every 100 ms at most – leave every out, or write 1 s"),
