@@ -308,8 +308,8 @@ class Engine:
         return self.machine.late.until
 
     def status(self) -> dict[str, Any]:
-        """Published variables."""
-        return self.scope.published()
+        """Published variables; those of a device on a device alone: a client has no value of them."""
+        return self.scope.published(of_device=self.machine.server is not None)
 
     # ---- time and what follows ---------------------------------------------------------------------
 

@@ -428,9 +428,10 @@ class Scope(Names):
             if (scope := follower()) is not None:
                 scope.reset_session()
 
-    def published(self) -> dict[str, Any]:
-        """Variables that are shown as status."""
-        return {name: self[name] for name, variable in self.protocol.state.items() if variable.publish}
+    def published(self, of_device: bool) -> dict[str, Any]:
+        """Variables that are shown as status, with those `of_device`."""
+        shown = [one for one in self.protocol.state.values() if one.publish and (of_device or one.scope != "device")]
+        return {variable.name: self[variable.name] for variable in shown}
 
 
 def _own_station(protocol: Protocol, own: Any) -> Any:

@@ -417,7 +417,8 @@ def test_completion_scripts(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_run_shows_what_a_protocol_publishes(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     protocol = (
-        "protocol: counting\nextends: scale\nstate: {asked: {scope: line, type: u16, initial: 5, publish: yes}}\n"
+        "protocol: counting\nextends: scale\nstate: {asked: {scope: line, type: u16, initial: 5, publish: yes},"
+        " weighed: {scope: device, type: u16, publish: yes}}\n"  # a client has no value of this one
     )
     (tmp_path / "scale.yaml").write_text((EXAMPLES / "scale.yaml").read_text("utf-8"), "utf-8")
     (tmp_path / "counting.yaml").write_text(protocol, "utf-8")
