@@ -90,7 +90,7 @@ def unscaled(point: Point, value: Any) -> Any:
         if found is None:
             raise ValueError(f"'{value}' is no value of {point.name} – known: {', '.join(point.names.values())}")
         value = found
-    if isinstance(value, str) or point.form.type == "string":
+    if point.form.type == "string":
         return value
     if isinstance(value, bool):
         value = int(value)
