@@ -31,6 +31,10 @@ from framekit.sinks.broker import (
 MOST_MESSAGES = 1_000
 """So many messages are sent before the broker has to have confirmed them, unless one sample has more."""
 
+WIDE = (-1e9, 1e9)
+SMALLEST_STEP = 0.001
+"""What Home Assistant is told of a number without limits, and the smallest step it takes."""
+
 _PART = re.compile(r"\{([^{}]*)\}")
 
 
@@ -204,9 +208,10 @@ class MqttSink(Sink):
                 component = "text"
             else:
                 component = "number"
-                low, high = point.limits or (None, None)
-                data |= {"mode": "box", **({} if low is None else {"min": low, "max": high})}
-                data["step"] = 1 if point.scaling is None and not point.form.is_float else 0.001
+                low, high = point.limits or WIDE  # without limits it would take 1 to 100
+                factor = abs(float(point.scaling.factor)) if point.scaling is not None else 1
+                step = SMALLEST_STEP if point.form.is_float else max(SMALLEST_STEP, factor)
+                data |= {"mode": "box", "min": low, "max": high, "step": step}
         topic = f"{self._named(self.kind.discovery)}/{component}/framekit_{name}/config"
         return Message(topic, json.dumps(data, ensure_ascii=False).encode())
 

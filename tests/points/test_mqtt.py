@@ -118,7 +118,8 @@ def test_home_assistant_is_told(tmp_path: Path) -> None:
     sensor = told["homeassistant/sensor/framekit_boiler_temperature/config"]
     assert (sensor["state_topic"], sensor["unit_of_measurement"]) == ("framekit/boiler/temperature", "°C")
     number = told["homeassistant/number/framekit_boiler_setpoint/config"]
-    assert (number["min"], number["max"], number["command_topic"]) == (5, 60, "framekit/boiler/setpoint/set")
+    assert (number["min"], number["max"], number["step"]) == (5, 60, 0.1)
+    assert number["command_topic"] == "framekit/boiler/setpoint/set"
     assert told["homeassistant/select/framekit_boiler_mode/config"]["options"] == ["off", "heating"]
 
 
