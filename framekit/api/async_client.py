@@ -162,7 +162,7 @@ class AsyncClient:
         self._why = "it was closed"
         service.stop()
         for device in self._devices:
-            device.stop()
+            device.end()
         self._fail_waiting()
 
     def __await__(self) -> Generator[Any, None, Self]:

@@ -544,9 +544,9 @@ def bit(x: int, n: int) -> int:
     return x >> n & 1
 
 
-def times(x: int, y: int) -> int:
+def times(x: float, y: float) -> float:
     """`x * y` of numbers; a text or bytes so many times could be of any size. Raises TypeError."""
-    if not isinstance(x, int) or not isinstance(y, int):
+    if not isinstance(x, (int, float)) or not isinstance(y, (int, float)):
         raise TypeError("'*' multiplies numbers")
     return x * y
 

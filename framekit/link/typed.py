@@ -50,6 +50,13 @@ class Typed:
         """Whether the values are floating-point numbers."""
         return isinstance(self.view, NumberView) and self.view.kind == "float"
 
+    @property
+    def bounds(self) -> tuple[float, float] | None:
+        """The least and the greatest number that such a place holds; None where it holds texts."""
+        if self.view is None:
+            return 0, (1 << unit_bits(self.carrier)) - 1
+        return self.view.bounds if isinstance(self.view, NumberView) else None
+
     def values(self, data: bytes, numbers: Sequence[int]) -> list[Any]:
         """The values in what a transfer brought. Raises ValueError for data that hold none of this type."""
         try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -65,6 +66,17 @@ class NumberView:
             else:
                 what = f"{max(numbers, key=abs)} does not fit into a {self.type}"
             raise MemoryValueError(what) from None
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """The least and the greatest number that it holds."""
+        bits = unit_bits(self.unit)
+        if self.kind == "float":
+            most: float = struct.unpack(">f", b"\x7f\x7f\xff\xff")[0] if bits == 32 else sys.float_info.max
+            return -most, most
+        if self.kind == "bcd":
+            return 0, 10 ** (bits // 4) - 1
+        return (-1 << bits - 1, (1 << bits - 1) - 1) if self.kind == "signed" else (0, (1 << bits) - 1)
 
     @property
     def _code(self) -> str:

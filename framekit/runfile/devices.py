@@ -30,8 +30,10 @@ from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.memory.memory import Area as MemoryArea
 from framekit.memory.memory import DeviceMemory, OrderedArea
 from framekit.memory.profile import ClockBit, FixedBit, MemoryProfile, load_profile, load_profile_node
+from framekit.run.behaviours import Behaviour
 from framekit.run.model import FaultPlan, OwnPlace
 from framekit.run.own_memory import AnyAddresses, ProtocolAddresses, addresses_of
+from framekit.runfile.behave import BehaveLoader
 from framekit.runfile.channels import needs_station, read_mapping, read_params, read_station
 from framekit.runfile.fault_plans import load_fault_plan, mismatches, read_fault_plan
 from framekit.runfile.transfers import number_for
@@ -61,6 +63,7 @@ class Device:
     initial: tuple[tuple[OwnPlace, tuple[int, ...]], ...]
     faults: FaultPlan | None = None
     shares: bool = False
+    behaviours: tuple[Behaviour, ...] = ()
 
     @property
     def station(self) -> str:
@@ -200,6 +203,7 @@ class _DeviceLoader:
             mapping=read_mapping(reader, mapped, self.protocol, grammar),
             initial=start_values(reader, grammar, node.get("set") if isinstance(node, MappingNode) else None),
             faults=read_fault_plan(reader, self.root.get("faults"), self.definition.path.parent, self.protocol),
+            behaviours=self._behaviours(grammar),
         )
         if len(stations) < 2:
             return (replace(device, own=stations[0] if stations else None),)
@@ -217,6 +221,12 @@ class _DeviceLoader:
             return None, *memory_of(self.protocol, sizes)
         self.reader.problems.extend(check_profile(profile))
         return profile, tuple(profile.create()), addresses_of(profile)
+
+    def _behaviours(self, grammar: AddressGrammar) -> tuple[Behaviour, ...]:
+        """How its memory behaves; nothing where its addresses are not known."""
+        if isinstance(grammar, AnyAddresses):
+            return ()
+        return BehaveLoader(self.reader, self.definition.path.parent, grammar).load(self.root.get("behave"))
 
     def _stations(self) -> list[Any]:
         """The device's stations; what is wrong with one is noted."""

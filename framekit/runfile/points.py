@@ -213,6 +213,13 @@ class PointsLoader:
 
     # ---- one point ----------------------------------------------------------------------------------------
 
+    def own_point(self, address: Scalar, keys: Sequence[Entry]) -> Point:
+        """The value at an address of the own memory; `keys` say what stands there. Raises Broken."""
+        at = Entry(Scalar("address", address.at), address)
+        point = self._point(address.text, Entry(address, Mapping((at, *keys), address.at)), _Group())
+        assert isinstance(point, Point)
+        return point
+
     def _point(self, name: str, entry: Entry, group: _Group) -> Point | PointRead:
         """Raises Broken when anything of it is wrong, after all of it has been looked at."""
         reader, keys = self.reader, self.reader.mapping(entry.value)
@@ -240,7 +247,7 @@ class PointsLoader:
             try:
                 address = grammar.parse(text)
             except AddressError as error:
-                hint = "; or add channel: where a device has it" if channel is None else ""
+                hint = "; or add channel: where a device has it" if channel is None and self.channels else ""
                 raise ValueError(f"{error}{hint}") from None
             form = typed_at(grammar, text, type_, order, size or 1)
             grammar.check(address, -(-form.bits // address.unit_bits))

@@ -17,6 +17,8 @@ from framekit.definition.model.services import UNIT_BITS
 from framekit.definition.sources import shipped_folder
 from framekit.definition.wire_types import TYPES
 from framekit.memory.views import ORDERS, VIEWS
+from framekit.run.behaviours import BEHAVIOURS
+from framekit.run.behaviours import schema_of as schema_of_behaviour
 from framekit.run.triggers import TRIGGERS
 from framekit.sinks import SINKS
 from framekit.sinks.base import schema_of
@@ -48,13 +50,20 @@ def with_tables(schemas: Schemas) -> Schemas:
         assert set(required_of(part)) <= {*protocol[name].get("required", ())}, f"{name} has other required keys"
     block = schemas["run.schema.json"]["$defs"]["block"]["properties"]
     block.update((key, schema) for kind in TRIGGERS.values() for key, schema in kind.schemas.items())
-    run = schemas["run.schema.json"]["$defs"]
-    run["sink"]["oneOf"] = [{"required": [word]} for word in SINKS]
-    run["sink"]["dependentSchemas"] = {word: here(f"{word}_sink") for word in SINKS}
-    run.update((f"{word}_sink", schema_of(kind)) for word, kind in SINKS.items())
+    with_kinds(schemas["run.schema.json"]["$defs"], "sink", {word: schema_of(kind) for word, kind in SINKS.items()})
+    behaviours = {word: schema_of_behaviour(kind) for word, kind in BEHAVIOURS.items()}
+    with_kinds(schemas["device.schema.json"]["$defs"], "behaviour", behaviours)
     point = schemas["points.schema.json"]["$defs"]["point"]["properties"]
     point["type"]["enum"], point["order"]["enum"] = [*UNIT_BITS, *VIEWS], list(ORDERS)
     return schemas
+
+
+def with_kinds(definitions: dict[str, Any], thing: str, kinds: dict[str, Any]) -> None:
+    """Puts the kinds of a thing, which keys name, into the definitions of a schema."""
+    names = {word: f"{word.replace(' ', '_')}_{thing}" for word in kinds}
+    definitions[thing]["oneOf"] = [{"required": [word]} for word in kinds]
+    definitions[thing]["dependentSchemas"] = {word: here(name) for word, name in names.items()}
+    definitions.update((names[word], schema) for word, schema in kinds.items())
 
 
 def read_files(folder: Path) -> Schemas:

@@ -363,7 +363,7 @@ class RunChannels:
     def stop_devices(self, number: int) -> None:
         """Closes the ports of the devices on its line."""
         for device in self.devices[number]:
-            device.stop()
+            device.end()
 
 
 def receiving(run: RunModel, channel: int) -> list[Block]:

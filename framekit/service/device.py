@@ -23,6 +23,7 @@ from framekit.link.frame_faults import FrameFaults
 from framekit.link.scope import DeviceState, Scope
 from framekit.link.services.server import MemoryServer, ServiceCounters
 from framekit.memory.clock_bits import SystemBits
+from framekit.run.behaving import Behaving
 from framekit.run.model import DEFAULT_LIMITS, Channel, ConnectionLimits, FaultPlan
 from framekit.run.own_memory import AddressedMemory
 from framekit.runfile.devices import Device, load_devices
@@ -69,6 +70,22 @@ class DeviceStore:
         self.server = server
         self.access = AddressedMemory(self.memory, device.grammar, self.refresh) if access is None else access
         self._begun = False
+        self.troubles: list[Callable[[str], None]] = []
+        """Who hears of what a behaviour cannot work out."""
+        self.behaving: Behaving | None = None
+        if device.behaviours:
+            self.behaving = Behaving(device.behaviours, self.memory, device.name, self._cannot)
+            self._alarm = clock.alarm(self._behave)
+
+    def _cannot(self, what: str) -> None:
+        for told in self.troubles:
+            told(what)
+
+    def _behave(self) -> None:
+        """Time has come for a behaviour."""
+        assert self.behaving is not None
+        self.behaving.tick(self.clock.now())
+        self._alarm.set(self.behaving.deadline)
 
     def _injector(self, plan: FaultPlan, codec: Codec) -> FaultInjector:
         device = self.device
@@ -89,10 +106,19 @@ class DeviceStore:
         return SystemBits(self.memory, profile, locate, (), date_at(self.clock))
 
     def begin(self) -> None:
-        """The clock bits begin to run, once."""
-        if self.system is not None and not self._begun:
+        """The clock bits and behaviours begin to run, once; behaviours go on after an end."""
+        if not self._begun and self.system is not None:
             self.system.start(self.clock.now())
+        if self.behaving is not None:
+            if not self._begun:
+                self.behaving.begin(self.clock.now())
+            self._alarm.set(self.behaving.deadline)
         self._begun = True
+
+    def end(self) -> None:
+        """Nothing in the memory moves by itself any more."""
+        if self.behaving is not None:
+            self._alarm.cancel()
 
     def refresh(self) -> None:
         """Brings these bits up to date; they do not move before `begin`."""
@@ -170,13 +196,20 @@ class DeviceService:
                 told(f"simulated device '{name}': {seen.reason}")
 
         self.engine.machine.on_fault = tell
+        self.store.troubles.append(lambda what: told(f"simulated device '{name}': {what}"))
 
     def start(self) -> None:
         self.store.begin()
         self.driver.start()
 
     def stop(self) -> None:
+        """Leaves its port; what it keeps may be at work on others."""
         self.driver.stop()
+
+    def end(self) -> None:
+        """The end of the device, which is on this port alone."""
+        self.stop()
+        self.store.end()
 
 
 SIMULATED = "sim:"
@@ -303,11 +336,14 @@ class Serving:
         self._own_port: Port | None = None
         self._hosts: dict[Port, str] = {}
         self._idle_alarm = clock.alarm(self._close_idle)
+        for number, store in enumerate(self.stores):
+            store.troubles.append(partial(self._trouble, number))
 
     # ---- ports --------------------------------------------------------------------------------------------
 
     def serve(self, port: Port) -> None:
         """Answers on a port, which is opened, and opened again when it is lost, until `stop`."""
+        self._begin_stores()
         self._begin(port, lambda state: None)
 
     async def begin(self, url: str) -> tuple[str, str]:
@@ -315,6 +351,7 @@ class Serving:
 
         Gives where it is served: the port as others have to name it, and the same for people, with the line's settings.
         """
+        self._begin_stores()
         url = self.stores[0].device.protocol.line.port_of(url)
         kind = scheme_of(url)
         if kind is not None and kind.listen is not None:
@@ -332,6 +369,18 @@ class Serving:
         if reached != "open":
             raise OSError(reached if url in reached else f"{url}: {reached}")
         return port.name, port.describes()
+
+    def _begin_stores(self) -> None:
+        """The devices are at work, whether someone is connected or not."""
+        for store in self.stores:
+            store.begin()
+
+    def _trouble(self, number: int, what: str) -> None:
+        """A behaviour of a device could not be worked out: no connection has seen it."""
+        seen = Seen("", "trouble", self.clock.now(), reason=what)
+        self._count_fault(number, seen)
+        if self.monitor is not None:
+            self.monitor("", number, seen)
 
     async def listen(self, url: str) -> PortListener:
         """Answers every connection to `url`, over UDP every sender by itself. Raises ValueError, OSError."""
@@ -434,6 +483,8 @@ class Serving:
         if self.listener is not None:
             self.listener.stop()
         self._idle_alarm.cancel()
+        for store in self.stores:
+            store.end()
         for port in list(self.connected):
             self._end(port)
         if self._own_port is not None:

@@ -1,0 +1,239 @@
+"""Devices whose memory moves by itself: what each kind of behaviour does, on the virtual clock."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import framekit
+from framekit.codec.support import times
+from framekit.link.typed import typed_at
+from framekit.runfile.devices import load_devices
+from framekit.service.device import DeviceStore
+from framekit.transport.clock import VirtualClock
+
+SECOND = 1_000_000_000
+HEAD = "device: oven\nprotocol: modbus-tcp\nstation: 1\n"
+
+
+class World:
+    """A device at work on a clock of its own, without any line."""
+
+    def __init__(self, folder: Path, text: str) -> None:
+        file = folder / "oven.device.yaml"
+        file.write_text(HEAD + text, "utf-8")
+        self.clock = VirtualClock()
+        self.store = DeviceStore(load_devices(file, folder)[0], self.clock)
+        self.troubles: list[str] = []
+        self.store.troubles.append(self.troubles.append)
+        self.store.begin()
+
+    def values(self, address: str, seconds: int, every: float = 1, type_: str | None = None) -> list[Any]:
+        """What stands there now and after each step, so long."""
+        found = [self.read(address, type_)]
+        for _ in range(round(seconds / every)):
+            self.clock.run_for(round(every * SECOND))
+            found.append(self.read(address, type_))
+        return found
+
+    def read(self, address: str, type_: str | None = None) -> Any:
+        form = typed_at(self.store.device.grammar, address, type_, None, 1)
+        place = self.store.device.grammar.parse(address)
+        area = self.store.memory.area(place.area)
+        numbers = area.read_from(place.first_bit, form.carrier, form.units)
+        return form.values(area.read_bits(place.first_bit, form.bits), numbers)[0]
+
+    def write(self, address: str, value: int) -> None:
+        place = self.store.device.grammar.parse(address)
+        self.store.memory.area(place.area).write_from(place.first_bit, place.unit, [value])
+
+
+Make = Callable[[str], World]
+
+
+@pytest.fixture
+def made(tmp_path: Path) -> Make:
+    return lambda text: World(tmp_path, text)
+
+
+@pytest.mark.parametrize(
+    ("keys", "values"),
+    [
+        ("ramp: 0..100, over: 4 s", [0, 25, 50, 75, 0, 25]),
+        ("ramp: 100..0, over: 4 s, then: stay", [100, 75, 50, 25, 0, 0]),
+        ("ramp: 0..100, over: 2 s, then: back", [0, 50, 100, 50, 0, 50]),
+        ("ramp: 0..10, over: 4 s, scale: 0.1, offset: -1", [10, 35, 60, 85, 10, 35]),
+        ("ramp: 0..100, over: 4 s, every: 2 s", [0, 0, 50, 50, 0, 0]),
+        ("ramp: 5..9, over: 4 s, after: 2 s", [0, 0, 5, 6, 7, 8]),
+        ("sine: 0..200, period: 4 s", [100, 200, 100, 0, 100, 200]),
+        ("square: 3..7, period: 4 s", [3, 3, 7, 7, 3, 3]),
+        ("square: 3..7, period: 4 s, pulse: 1 s", [3, 3, 3, 7, 3, 3]),
+        ("hold: 21.5, scale: 0.1", [215] * 6),
+        ("hold: 7, after: 3 s", [0, 0, 0, 7, 7, 7]),
+        ("counter: 3, start: 10", [10, 13, 16, 19, 22, 25]),
+        ("counter: 3, start: 65530", [65530, 65533, 0, 3, 6, 9]),
+        ("counter: 0 - 2, start: 3, type: uint16", [3, 1, 65535, 65533, 65531, 65529]),
+        ("counter: 30000, type: int16", [0, 30000, 65536 - 5536, 24464, 65536 - 11072, 18928]),
+        ("counter: 1, every: 2 s, after: 1 s", [0, 0, 0, 1, 1, 2]),
+        ("follow: 70000", [65535] * 6),
+        ("follow: 0 - 1", [0] * 6),
+        ("follow: 9, after: 2 s, start: 4", [4, 4, 9, 9, 9, 9]),
+        ("follow: 1000, lag: 2 s", [round(1000 * (1 - math.exp(-time / 2))) for time in range(6)]),
+        ("follow: 12000, type: bcd16", [0x9999] * 6),
+    ],
+)
+def test_what_a_behaviour_does(made: Make, keys: str, values: list[int]) -> None:
+    assert made(f'behave: {{"40001": {{{keys}}}}}').values("40001", 5) == values
+
+
+def test_chance_is_repeated_by_its_seed_and_stays_within_its_limits(made: Make) -> None:
+    text = """
+behave:
+  "40001": {random walk: 10..20, step: 4, start: 15}
+  "40002": {random walk: 10..20, step: 4, start: 15}
+  "40003": {noise: 1..6, seed: 3}
+"""
+    walk, other, noise = (made(text).values(address, 100) for address in ("40001", "40002", "40003"))
+    assert [walk, other, noise] == [made(text).values(address, 100) for address in ("40001", "40002", "40003")]
+    assert walk[0] == 15
+    assert walk != other
+    assert (min(walk), max(walk)) == (10, 20)
+    assert max(abs(one - two) for one, two in itertools.pairwise(walk)) <= 4
+    assert set(noise) == {1, 2, 3, 4, 5, 6}
+    assert noise != made(text.replace("seed: 3", "seed: 4")).values("40003", 100)
+
+
+def test_expressions_read_names_and_addresses_in_their_own_scale(made: Make) -> None:
+    world = made("""
+behave:
+  "40001": {follow: power > 500 or '40020' == 3}
+  "40002": {follow: voltage * current, name: power}
+  "40003": {hold: 230.5, scale: 0.1, name: voltage}
+  "40004": {hold: 2.5, type: float32, name: current}
+  "10001": {follow: "bit('40020', 1)"}
+""")
+    assert (world.read("40002"), world.read("40001"), world.read("10001")) == (576, 1, 0)
+    world.write("40003", 1000)
+    world.write("40020", 2)
+    world.clock.run_for(SECOND)
+    assert (world.read("40002"), world.read("40001"), world.read("10001")) == (250, 0, 1)
+    world.write("40020", 3)
+    world.clock.run_for(SECOND)
+    assert world.read("40001") == 1
+
+
+def test_what_others_write_is_what_a_counter_goes_on_from_and_fractions_are_kept(made: Make) -> None:
+    world = made('behave: {"40001": {counter: "\'40002\'", scale: 2}, "40002": {hold: 1}}')
+    assert world.values("40001", 4) == [0, 0, 1, 2, 2]  # 0.5 and 1.5 are rounded to even
+    world.write("40001", 100)
+    assert world.values("40001", 3) == [100, 100, 101, 102]
+
+
+def test_what_goes_on_reads_what_the_others_were_before(made: Make) -> None:
+    """So a circle through it has one meaning, in whatever order the file names its members."""
+    lines = ['"40001": {counter: 1, name: a, start: 1}', '"40002": {counter: a, name: b}', '"40003": {follow: a + b}']
+    found = []
+    for order in (lines, lines[::-1]):
+        world = made(f"behave:\n  {order[0]}\n  {order[1]}\n  {order[2]}\n")
+        found.append([world.values("40003", 0), *([world.values("40003", 1)[1]] for _ in range(4))])
+    assert found[0] == found[1] == [[1], [3], [6], [10], [15]]
+
+
+def test_what_cannot_be_worked_out_changes_nothing_and_is_told_once(made: Make) -> None:
+    world = made("""
+behave:
+  "40001": {follow: 100 // '40005'}
+  "40002": {follow: level + 1, type: float32}
+  "40004": {hold: 4}
+  "40010": {hold: 1, type: float32, name: level}
+""")
+    world.clock.run_for(3 * SECOND)
+    assert world.troubles == ["the behaviour of 40001: integer division or modulo by zero"]
+    world.write("40005", 5)
+    world.clock.run_for(SECOND)
+    assert world.read("40001") == 20
+    world.write("40005", 0)
+    world.write("40011", 0x7F80)  # the level is infinite
+    world.clock.run_for(2 * SECOND)
+    assert (world.read("40001"), world.read("40002", "float32")) == (20, 2.0)
+    assert sorted(world.troubles[1:]) == [
+        "the behaviour of 40001: integer division or modulo by zero",
+        "the behaviour of 40002: inf is no number",
+    ]
+
+
+def test_a_late_clock_skips_what_was_missed_and_counters_lose_nothing(made: Make) -> None:
+    world = made('behave: {"40001": {counter: 1, every: 1 ms}, "40002": {ramp: 0..1000, over: 1 s, every: 10 ms}}')
+    behaving = world.store.behaving
+    assert behaving is not None
+    behaving.tick(345_678_901)
+    assert (world.read("40001"), world.read("40002")) == (345, 340)
+    assert behaving.deadline == 346_000_000
+
+
+def test_an_end_is_the_end(made: Make) -> None:
+    world = made('behave: {"40001": {counter: 1}}')
+    world.clock.run_for(2 * SECOND)
+    world.store.end()
+    assert world.clock.next_call is None
+    world.clock.run_for(2 * SECOND)
+    world.store.begin()
+    world.clock.run_for(SECOND)
+    assert world.read("40001") == 5
+
+
+def test_each_station_behaves_and_a_second_protocol_shares_the_memory(tmp_path: Path) -> None:
+    file = tmp_path / "two.device.yaml"
+    file.write_text(
+        'device: two\nprotocol: modbus-rtu\nstation: [1, 2]\nbehave: {"40001": {noise: 0..60000}}\n', "utf-8"
+    )
+    (tmp_path / "both.device.yaml").write_text(
+        "device: both\nprotocol: snp\nalso: snp-x\nstation: UNIT7\nbehave: {R1: {hold: 100}}\n", "utf-8"
+    )
+    clock = VirtualClock()
+    stores = [DeviceStore(device, clock) for device in load_devices(file, tmp_path)]
+    for store in stores:
+        store.begin()
+    first, second = (store.memory.area("holding").read("word", 0) for store in stores)
+    assert first != second
+    assert [len(device.behaviours) for device in load_devices(tmp_path / "both.device.yaml", tmp_path)] == [1, 0]
+
+
+def test_a_served_device_behaves_before_anyone_has_connected(tmp_path: Path) -> None:
+    """Once for all connections; a client's writes and the behaviours meet in one memory."""
+    file = tmp_path / "oven.device.yaml"
+    file.write_text(
+        HEAD + 'behave: {"40001": {counter: 1, every: 1 ms}, "40003": {follow: "1 // \'40004\'"}}\n', "utf-8"
+    )
+
+    async def main() -> tuple[int, list[str], int]:
+        seen: list[str] = []
+        async with framekit.aserve(
+            file, "tcp-listen://127.0.0.1:0", monitor=lambda one: seen.append(one.reason)
+        ) as server:
+            while not (before := server.memory.read("40001")[0]):
+                await asyncio.sleep(0)
+            url = server.port.replace("tcp-listen", "tcp")
+            found = []
+            for _ in range(2):
+                async with framekit.aconnect("modbus-tcp", url, station=1) as client:
+                    found += await client.read("40001")
+            assert before <= found[0] <= found[1]
+            return before, seen, server.line_errors["could not be worked out"]
+
+    before, seen, counted = asyncio.run(main())
+    assert before > 0
+    assert "the behaviour of 40003: integer division or modulo by zero" in seen
+    assert counted == 1
+
+
+def test_numbers_with_fractions_are_multiplied_and_texts_are_not() -> None:
+    assert times(0.5, 3) == 1.5
+    with pytest.raises(TypeError):
+        times("a", 3)  # type: ignore[arg-type]
