@@ -564,14 +564,17 @@ _DEPTH = 48
 _DEEPEST = 100
 
 
-def parse_expression(text: str, at: Position) -> Expression:
-    """The tree of `text`, which stands at `at` in its file. Raises ExpressionError."""
-    return Expression(text, _Parser(text, at).whole())
+def parse_expression(text: str, at: Position, *, quoted_names: bool = False) -> Expression:
+    """The tree of `text`, which stands at `at` in its file. Raises ExpressionError.
+
+    `quoted_names`: what stands in quotes is a name, as addresses are that are no words.
+    """
+    return Expression(text, _Parser(text, at, quoted_names).whole())
 
 
 class _Parser:
-    def __init__(self, text: str, at: Position) -> None:
-        self.text, self.at = text, at
+    def __init__(self, text: str, at: Position, quoted_names: bool) -> None:
+        self.text, self.at, self.quoted_names = text, at, quoted_names
         self.tokens = tokens_of(text, at)
         self.place = 0
         self.depth = 0
@@ -743,7 +746,8 @@ class _Parser:
         if kind == "time":
             return time_of(word, at)
         if kind == "text":
-            return Text(at, re.sub(r"\\(.)", r"\1", word[1:-1]))
+            value = re.sub(r"\\(.)", r"\1", word[1:-1])
+            return Name(at, value) if self.quoted_names else Text(at, value)
         if kind == "bytes":
             return self._bytes(word, at)
         if word == "(":

@@ -16,7 +16,6 @@ from framekit.definition.expression import (
     Name,
     Node,
     Number,
-    Text,
     Unary,
     walk,
 )
@@ -34,7 +33,7 @@ from framekit.runfile.points import PointsLoader
 
 _OF_THE_PLACE = ("type", "order", "scale", "offset")
 """Keys that say what stands at an address, as those of a point do."""
-_OPERATORS = (Number, Name, Text, Unary, Binary, Compare, Logic, Conditional)
+_OPERATORS = (Number, Name, Unary, Binary, Compare, Logic, Conditional)
 _FUNCTIONS = ("min", "max", "abs", "bit")
 
 
@@ -96,19 +95,19 @@ class BehaveLoader:
 
     def formula(self, node: YamlNode) -> Expression:
         """An expression over names and addresses, these bare or in quotes. Raises Broken after all was looked at."""
-        expression, broken = self.reader.expression(node), False
+        expression, broken = self.reader.expression(node, quoted_names=True), False
         for part in walk(expression.root):
             with self.reader.going_on():
                 if not self._has_a_place(part):
                     what = f'in the expression "{expression}": only numbers have a place here'
                     raise self.reader.broken(part.at, what, "use names, addresses, operators, min, max, abs and bit")
-                if isinstance(part, (Name, Text)):
+                if isinstance(part, Name):
                     self._read(part)
                 continue
             broken = True
         if broken:
             raise Broken(expression.text)
-        return Expression(expression.text, _with_names(expression.root))
+        return expression
 
     @staticmethod
     def _has_a_place(part: Node) -> bool:
@@ -116,10 +115,10 @@ class BehaveLoader:
             return part.function in _FUNCTIONS
         return isinstance(part, _OPERATORS) and not (isinstance(part, Number) and part.is_time)
 
-    def _read(self, part: Name | Text) -> None:
+    def _read(self, part: Name) -> None:
         """Notes what a name or an address of an expression reads. Raises Broken."""
-        text = part.name if isinstance(part, Name) else part.value
-        if isinstance(part, Name) and text in self._named:
+        text = part.name
+        if text in self._named:
             self._names[text] = self._named[text]
             return
         try:
@@ -200,29 +199,6 @@ def _leading_to(circle: set[int], needs: dict[int, set[int]]) -> set[int]:
         size = len(circle)
         circle |= {key for key, others in needs.items() if others & circle}
     return circle
-
-
-def _with_names(node: Node) -> Node:
-    """The tree with addresses in quotes as names."""
-    match node:
-        case Text(at=at, value=text):
-            return Name(at, text)
-        case Unary():
-            return replace(node, operand=_with_names(node.operand))
-        case Binary():
-            return replace(node, left=_with_names(node.left), right=_with_names(node.right))
-        case Compare():
-            rest = tuple((operator, _with_names(one)) for operator, one in node.rest)
-            return replace(node, first=_with_names(node.first), rest=rest)
-        case Logic():
-            return replace(node, operands=tuple(map(_with_names, node.operands)))
-        case Call():
-            return replace(node, arguments=tuple(map(_with_names, node.arguments)))
-        case Conditional():
-            return Conditional(
-                node.at, _with_names(node.condition), _with_names(node.then), _with_names(node.otherwise)
-            )
-    return node
 
 
 def _at(keys: Mapping, key: str) -> Position:

@@ -143,13 +143,13 @@ class Reader:
 
     # ---- expressions --------------------------------------------------------------------------------------
 
-    def expression(self, node: Node | None) -> Expression:
+    def expression(self, node: Node | None, *, quoted_names: bool = False) -> Expression:
         scalar = self.scalar(node)
-        return self.expression_text(scalar.text, inside(scalar))
+        return self.expression_text(scalar.text, inside(scalar), quoted_names=quoted_names)
 
-    def expression_text(self, text: str, at: Position) -> Expression:
+    def expression_text(self, text: str, at: Position, *, quoted_names: bool = False) -> Expression:
         try:
-            return parse_expression(text, at)
+            return parse_expression(text, at, quoted_names=quoted_names)
         except ExpressionError as error:
             self.problems.append(error.problem)
             raise Broken(str(error)) from None
