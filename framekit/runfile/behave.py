@@ -29,6 +29,7 @@ from framekit.link.addresses import AddressError, AddressGrammar
 from framekit.run.behaviours import BEHAVIOURS, Behaviour
 from framekit.run.model import Point
 from framekit.run.points import unscaled
+from framekit.runfile import replay as replay  # it brings a kind
 from framekit.runfile.points import PointsLoader
 
 _OF_THE_PLACE = ("type", "order", "scale", "offset")
@@ -41,7 +42,7 @@ class BehaveLoader:
     """Reads the behaviours of a device whose memory has these addresses. Problems are noted."""
 
     def __init__(self, reader: Reader, folder: Path, grammar: AddressGrammar) -> None:
-        self.reader, self.grammar = reader, grammar
+        self.reader, self.folder, self.grammar = reader, folder, grammar
         self._points = PointsLoader(reader, folder, grammar, {}, ())
         self._at: dict[tuple[str, int], Point] = {}
         """The place that each bit of memory belongs to, as area and number of the bit."""

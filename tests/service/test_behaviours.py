@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 import framekit
+from framekit.cli.main import main
 from framekit.codec.support import times
 from framekit.link.typed import typed_at
 from framekit.runfile.devices import load_devices
@@ -194,7 +195,7 @@ def test_each_station_behaves_and_a_second_protocol_shares_the_memory(tmp_path: 
         'device: two\nprotocol: modbus-rtu\nstation: [1, 2]\nbehave: {"40001": {noise: 0..60000}}\n', "utf-8"
     )
     (tmp_path / "both.device.yaml").write_text(
-        "device: both\nprotocol: snp\nalso: snp-x\nstation: UNIT7\nbehave: {R1: {hold: 100}}\n", "utf-8"
+        "device: both\nprotocol: modbus-rtu\nalso: modbus-ascii\nstation: 3\nbehave: {'40001': {hold: 100}}\n", "utf-8"
     )
     clock = VirtualClock()
     stores = [DeviceStore(device, clock) for device in load_devices(file, tmp_path)]
@@ -237,3 +238,72 @@ def test_numbers_with_fractions_are_multiplied_and_texts_are_not() -> None:
     assert times(0.5, 3) == 1.5
     with pytest.raises(TypeError):
         times("a", 3)  # type: ignore[arg-type]
+
+
+# ---- replay ---------------------------------------------------------------------------------------------------
+
+METER = """
+run: meter
+channels:
+  1: {port: "sim:oven.device.yaml", protocol: modbus-tcp, station: 1}
+points:
+  level: {channel: 1, address: "40001", scale: 0.1, unit: m}
+  other: {channel: 1, address: "40002"}
+sinks: [{csv: rows.csv}, {csv: columns.csv, every: 1 s}, {jsonl: lines.jsonl}, {sqlite: kept.db}]
+"""
+
+
+def test_what_sinks_have_kept_is_replayed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "oven.device.yaml").write_text(
+        HEAD + 'behave: {"40001": {ramp: 10..50, over: 4 s, then: back}, "40002": {counter: 1}}\n', "utf-8"
+    )
+    (tmp_path / "meter.run.yaml").write_text(METER, "utf-8")
+    with framekit.VirtualRun(tmp_path / "meter.run.yaml") as run:
+        run.run_for("6.5 s")
+    assert main(["history", str(tmp_path / "kept.db"), "--point", "level", "--csv"]) == 0
+    (tmp_path / "printed.csv").write_text(capsys.readouterr().out, "utf-8")
+    for file in ("rows.csv", "columns.csv", "lines.jsonl", "kept.db", "printed.csv"):
+        point = "" if file == "printed.csv" else ", point: level"
+        world = World(tmp_path, f'behave: {{"40007": {{replay: {file}{point}, scale: 0.01}}}}')
+        found = world.values("40007", 8)
+        assert found[:6] == [100, 200, 300, 400, 500, 400], file
+        assert found[-1] == (400 if file == "columns.csv" else 300)  # its lines have what was read a second before
+
+
+def test_a_replay_begins_again_where_it_shall(tmp_path: Path) -> None:
+    lines = ["time,level", "2026-01-01T00:00:02Z,7", "2026-01-01T00:00:00Z,5", "2026-01-01T00:00:01Z,", ""]
+    (tmp_path / "a.csv").write_text("\n".join(lines), "utf-8")
+    text = 'behave: {"40001": {replay: a.csv, then: again}, "40002": {replay: a.csv, after: 2 s}}'
+    assert World(tmp_path, text).values("40001", 6) == [5, 5, 7, 5, 5, 7, 5]
+    assert World(tmp_path, text).values("40002", 6) == [0, 0, 5, 5, 7, 7, 7]
+
+
+@pytest.mark.parametrize(
+    ("keys", "what"),
+    [
+        ("replay: none.csv", "none.csv cannot be read: No such file or directory – name a file of values"),
+        ("replay: ../a.csv", "'../a.csv' leaves the folder of this file – name a file beside it"),
+        ("replay: a.csv", "a.csv has several points: up, state, gone – say which by point:"),
+        ("replay: a.csv, point: upp", "a.csv has no point 'upp' – did you mean 'up'?"),
+        ("replay: a.csv, point: state", "a.csv has 'off', which is no number – replay another point"),
+        ("replay: a.csv, point: gone", "a.csv has no good values – name another file or point"),
+        ("replay: a.csv, point: up, type: int8", "300 does not fit into 40001 (int8) – give another number"),
+        ("replay: b.csv", "b.csv, line 2, has no time and value – name a file of a sink, or framekit history --csv"),
+        ("replay: c.csv", "c.csv has no column time first – name a file of a sink, or framekit history --csv"),
+        ("replay: d.jsonl", "d.jsonl, line 1, is no value of a point – name a file of jsonl"),
+        ("replay: e.db", "e.db cannot be read: "),
+        ("replay: f.csv", "f.csv cannot be read: "),
+    ],
+)  # fmt: skip
+def test_files_that_cannot_be_replayed(tmp_path: Path, keys: str, what: str) -> None:
+    rows = "time,up (m),state,gone\n2026-01-01T00:00:00Z,1.5,off,\n2026-01-01T00:00:01Z,300,on,\n"
+    files = {"a.csv": rows, "b.csv": "time,up\nnoon,3\n", "c.csv": "up,down\n", "d.jsonl": '{"time": 3}\n'}
+    for name, text in files.items():
+        (tmp_path / name).write_text(text, "utf-8")
+    (tmp_path / "e.db").write_bytes(b"SQLite format 3\0 and nothing")
+    (tmp_path / "f.csv").write_bytes(b"time,\xff\n")
+    with pytest.raises(framekit.DefinitionError) as told:
+        World(tmp_path, f'behave: {{"40001": {{{keys}}}}}')
+    (problem,) = told.value.problems
+    assert what in str(problem)
+    assert (problem.at.line, problem.at.column) == (4, 28)
