@@ -92,6 +92,19 @@ class BehaveLoader:
             return False
         return True
 
+    def check_start_values(self, node: YamlNode | None, found: Sequence[Behaviour]) -> None:
+        """Notes start values of the memory that nobody sees: all of their places behave from the start on."""
+        at_once = {id(one.place) for one in found if one.first is not None or not (one.after or one.goes_on)}
+        for entry in self.reader.entries(node):
+            try:
+                address = self.grammar.parse(entry.key.text)
+            except AddressError:
+                continue  # that has been told
+            end = address.first_bit + address.unit_bits * max(1, len(self.reader.items(entry.value)))
+            if all(id(self._at.get((address.area, bit))) in at_once for bit in range(address.first_bit, end)):
+                what = f"'{entry.key.text}' has no effect: its value is that of behave: from the start on"
+                self.reader.note(entry.key.at, what, "remove one of them")
+
     # ---- formulas -----------------------------------------------------------------------------------------
 
     def formula(self, node: YamlNode) -> Expression:

@@ -226,7 +226,10 @@ class _DeviceLoader:
         """How its memory behaves; nothing where its addresses are not known."""
         if isinstance(grammar, AnyAddresses):
             return ()
-        return BehaveLoader(self.reader, self.definition.path.parent, grammar).load(self.root.get("behave"))
+        loader, memory = BehaveLoader(self.reader, self.definition.path.parent, grammar), self.root.get("memory")
+        found = loader.load(self.root.get("behave"))
+        loader.check_start_values(memory.get("set") if isinstance(memory, MappingNode) else None, found)
+        return found
 
     def _stations(self) -> list[Any]:
         """The device's stations; what is wrong with one is noted."""

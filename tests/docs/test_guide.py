@@ -5,10 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+import yaml
 from docs.example_keys import Used, examples
 from docs.pages import GUIDE, PAGES, ROOT, anchors, links, sentences, snippets
 
+from framekit.definition.keys import properties_of
 from framekit.definition.sources import shipped_folder
+from framekit.run.behaviours import BEHAVIOURS, Behaviour
 from framekit.runfile.reference_page import Reference
 from framekit.runfile.schema_files import read_files
 
@@ -44,6 +47,20 @@ def test_every_key_stands_in_an_example() -> None:
     for example in examples():
         used.visit(used.reference.root, example)
     assert used.all_keys() - used.keys == set(), "show these keys in an example of the guide, or in a case of segments"
+
+
+def test_every_key_of_a_behaviour_stands_in_an_example_of_its_page() -> None:
+    shown: set[tuple[str, str]] = set()
+    page = next(page for page in PAGES if page.name == "behave.md")
+    files = [snippet.text for snippet in snippets(page) if snippet.kind == "yaml"]
+    for text in [*files, (ROOT / "examples" / "oven.device.yaml").read_text("utf-8")]:
+        for keys in yaml.safe_load(text).get("behave", {}).values():
+            kind = next(iter(keys.keys() & BEHAVIOURS.keys()))
+            shown |= {(kind, key) for key in keys} | {("", key) for key in keys if key in properties_of(Behaviour)}
+    wanted = {(word, key) for word, kind in BEHAVIOURS.items() for key in properties_of(kind)}
+    of_all = {("", key) for key in properties_of(Behaviour)}
+    assert {one for one in wanted if ("", one[1]) not in of_all} - shown == set()
+    assert of_all - shown == set()
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name)

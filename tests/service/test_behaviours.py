@@ -15,7 +15,7 @@ import framekit
 from framekit.cli.main import main
 from framekit.codec.support import times
 from framekit.link.typed import typed_at
-from framekit.runfile.devices import load_devices
+from framekit.runfile.devices import DeviceSettings, load_devices
 from framekit.service.device import DeviceStore
 from framekit.transport.clock import VirtualClock
 
@@ -238,6 +238,27 @@ def test_numbers_with_fractions_are_multiplied_and_texts_are_not() -> None:
     assert times(0.5, 3) == 1.5
     with pytest.raises(TypeError):
         times("a", 3)  # type: ignore[arg-type]
+
+
+def test_start_values_that_nobody_sees_are_errors(tmp_path: Path) -> None:
+    memory = 'memory: {set: {"40001": 1, "40002": [1, 2], "40003": 3, "40004": 4, "40005": 5}}'
+    behave = """
+behave:
+  "40001": {hold: 1}
+  "40002": {counter: 1}
+  "40003": {noise: 0..1}
+  "40004": {follow: 3, after: 1 s}
+  "40005": {follow: 3, lag: 1 s}
+"""
+    with pytest.raises(framekit.DefinitionError) as told:
+        World(tmp_path, memory + behave)
+    assert [(one.at.column, one.what) for one in told.value.problems] == [
+        (memory.index('"40001"') + 1, "'40001' has no effect: its value is that of behave: from the start on"),
+        (memory.index('"40003"') + 1, "'40003' has no effect: its value is that of behave: from the start on"),
+    ]
+    given = DeviceSettings(initial={"40001": "5"})
+    with pytest.raises(framekit.DefinitionError, match="--set 40001=5: '40001' has no effect"):
+        load_devices(tmp_path / "oven.device.yaml", tmp_path, given)
 
 
 # ---- replay ---------------------------------------------------------------------------------------------------
