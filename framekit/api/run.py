@@ -7,7 +7,7 @@ import re
 import weakref
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 from framekit.api.errors import NoReplyError, RequestError
 from framekit.api.loop_thread import LoopStoppedError, LoopThread, Stopping
@@ -37,10 +37,6 @@ from framekit.service.run import RunService
 from framekit.service.state import StateError
 from framekit.service.status import run_status as run_status
 from framekit.transport.clock import AsyncioClock, Clock, VirtualClock
-
-if TYPE_CHECKING:
-    pass
-
 
 MOST_WORDS = 12
 """So many words of a place are read."""

@@ -234,13 +234,12 @@ def as_json(codec: CachedCodec, fits: list[Fit], data: bytes, names: Mapping[str
 
 def as_text(codec: CachedCodec, fit: Fit, data: bytes, names: Mapping[str, Any]) -> str:
     """The frame's name and a table of its fields."""
-    from framekit.codec.plain import PlainValues
-    from framekit.codec.shown import shown
+    from framekit.codec.shown import shown, with_name
 
     _, spans, _ = codec.trace(fit.frame, data, names)
-    rows, plain = [], PlainValues(codec.protocol)
+    rows, named = [], codec.catalogue[fit.frame].names
     for path, start, end, value in spans:
-        text = "" if value is None else f"{plain.named(fit.frame, path, shown(value))}"
+        text = "" if value is None else f"{with_name(named, path, shown(value))}"
         rows.append((path, str(start), spaced(data[start:end]), text))
     refused = "" if fit.refusal is None else f"  (a server refuses it with {code_text(fit.refusal)})"
     warned = "".join(f"\nwarning: {text}" for text in codec.check_warnings(fit.frame, data, names))

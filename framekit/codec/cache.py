@@ -116,6 +116,8 @@ class FrameNote(NamedTuple):
     inner: bool
     side: str
     refuse: int | None
+    names: Mapping[str, Mapping[int, str]]
+    """The names of numbers, by field."""
 
 
 class CacheEntry(NamedTuple):
@@ -188,7 +190,12 @@ def _made(name: str | Path, folder: Path) -> CacheEntry:
 def _parts(protocol: Protocol, sources: Sources, code: CodeType) -> CacheEntry:
     import pickle
 
-    notes = [(frame.name, frame.inner, frame.side, frame.refuse) for frame in protocol.frames.values()]
+    from framekit.codec.plain import names_of
+
+    notes = [
+        (frame.name, frame.inner, frame.side, frame.refuse, names_of(protocol, frame.name))
+        for frame in protocol.frames.values()
+    ]
     return CacheEntry(tuple(sources), protocol.name, code, notes, bool(protocol.warnings), pickle.dumps(protocol))
 
 

@@ -10,7 +10,7 @@ from decimal import Decimal
 from typing import Any
 
 from framekit.codec.errors import EncodeError
-from framekit.codec.shown import explain, shown
+from framekit.codec.shown import explain, shown, with_name
 from framekit.definition.load.reader import parse_bytes, parse_number
 from framekit.definition.model.frames import by_value_name, everything
 from framekit.definition.model.protocol import Protocol
@@ -37,7 +37,7 @@ class PlainValues:
         self.protocol = protocol
         self._known: dict[str, dict[str, Segment]] = {}
         self._special: dict[str, dict[str, Segment]] = {}
-        self._names: dict[str, dict[str, Mapping[int, str] | None]] = {}
+        self._names: dict[str, dict[str, dict[int, str]]] = {}
 
     def from_plain(self, frame: str, fields: Mapping[str, Any]) -> dict[str, Any]:
         """Codec values. Unknown names are left for the encoder to refuse. Raises EncodeError."""
@@ -57,13 +57,10 @@ class PlainValues:
 
     def named(self, frame: str, path: str, value: Any) -> Any:
         """A number of a frame with the name that it has there, `2 (fast)`; any other value as it is."""
-        if type(value) is not int or frame not in self.protocol.frames:
-            return value
         names = self._names.get(frame)
         if names is None:
-            names = self._names[frame] = _names_of(self.protocol, frame, {})
-        name = (names.get(path.rpartition(".")[2]) or {}).get(value)
-        return value if name is None else f"{value} ({name})"
+            names = self._names[frame] = names_of(self.protocol, frame)
+        return with_name(names, path, value)
 
     # ---- reading ------------------------------------------------------------------------------------------
 
@@ -145,10 +142,15 @@ def _special(segments: tuple[Segment, ...]) -> dict[str, Segment]:
     }
 
 
+def names_of(protocol: Protocol, frame: str) -> dict[str, dict[int, str]]:
+    """The names of numbers by field, of a frame and those inside it; fields whose names differ have none."""
+    found = _names_of(protocol, frame, {}) if frame in protocol.frames else {}
+    return {field: dict(names) for field, names in found.items() if names}
+
+
 def _names_of(
     protocol: Protocol, frame: str, found: dict[str, Mapping[int, str] | None], seen: tuple[str, ...] = ()
 ) -> dict[str, Mapping[int, str] | None]:
-    """The names of numbers by field, of a frame and those inside it; None where two fields of a name differ."""
     for segment in everything(protocol.frames[frame].segments):
         for name, names in segment.numbers_with_names():
             found[name] = names if found.get(name, names) == names else None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from opcode import opmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,6 +20,12 @@ def shown(value: Any) -> Any:
     if isinstance(value, list):
         return [shown(item) for item in value]
     return _decimal(value) if type(value).__name__ == "Decimal" else value
+
+
+def with_name(names: Mapping[str, Mapping[int, str]], path: str, value: Any) -> Any:
+    """A number of a frame with the name that its field has for it, `2 (fast)`; any other value as it is."""
+    name = names.get(path.rpartition(".")[2], {}).get(value) if type(value) is int else None
+    return value if name is None else f"{value} ({name})"
 
 
 def _decimal(value: Any) -> Any:

@@ -169,21 +169,27 @@ class SinkFeeder:
             self._change.notify_all()
 
     def end(self) -> None:
-        """Nothing more comes: what waits is written, and that is the end."""
-        self._waiting.end(AT_END)
-        with self._change:
-            self._ending = True
-            self._change.notify_all()
+        """Nothing more comes."""
+        self._waiting.end()
 
-    def stop(self, within: float = AT_END) -> None:
-        """Waits for the end for so many seconds; what then still waits stays in its store, or is dropped."""
-        self.end()
+    def stop(self, until: float | None = None) -> None:
+        """Writes what waits, at most to this moment (`time.monotonic`); the rest stays in its store, or is dropped."""
+        until = time.monotonic() + AT_END if until is None else until
+        self.finish(until)
         if self._thread is not None:
-            self._thread.join(within)
+            self._thread.join(max(0.0, until - time.monotonic()))
         else:
             self._feed()
             self._close()
         self._waiting.close()
+
+    def finish(self, until: float) -> None:
+        """What is in memory goes to the store, and what waits is written once more; then its thread ends."""
+        self.end()
+        self._waiting.join(until)
+        with self._change:
+            self._ending = True
+            self._change.notify_all()
 
     # ---- in the thread ------------------------------------------------------------------------------------
 
@@ -327,11 +333,13 @@ class SinkService:
             timer.cancel()
         if self._changed in self._table.listeners:
             self._table.listeners.remove(self._changed)
-        for feeder in self.feeders:
-            feeder.end()
         until = time.monotonic() + AT_END  # one limit for all
         for feeder in self.feeders:
-            feeder.stop(max(0.0, until - time.monotonic()))
+            feeder.end()
+        for feeder in self.feeders:
+            feeder.finish(until)
+        for feeder in self.feeders:
+            feeder.stop(until)
 
     def _changed(self, value: PointValue) -> None:
         for feeder in self.feeders:

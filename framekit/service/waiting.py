@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections import deque
 from collections.abc import Callable
 
@@ -113,13 +114,16 @@ class Waiting:
         """Whether there is something to send."""
         return bool(len(self._memory if self._store is None else self._store))
 
-    def end(self, within: float) -> None:
-        """Nothing more comes: what is in memory goes to the store, within so many seconds."""
+    def end(self) -> None:
+        """Nothing more comes."""
         with self._change:
             self._ending = True
             self._change.notify_all()
+
+    def join(self, until: float) -> None:
+        """Waits until what is in memory is in the store, at most to this moment (`time.monotonic`)."""
         if self._thread is not None:
-            self._thread.join(within)
+            self._thread.join(max(0.0, until - time.monotonic()))
 
     def close(self) -> None:
         """The store is let go of, with what waits in it; what is in memory only is dropped."""

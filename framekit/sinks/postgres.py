@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any, ClassVar
-from urllib.parse import urlsplit
+from urllib.parse import parse_qsl, urlsplit
 
 from framekit.definition.keys import TEXT, Form, KeyReading, key, ref
 from framekit.definition.tree import Node
@@ -32,19 +32,27 @@ LONGEST_ANSWER = 10
 _COLUMNS = "time, run, point, value, words, unit, quality, reason"
 
 
+SECRETS = {"password", "sslpassword", "passfile", "service", "servicefile"}
+"""Options of libpq that hold secrets, or take them from somewhere else."""
+
+
 def read_database(reading: KeyReading, node: Node) -> str:
     """`postgresql://HOST:PORT/DATABASE`. Raises Broken."""
     text = reading.reader.text(node).strip()
     try:
         found = urlsplit(text)
-        is_address = found.scheme in ("postgresql", "postgres") and len(found.path) > 1
-        password = found.password
+        options = {name.lower() for name, _ in parse_qsl(found.query, keep_blank_values=True)}
+        is_address = found.scheme in ("postgresql", "postgres") and len(found.path) > 1 and not found.fragment
+        has_user = found.username is not None or "user" in options
+        has_secret = found.password is not None or bool(options & SECRETS)
     except ValueError:
-        is_address, password = False, None
+        is_address = has_user = has_secret = False
+    if has_secret:
+        raise reading.reader.broken(node.at, "a password does not stand in a run file", "use user: and password:")
+    if has_user:
+        raise reading.reader.broken(node.at, "the user's name has a key of its own", "use user:")
     if not is_address:
         raise reading.reader.broken(node.at, f"'{text}' names no database", "write it like postgresql://HOST/DATABASE")
-    if password is not None:
-        raise reading.reader.broken(node.at, "a password does not stand in a run file", "use user: and password:")
     return text
 
 
@@ -63,12 +71,16 @@ class Postgres(NetworkSink):
 
     def mistakes(self, points: Sequence[Point]) -> Iterator[tuple[str, str, str]]:
         yield from not_installed("psycopg", "psycopg", "postgres")
-        yield from self.mistakes_of_store()
         if self.password is not None and not self.user:
             yield "password", "'password' has no effect without user", "add user:, or remove it"
         parts = self.table.split(".")
         if len(parts) > 2 or not all(parts) or "\0" in self.table:
             yield "table", f"'{self.table}' is no name of a table", "write table, or schema.table"
+
+    @property
+    def target(self) -> str:
+        """The database without its options."""
+        return self.postgres.partition("?")[0]
 
     def make(self) -> Sink:
         return PostgresSink(self)
@@ -96,6 +108,8 @@ class PostgresSink(Sink):
         kind = self.kind
         self._units = {point.name: point.unit for point in points}
         options: dict[str, Any] = {"connect_timeout": LONGEST_ANSWER, "application_name": f"framekit {self._run}"}
+        options |= {"tcp_user_timeout": LONGEST_ANSWER * 1000}  # a server that is no longer there
+        options |= {"keepalives_idle": LONGEST_ANSWER, "keepalives_interval": 2, "keepalives_count": 3}
         if kind.user:
             options |= {"user": kind.user}
         if kind.password is not None:

@@ -25,6 +25,9 @@ APPLICATION = 0x464B5746
 MOST_WAITING = 100_000
 """Samples that wait for a sink at most."""
 
+LONGEST_CLOSE = 1.0
+"""Seconds."""
+
 _TABLE = f"""
 BEGIN;
 PRAGMA application_id = {APPLICATION};
@@ -148,9 +151,12 @@ class Store:
             self._first = max(self._first, end)
 
     def close(self) -> None:
-        """The end; what waits stays in the file."""
-        with self._lock:
-            self._close()
+        """The end; what waits stays in the file. A disk that hangs is not waited for."""
+        if self._lock.acquire(timeout=LONGEST_CLOSE):
+            try:
+                self._close()
+            finally:
+                self._lock.release()
 
     def _close(self) -> None:
         database, self._database = self._database, None

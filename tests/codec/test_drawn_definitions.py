@@ -1000,7 +1000,7 @@ def firsts(usual: int) -> range:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("first", firsts(3000))
+@pytest.mark.parametrize("first", firsts(1500))
 def test_thousands_of_definitions_hold(first: int) -> None:
     """Of any number of segments; a seed that fails is tried alone with `tried("612", ())`."""
     results, failed = [], {}
@@ -1014,7 +1014,7 @@ def test_thousands_of_definitions_hold(first: int) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("first", firsts(1000))
+@pytest.mark.parametrize("first", firsts(500))
 def test_definitions_with_parameters_state_and_more_functions_hold(first: int) -> None:
     """Tried alone: `tried("m612", (), more=True)`."""
     results, failed = [], {}

@@ -55,7 +55,7 @@ def documents() -> tuple[Any, ...]:
     return tuple(plain(read_text(text, "text")) for text in (REGISTERS, LISTS, rack))
 
 
-EACH = 4
+EACH = 3
 """Places that a key of the schema is tried at, from the first to the last."""
 
 

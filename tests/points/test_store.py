@@ -9,6 +9,7 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from time import monotonic
 from typing import Any, ClassVar, NoReturn
 
 import pytest
@@ -182,7 +183,8 @@ def test_what_waits_is_in_the_file_while_the_server_hangs(tmp_path: Path) -> Non
     assert hangs.wait(10)
     for at in range(1, 60):
         one.put(sample(at, value=at))
-    one._waiting.end(10)  # everything has gone to the file now
+    one.end()
+    one._waiting.join(monotonic() + 10)  # everything has gone to the file now
     with sqlite3.connect(tmp_path / "a.db") as database:
         assert database.execute("SELECT count(*) FROM waiting").fetchone() == (50,)
     goes_on.set()

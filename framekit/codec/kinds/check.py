@@ -13,12 +13,11 @@ from framekit.codec.python.function import Offset, between, covered_names, cover
 from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.reader import BufferReader, Item, Slot
 from framekit.codec.python.source import quoted
+from framekit.definition.codings import Plain
 from framekit.definition.expression import PRODUCT
 from framekit.definition.kinds.check import Added
-from framekit.definition.model.segments import (
-    Check,
-    Segments,
-)
+from framekit.definition.kinds.wrap import Wrap
+from framekit.definition.model.segments import Check, Segments
 
 
 class CheckKind(SegmentKind[Check]):
@@ -97,9 +96,21 @@ def _measured(m: MeasureWriter, check: Check, scope: Scope) -> str:
 
 
 def _in_one_buffer(check: Check, segments: Segments) -> bool:
-    """Whether a check stands in the same buffer as everything it covers."""
-    names = set(covered_names(check, segments))
-    return any(check in buffer and names <= {one.name for one in on_the_wire(buffer)} for buffer in _buffers(segments))
+    """Whether all that a check covers stands as it is in the buffer of the check."""
+    first, *others = covered_names(check, segments)
+    for buffer in _buffers(segments):
+        outside = {one.name for one in on_the_wire(buffer)}
+        if check in buffer and first in outside and set(others) <= outside | set(_in_plain_wraps(buffer)):
+            return True
+    return False
+
+
+def _in_plain_wraps(buffer: Segments) -> Iterator[str | None]:
+    """What stands in wraps that only say a size."""
+    for one in on_the_wire(buffer):
+        if isinstance(one, Wrap) and isinstance(one.coding, Plain) and one.escape is None:
+            yield from (inside.name for inside in on_the_wire(one.of))
+            yield from _in_plain_wraps(one.of)
 
 
 def _buffers(segments: Segments) -> Iterator[Segments]:
