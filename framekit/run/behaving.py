@@ -11,6 +11,7 @@ from __future__ import annotations
 import heapq
 import random
 from collections.abc import Callable, Mapping, Sequence
+from fractions import Fraction
 from functools import partial
 
 from framekit.definition.times import NEVER
@@ -48,11 +49,22 @@ class _Place:
         assert self.form.bounds is not None
         least, most = self.form.bounds
         if not least <= raw <= most:
-            whole = wraps and not self.form.is_float
-            raw = least + (raw - least) % (most - least + 1) if whole else min(max(raw, least), most)
-            value = scaled(self.point, raw)
+            if wraps and not self.form.is_float:
+                span = most - least + 1
+                beyond = int(raw - least) // span * span
+                raw -= beyond
+                value = self._less(value, beyond)
+            else:
+                raw = min(max(raw, least), most)
+                value = scaled(self.point, raw)
         self._area.write_from(self._first, self.form.carrier, self.form.numbers([raw]), force=True)
         return value
+
+    def _less(self, value: float, raw: float) -> float:
+        """The value less a number of memory, exactly: its fraction stays."""
+        scaling = self.point.scaling
+        exact = Fraction(str(value)) - Fraction(raw) * Fraction(1 if scaling is None else scaling.factor)
+        return int(exact) if exact.denominator == 1 else float(exact)
 
 
 class _Values:

@@ -25,7 +25,7 @@ from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Entry, Mapping, Scalar, unread
 from framekit.definition.nodes import Node as YamlNode
 from framekit.definition.problems import Position, did_you_mean, parted
-from framekit.link.addresses import AddressError, AddressGrammar
+from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.run.behaviours import BEHAVIOURS, Behaviour
 from framekit.run.model import Point
 from framekit.run.points import unscaled
@@ -142,11 +142,24 @@ class BehaveLoader:
             known = did_you_mean(text, self._named)
             raise self.reader.broken(part.at, what, known if known.startswith("did you mean") else todo) from None
         there = self._at.get((address.area, address.first_bit))
-        if there is None or there.place.address.first_bit != address.first_bit or there.bits != address.unit_bits:
+        if there is None or not _is_at(there, address):
             there = self._points.own_point(Scalar(text, part.at), ())
+            self._check_no_part_behaves(part, there)
         if there.form.bounds is None:
             raise self.reader.broken(part.at, f"{text} holds text", "name a number")
         self._names[text] = there
+
+    def _check_no_part_behaves(self, part: Name, there: Point) -> None:
+        """A piece of a longer number is not a number of its own. Raises Broken."""
+        area, first = there.place.address.area, there.place.address.first_bit
+        for bit in range(first, first + there.bits):
+            other = self._at.get((area, bit))
+            if other is None:
+                continue
+            begin = other.place.address.first_bit
+            if begin < first or begin + other.bits > first + there.bits:
+                what = f"{part.name} holds a piece of {other.address} ({other.form.type}), which behaves"
+                raise self.reader.broken(part.at, what, f"use '{other.address}'")
 
     # ---- one behaviour ------------------------------------------------------------------------------------
 
@@ -204,6 +217,12 @@ class BehaveLoader:
             for bit in range(address.first_bit, address.first_bit + point.bits):
                 if (there := self._at.get((address.area, bit))) is not None:
                     yield id(there)
+
+
+def _is_at(place: Point, address: Address) -> bool:
+    """Whether an address names this place: it begins there, and counts in its unit or is as long."""
+    own = place.place.address
+    return own.first_bit == address.first_bit and (own.unit == address.unit or place.bits == address.unit_bits)
 
 
 def _leading_to(circle: set[int], needs: dict[int, set[int]]) -> set[int]:

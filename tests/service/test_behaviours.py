@@ -129,6 +129,41 @@ behave:
     assert world.read("40001") == 1
 
 
+def test_an_address_reads_the_behaviour_that_stands_there_whatever_its_width(made: Make) -> None:
+    world = made("""
+behave:
+  "40001": {follow: "'40010' * 10"}
+  "40002": {follow: "'40012'", type: int32}
+  "40010": {hold: 1.4, type: float32, name: gain}
+  "40012": {hold: -70000, type: int32}
+""")
+    assert (world.read("40001"), world.read("40002", "int32")) == (14, -70000)
+
+
+def test_an_address_within_a_behaviour_is_an_error(tmp_path: Path) -> None:
+    behave = """behave: {"40010": {hold: 1.4, type: float32}, "40001": {follow: "'40011' + 1"}}"""
+    with pytest.raises(framekit.DefinitionError) as told:
+        World(tmp_path, behave)
+    (problem,) = told.value.problems
+    assert problem.what == "40011 holds a piece of 40010 (float32), which behaves"
+    assert problem.todo == "use '40010'"
+    assert (problem.at.line, problem.at.column) == (4, behave.index("'40011'") + 1)
+
+
+@pytest.mark.parametrize(
+    ("keys", "values"),
+    [
+        ("start: 65535, counter: step", [65535, 0, 0, 1, 2, 3, 4]),
+        ("start: 0, counter: 0 - step", [0, 65535, 65534, 65534, 65533, 65532, 65532]),
+        ("start: 131070, counter: step + step, scale: 2", [65535, 0, 0, 1, 2, 3, 4]),
+        ("start: 7, counter: 400000 + step", [7, 6792, 13576, 20361, 27146, 33931, 40716]),
+    ],
+)
+def test_a_counter_keeps_its_fraction_over_the_end_of_its_type(made: Make, keys: str, values: list[int]) -> None:
+    step = '"40003": {hold: 0.75, type: float32, name: step}'
+    assert made(f'behave: {{"40001": {{{keys}}}, {step}}}').values("40001", 6) == values
+
+
 def test_what_others_write_is_what_a_counter_goes_on_from_and_fractions_are_kept(made: Make) -> None:
     world = made('behave: {"40001": {counter: "\'40002\'", scale: 2}, "40002": {hold: 1}}')
     assert world.values("40001", 4) == [0, 0, 1, 2, 2]  # 0.5 and 1.5 are rounded to even
