@@ -6,11 +6,11 @@ What `framekit history --csv` prints is such a table too. Values that were not g
 from __future__ import annotations
 
 import csv
-import io
 import json
 import sqlite3
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,7 +19,9 @@ from framekit.sinks.sqlite import HistoryError, read_history
 
 MOST_BYTES = 64_000_000
 MOST_VALUES = 1_000_000
-"""A file is read into memory whole: no larger one is, and no more values of one."""
+"""No larger file is read, and no more values of a point."""
+MOST_NAMES = 1000
+"""So many names of points are kept for what is told."""
 
 
 class RecordedError(ValueError):
@@ -28,8 +30,21 @@ class RecordedError(ValueError):
 
 class _Value(NamedTuple):
     time: int
-    point: str
     value: Any
+
+
+class _Wanted:
+    """Which point of a file is read: the one that is named, else the first. It keeps some names, to tell them."""
+
+    def __init__(self, point: str | None) -> None:
+        self.point = point
+        self.names: dict[str, None] = {}
+
+    def __call__(self, name: str, value: Any) -> bool:
+        """Whether a value there is one of this point, and good."""
+        if name == self.point or len(self.names) < MOST_NAMES:
+            self.names[name] = None
+        return name == (next(iter(self.names)) if self.point is None else self.point) and value not in ("", None)
 
 
 def recorded(path: Path, point: str | None) -> tuple[tuple[int, ...], tuple[float, ...]]:
@@ -37,25 +52,27 @@ def recorded(path: Path, point: str | None) -> tuple[tuple[int, ...], tuple[floa
 
     `point` may be left out where the file has one point. Raises RecordedError.
     """
+    wanted, found = _Wanted(point), list[_Value]()
     try:
         if path.stat().st_size > MOST_BYTES:
             raise RecordedError(f"{path.name} is larger than {MOST_BYTES // 1_000_000} MB – cut it into pieces")
-        rows = list(_rows(path, point))
+        for one in _values(path, wanted):
+            if len(found) == MOST_VALUES:
+                raise RecordedError(f"{path.name} has more than {MOST_VALUES} values – cut it into pieces")
+            found.append(one)
     except (OSError, UnicodeDecodeError, csv.Error, sqlite3.Error, HistoryError) as error:
         what = getattr(error, "strerror", None) or error
         raise RecordedError(f"{path.name} cannot be read: {what} – name a file of values") from None
-    names = list(dict.fromkeys(row.point for row in rows))
+    names = list(wanted.names)
     if point is None and len(names) > 1:
         raise RecordedError(f"{path.name} has several points: {', '.join(names[:12])} – say which by point:")
-    if point is not None and point not in names:
+    if not found and point is not None and point not in names:
         raise RecordedError(f"{path.name} has no point '{point}' – {did_you_mean(point, names) or 'name another'}")
-    found = sorted((row.time, _number(row, path)) for row in rows if point in (None, row.point) and row.value != "")
     if not found:
         raise RecordedError(f"{path.name} has no good values – name another file or point")
-    if len(found) > MOST_VALUES:
-        raise RecordedError(f"{path.name} has more than {MOST_VALUES} values – cut it into pieces")
-    first = found[0][0]
-    return tuple(time - first for time, _ in found), tuple(value for _, value in found)
+    numbers = sorted(((one.time, _number(one, path)) for one in found), key=itemgetter(0))
+    first = numbers[0][0]
+    return tuple(time - first for time, _ in numbers), tuple(value for _, value in numbers)
 
 
 def _number(row: _Value, path: Path) -> float:
@@ -68,43 +85,46 @@ def _number(row: _Value, path: Path) -> float:
         raise RecordedError(f"{path.name} has '{row.value}', which is no number – replay another point") from None
 
 
-def _rows(path: Path, point: str | None) -> Iterator[_Value]:
-    """What stands in a file, by what it begins with. A value that was not good is ''."""
+def _values(path: Path, wanted: _Wanted) -> Iterator[_Value]:
+    """The good values of one point in a file, by what the file begins with."""
     with path.open("rb") as file:
         begin = file.read(16)
     if begin.startswith(b"SQLite format 3"):
-        for row in read_history(path):
-            if point in (None, row.point):
-                yield _Value(row.time, row.point, "" if row.value is None else row.value)
-        return
-    text = path.read_text("utf-8-sig")
-    yield from _objects(text, path) if begin.lstrip().startswith(b"{") else _table(text, path)
+        yield from (_Value(row.time, row.value) for row in read_history(path) if wanted(row.point, row.value))
+    else:
+        yield from _objects(path, wanted) if begin.lstrip().startswith(b"{") else _table(path, wanted)
 
 
-def _objects(text: str, path: Path) -> Iterator[_Value]:
-    for number, line in enumerate(text.splitlines(), 1):
-        try:
-            one = json.loads(line)
-            name, value = str(one["point"]), one["value"]
-            yield _Value(_time(one["time"]), name, "" if value is None else value)
-        except (ValueError, KeyError, TypeError, RecursionError):
-            raise RecordedError(f"{path.name}, line {number}, is no value of a point – name a file of jsonl") from None
+def _objects(path: Path, wanted: _Wanted) -> Iterator[_Value]:
+    with path.open(encoding="utf-8", newline="\n") as lines:
+        for number, line in enumerate(lines, 1):
+            try:
+                one = json.loads(line)
+                time, value = _time(one["time"]), one["value"]
+                is_wanted = wanted(str(one["point"]), value)
+            except (ValueError, KeyError, TypeError, RecursionError):
+                what = f"{path.name}, line {number}, is no value of a point"
+                raise RecordedError(f"{what} – name a file of jsonl") from None
+            if is_wanted:
+                yield _Value(time, value)
 
 
-def _table(text: str, path: Path) -> Iterator[_Value]:
-    rows = csv.reader(io.StringIO(text))
-    head = next(rows, [])
-    if len(head) < 2 or head[0] != "time":
-        raise RecordedError(f"{path.name} has no column time first – name a file of a sink, or framekit history --csv")
-    columns = [] if head[1:3] == ["point", "value"] else [title.rpartition(" (")[0] or title for title in head[1:]]
-    for row in rows:
-        try:
-            time = _time(row[0])
-            cells = list(zip(columns, row[1:], strict=False)) if columns else [(row[1], row[2])]
-        except (ValueError, IndexError):
-            what = f"{path.name}, line {rows.line_num}, has no time and value"
-            raise RecordedError(f"{what} – name a file of a sink, or framekit history --csv") from None
-        yield from (_Value(time, name, cell) for name, cell in cells)
+def _table(path: Path, wanted: _Wanted) -> Iterator[_Value]:
+    with path.open(encoding="utf-8-sig", newline="") as lines:
+        rows = csv.reader(lines)
+        head = next(rows, [])
+        if len(head) < 2 or head[0] != "time":
+            what = f"{path.name} has no column time first"
+            raise RecordedError(f"{what} – name a file of a sink, or framekit history --csv")
+        columns = [] if head[1:3] == ["point", "value"] else [title.rpartition(" (")[0] or title for title in head[1:]]
+        for row in rows:
+            try:
+                time = _time(row[0])
+                cells = zip(columns, row[1:], strict=False) if columns else [(row[1], row[2])]
+            except (ValueError, IndexError):
+                what = f"{path.name}, line {rows.line_num}, has no time and value"
+                raise RecordedError(f"{what} – name a file of a sink, or framekit history --csv") from None
+            yield from (_Value(time, cell) for name, cell in cells if wanted(name, cell))
 
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)

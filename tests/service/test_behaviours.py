@@ -17,6 +17,7 @@ from framekit.codec.support import times
 from framekit.link.typed import typed_at
 from framekit.runfile.devices import DeviceSettings, load_devices
 from framekit.service.device import DeviceStore
+from framekit.sinks.recorded import RecordedError, recorded
 from framekit.transport.clock import VirtualClock
 
 SECOND = 1_000_000_000
@@ -332,6 +333,26 @@ def test_a_replay_begins_again_where_it_shall(tmp_path: Path) -> None:
     text = 'behave: {"40001": {replay: a.csv, then: again}, "40002": {replay: a.csv, after: 2 s}}'
     assert World(tmp_path, text).values("40001", 6) == [5, 5, 7, 5, 5, 7, 5]
     assert World(tmp_path, text).values("40002", 6) == [0, 0, 5, 5, 7, 7, 7]
+
+
+def test_lines_of_jsonl_end_at_a_line_feed_only(tmp_path: Path) -> None:
+    lines = [
+        f'{{"time": "2026-01-01T00:00:0{second}Z", "point": "a\u2028b\u0085", "value": {second}}}' for second in (3, 4)
+    ]
+    (tmp_path / "a.jsonl").write_text("\r\n".join(lines) + "\n", "utf-8", newline="")
+    assert recorded(tmp_path / "a.jsonl", None) == ((0, SECOND), (3, 4))
+
+
+def test_only_good_values_of_the_point_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("framekit.sinks.recorded.MOST_VALUES", 2)
+    file = tmp_path / "a.csv"
+    rows = [f"2026-01-01T00:00:0{second}Z,{second},,{second // 3 or ''}\n" for second in range(5)]
+    file.write_text("".join(["time,up,gone,few\n", *rows]), "utf-8")
+    assert recorded(file, "few") == ((0, SECOND), (1, 1))
+    with pytest.raises(RecordedError, match=r"a.csv has more than 2 values – cut it into pieces"):
+        recorded(file, "up")
+    file.write_text("time,point,value\n" + "2026-01-01T00:00:00Z,up,1\n" * 2 + "2026-01-01T00:00:00Z,up,\n", "utf-8")
+    assert recorded(file, None) == ((0, 0), (1, 1))
 
 
 @pytest.mark.parametrize(
