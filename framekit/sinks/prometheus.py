@@ -192,8 +192,8 @@ def _of_channels(status: RunStatus) -> Iterator[Metric]:
 def _of_sinks(status: RunStatus) -> Iterator[Metric]:
     from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 
-    labels = ("run", "kind", "target")
-    found = [((status.run, one.kind, one.target), one) for one in status.sinks]
+    labels = ("run", "sink", "kind", "target")  # two sinks may have one kind and target
+    found = [((status.run, str(number), one.kind, one.target), one) for number, one in enumerate(status.sinks, 1)]
     for kind, name, about, attribute in (
         (CounterMetricFamily, "taken", "Samples that a sink has taken.", "written"),
         (CounterMetricFamily, "dropped", "Samples that were too many.", "dropped"),

@@ -5,7 +5,8 @@ from __future__ import annotations
 import socket
 import urllib.request
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 from points.test_sinks import run_file
@@ -52,6 +53,16 @@ def test_values_and_counters_are_fetched(tmp_path: Path) -> None:
         assert found["framekit_point_time_seconds"]["state"] > 1.7e9
     with pytest.raises(OSError):
         metrics(port)
+
+
+def test_two_sinks_of_one_kind_and_target_are_two_series() -> None:
+    from framekit.run.status import RunStatus, SinkStatus
+    from framekit.sinks.prometheus import _of_sinks
+
+    one = SinkStatus(kind="influx", target="there", written=1, waiting=0, dropped=0)
+    status = cast(RunStatus, SimpleNamespace(run="plant", sinks=[one, one]))
+    for family in _of_sinks(status):
+        assert [sample.labels["sink"] for sample in family.samples] == ["1", "2"]
 
 
 @pytest.mark.parametrize(
