@@ -89,13 +89,19 @@ class SinkHost:
     def write(self, point: str, value: Any, who: str, told: Callable[[str], None]) -> None:
         """Has a point written; `told` hears why not, or ''."""
 
+        def tell(why: str) -> None:
+            try:
+                told(why)
+            except Exception as error:  # a sink may raise anything; what was done stays so
+                log.warning("point %s: the answer to %s is lost: %s", point, who, _in_words(error))
+
         def refuse(why: str) -> None:
             log.warning("point %s: %r was refused to %s: %s", point, value, who, why)
-            told(why)
+            tell(why)
 
         def written(failure: Failure | None) -> None:
             self._under_way -= 1
-            told("" if failure is None else f"it was not written: {failure}")
+            tell("" if failure is None else f"it was not written: {failure}")
 
         def write() -> None:
             if self._under_way >= MOST_COMMANDS:

@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import pytest
 
@@ -18,16 +18,19 @@ from framekit.definition.keys import key
 from framekit.definition.problems import NOWHERE, DefinitionError
 from framekit.link.addresses import Address
 from framekit.link.typed import Typed
+from framekit.run.block_state import Failure
 from framekit.run.model import OwnPlace, Point
 from framekit.run.points import PointValue, iso_time
 from framekit.runfile.schema_files import read_files
 from framekit.service import sinks as at_work
 from framekit.service import waiting
-from framekit.service.sinks import SinkFeeder
+from framekit.service.points import PointService
+from framekit.service.sinks import SinkFeeder, SinkHost
 from framekit.sinks import SINKS, Sink, SinkKind
 from framekit.sinks.base import FILE, Sampled
 from framekit.sinks.files import CsvFile, JsonLines
 from framekit.sinks.sqlite import HistoryError, SqliteHistory, read_history
+from framekit.transport.clock import Clock
 
 SECOND = 1_000_000_000
 START = 1_772_366_400 * SECOND  # 2026-03-01T12:00:00Z
@@ -424,6 +427,24 @@ def test_a_sink_that_does_not_say_how_much_it_took_has_failed(taken: Any) -> Non
     assert one.status.problem == f"write took {taken!r} of 1 samples"
     one.stop()
     assert one.status.dropped == 1
+
+
+def test_an_answer_that_cannot_be_told_is_logged(caplog: pytest.LogCaptureFixture) -> None:
+    class Points:
+        def write(self, point: str, value: Any, who: str, told: Callable[[Failure | None], None]) -> None:
+            if value == "much":
+                raise ValueError("'much' is no number")
+            told(None)
+
+    def told(why: str) -> None:
+        raise RecursionError(f"too deep, {why or 'well'}")
+
+    host = SinkHost("plant", cast(Clock, None), cast(PointService, Points()))
+    for value in ("much", 5):
+        host.write("level", value, "anna", told)
+    lost = [one.getMessage() for one in caplog.records if "lost" in one.getMessage()]
+    head = "point level: the answer to anna is lost: too deep, "
+    assert lost == [head + "'much' is no number", head + "well"]
 
 
 def test_numbers_beyond_sqlite_are_kept_as_texts(tmp_path: Path) -> None:
