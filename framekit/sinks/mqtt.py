@@ -7,8 +7,10 @@ by itself where `discovery` is given.
 from __future__ import annotations
 
 import json
+import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+import string
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -16,7 +18,7 @@ from framekit.definition.keys import FLAG, Form, KeyReading, key, ref, words
 from framekit.definition.tree import Node
 from framekit.run.model import Point
 from framekit.run.points import PointValue, iso_time
-from framekit.sinks.base import Host, Sampled, Sink, as_record, good_value
+from framekit.sinks.base import Host, Sampled, Sink, as_record, fits, good_value
 from framekit.sinks.broker import (
     LARGEST_COMMAND,
     PLACE,
@@ -35,6 +37,7 @@ WIDE = (-1e9, 1e9)
 SMALLEST_STEP = 0.001
 """What Home Assistant is told of a number without limits, and the smallest step it takes."""
 
+_PLAIN = string.ascii_letters + string.digits
 _PART = re.compile(r"\{([^{}]*)\}")
 
 
@@ -91,11 +94,36 @@ class Mqtt(BrokerSink):
             yield "topic", "all points would have one topic", "write {point} into it"
         if "{point}" in self.status:
             yield "status", "the status is that of the run, not of a point", "leave {point} out"
+        if "{point}" in self.topic and "{point}" not in self.status:
+            there = [point for point in points if any(fits(pattern, point.name) for pattern in self.points)]
+            problem = self.one_topic_for_two(there)
+            if problem:
+                yield "topic", problem, "write another topic or status, or give the point another name"
         if self.commands and not any(point.is_writable for point in points):
             yield "commands", "'commands' has no effect: no point can be written", "give one access: rw, or remove it"
 
+    def one_topic_for_two(self, points: Iterable[Point], run: str = "{run}") -> str:
+        """Which two of the topics of these points and of the status are one; '' where each is another."""
+        taken = {named(self.status, run): "the status of the run"}
+        for point in points:
+            topic, about = named(self.topic, run, point.name), f"point {point.name}"
+            own = {topic: f"the {about}"}
+            if self.commands and point.is_writable:
+                own |= {f"{topic}/set": f"what is to be written to {about}"}
+                own |= {f"{topic}/set/answer": f"the answers of {about}"}
+            for one, what in own.items():
+                if one in taken:
+                    return f"{taken[one]} and {what} would have one topic, {one}"
+            taken |= own
+        return ""
+
     def make(self) -> Sink:
         return MqttSink(self)
+
+
+def named(template: str, run: str, point: str = "") -> str:
+    """A topic, with the names in it."""
+    return template.replace("{run}", run).replace("{point}", point)
 
 
 class MqttSink(Sink):
@@ -117,12 +145,15 @@ class MqttSink(Sink):
         return self._named(self.kind.topic, point)
 
     def _named(self, template: str, point: str = "") -> str:
-        return template.replace("{run}", self._run).replace("{point}", point)
+        return named(template, self._run, point)
 
     def _status(self, word: str) -> Message:
         return Message(self._named(self.kind.status), word.encode())
 
     def open(self, points: Sequence[Point]) -> None:
+        problem = self.kind.one_topic_for_two(points, self._run)  # a file may name the run, or write {run}
+        if problem:
+            raise ValueError(problem)
         self._points = {point.name: point for point in points}
         writable = [point.name for point in points if point.is_writable] if self.kind.commands else []
         self._commands = {f"{self.topic(name)}/set": name for name in writable}
@@ -171,22 +202,26 @@ class MqttSink(Sink):
 
         def told(why: str) -> None:
             data = answer | {"ok": not why} | ({"reason": why} if why else {})
-            connection.say(Message(f"{command.topic}/answer", json.dumps(data, ensure_ascii=False).encode(), False))
+            text = json.dumps(data, ensure_ascii=False, allow_nan=False)
+            payload = text.encode(errors="backslashreplace")  # half a character, as JSON writes it
+            connection.say(Message(f"{command.topic}/answer", payload, False))
 
         try:
             value, said = parsed(command.payload)
         except ValueError as error:
             told(str(error))
             return
-        answer |= {"value": value, **({"id": said["id"]} if "id" in said else {})}
-        who = f"{str(said.get('who') or 'somebody')[:100]!r} by {command.topic} of {self.kind.place}"
+        answer |= {"value": value, **({"id": said["id"]} if said.get("id") is not None else {})}
+        told_who = said.get("who")
+        sender = told_who[:100] if isinstance(told_who, str) and told_who else "somebody"
+        who = f"{sender!r} by {command.topic} of {self.kind.place}"
         host.write(name, value, who, told)
 
     # ---- Home Assistant -----------------------------------------------------------------------------------
 
     def _discovered(self, point: Point) -> Message:
         """What Home Assistant wants to know of a point (its documentation, MQTT discovery)."""
-        name = f"{self._run}_{point.name}".replace(".", "_")
+        name = f"{_as_id(self._run, '')}_{_as_id(point.name, '_')}"  # the first _ ends the run's name
         state = self.topic(point.name)
         data: dict[str, Any] = {
             "name": point.name,
@@ -216,6 +251,17 @@ class MqttSink(Sink):
         return Message(topic, json.dumps(data, ensure_ascii=False).encode())
 
 
+def _as_id(name: str, also: str) -> str:
+    """A name of ASCII letters, digits, `also` and -, another for each name: -2e stands for a point (UTF-8, hex)."""
+    plain = frozenset(_PLAIN + also)
+    return "".join(one if one in plain else "".join(f"-{byte:02x}" for byte in one.encode()) for one in name)
+
+
+def _is_number(value: Any) -> bool:
+    """Whether it is a finite number."""
+    return isinstance(value, int) or (isinstance(value, float) and math.isfinite(value))
+
+
 def _no_number(text: str) -> None:
     raise ValueError(f"{text} is no number")
 
@@ -236,6 +282,9 @@ def parsed(payload: bytes) -> tuple[Any, dict[str, Any]]:
         found = text.strip()
     said = found if isinstance(found, dict) else {"value": found}
     value = said.get("value")
-    if not isinstance(value, (str, int, float)):
+    if not isinstance(value, str) and not _is_number(value):
         raise ValueError('this is no value – send it by itself, or as {"value": 5}')
+    key = said.get("id")
+    if key is not None and (isinstance(key, bool) or not (isinstance(key, str) or _is_number(key))):
+        raise ValueError("the id is neither a text nor a number")
     return value, said

@@ -15,7 +15,7 @@ from points.test_sinks import DEVICE, run_file
 
 from framekit.api.run import Run, VirtualRun, loaded
 from framekit.definition.problems import DefinitionError
-from framekit.sinks.mqtt import parsed
+from framekit.sinks.mqtt import _PLAIN, _as_id, parsed
 
 pytest.importorskip("paho.mqtt.client", reason="paho-mqtt is not installed")
 
@@ -85,6 +85,8 @@ def test_values_are_written_back_and_others_refused(tmp_path: Path, caplog: pyte
             listener.say(set_, '{"valeu": 9}')
             listener.say(set_, "much")
             listener.wait(lambda: len(listener.of(answer)) == 4)
+            listener.say(set_, r'{"value": 98, "id": "\ud800"}')  # half a character
+            listener.wait(lambda: len(listener.of(answer)) == 5)
             listener.say("framekit/boiler/mode/set", "off")
             listener.say("framekit/boiler/temperature/set", "5")
             listener.wait(lambda: any(b'"off"' in one for one in listener.of("framekit/boiler/mode")))
@@ -96,6 +98,7 @@ def test_values_are_written_back_and_others_refused(tmp_path: Path, caplog: pyte
             "reason": "99 is not in 5..60, the range of setpoint",
         }  # fmt: skip
         assert not any(one["ok"] for one in answers[2:])
+        assert answers.pop()["id"] == "\ud800"
         assert {one["reason"] for one in answers[2:]} == {
             "'much' is no number", 'this is no value – send it by itself, or as {"value": 5}',
         }  # fmt: skip
@@ -209,6 +212,35 @@ def test_what_is_wrong_with_it(tmp_path: Path, more: str, problem: str) -> None:
     assert "s3cret" not in str(error.value)
 
 
+def test_each_topic_has_one_meaning(tmp_path: Path) -> None:
+    todo = "write another topic or status, or give the point another name"
+    for more, text in (
+        (', status: "framekit/{run}/mode"',
+         "the status of the run and the point mode would have one topic, framekit/{run}/mode"),
+        (', status: "framekit/{run}/mode/set/answer", commands: yes',
+         "the status of the run and the answers of point mode would have one topic, framekit/{run}/mode/set/answer"),
+    ):  # fmt: skip
+        with pytest.raises(DefinitionError) as error:
+            loaded(boiler(tmp_path, 1883, more))
+        assert [str(one).partition(": ")[2] for one in error.value.problems] == [f"{text} – {todo}"]
+    path = boiler(tmp_path, 1883)
+    path.write_text(path.read_text("utf-8").replace("  mode:", "  status:"), "utf-8")
+    with pytest.raises(DefinitionError, match="the status of the run and the point status would have one topic"):
+        loaded(path)
+    loaded(boiler(tmp_path, 1883, ', status: "framekit/{run}/mode", points: temp*'))
+    loaded(boiler(tmp_path, 1883, ', status: "framekit/{run}/mode/set"'))
+    with VirtualRun(boiler(tmp_path, 1883, ', status: "framekit/boiler/mode"')) as run:
+        assert "would have one topic, framekit/boiler/mode" in run.problems[0]
+
+
+def test_each_point_of_each_run_has_a_name_of_its_own() -> None:
+    runs, points = ("a", "a_b", "a.b", "a-b"), ("b", "c", "a.b", "a_b", "a._b", "a_.b", "a-b", "b_c", "ä", "a-2eb")
+    ids = {f"{_as_id(run, '')}_{_as_id(point, '_')}" for run in runs for point in points}
+    assert len(ids) == len(runs) * len(points)
+    assert all(set(one) <= set(_PLAIN + "_-") for one in ids)
+    assert _as_id("set_point2", "_") == "set_point2"
+
+
 def test_no_point_to_write_no_address_and_one_store_for_two(tmp_path: Path) -> None:
     for sinks, problem in (
         (["{mqtt: there, commands: yes}"], "no point can be written"),
@@ -220,7 +252,23 @@ def test_no_point_to_write_no_address_and_one_store_for_two(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
-    "payload", [b"", b"{}", b"[1]", b"null", b"[" * 60_000, b"x" * 70_000, b"\xff", b'{"value": NaN}']
+    "payload",
+    [
+        b"",
+        b"{}",
+        b"[1]",
+        b"null",
+        b"[" * 60_000,
+        b"x" * 70_000,
+        b"\xff",
+        b'{"value": NaN}',
+        b"1e999",
+        b"-1e999",
+        b'{"value": 1e999}',
+        b'{"value": 1, "id": 1e999}',
+        b'{"value": 1, "id": true}',
+        b'{"value": 1, "id": ' + b"[" * 900 + b"]" * 900 + b"}",
+    ],
 )
 def test_what_is_no_command(payload: bytes) -> None:
     try:
