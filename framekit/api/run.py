@@ -34,8 +34,8 @@ from framekit.runfile.run_file import load_run
 from framekit.service.capture import Capture
 from framekit.service.channel import ChannelService
 from framekit.service.run import RunService
+from framekit.service.run import run_status as run_status
 from framekit.service.state import StateError
-from framekit.service.status import run_status as run_status
 from framekit.transport.clock import AsyncioClock, Clock, VirtualClock
 
 MOST_WORDS = 12

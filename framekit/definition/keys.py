@@ -176,6 +176,11 @@ def mapping_schema(
     return {**head, "properties": properties, "additionalProperties": False}
 
 
+def kind_schema(kind: type, title: str) -> dict[str, Any]:
+    """The schema of a registered kind; the first line of its docstring describes it."""
+    return mapping_schema(kind, title, description=(kind.__doc__ or "").strip().partition("\n")[0])
+
+
 # ---- forms of values ----------------------------------------------------------------------------------------
 
 

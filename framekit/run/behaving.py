@@ -18,14 +18,14 @@ from framekit.definition.times import NEVER
 from framekit.link.packing import memory_of
 from framekit.link.values import EVALUATION_ERRORS, compile_optional
 from framekit.memory.memory import DeviceMemory
-from framekit.run.behaviours import Behaviour, Moment
+from framekit.run.behaviours import Behaviour, BehaviourMoment
 from framekit.run.model import Point
 from framekit.run.points import scaled, unscaled
 
 Told = Callable[[str], None]
 
 
-class _Place:
+class _BehavingPlace:
     """A value in a memory: read and written in its own scale."""
 
     def __init__(self, point: Point, memory: DeviceMemory) -> None:
@@ -77,18 +77,18 @@ class _Values:
         return self._readers[name]()
 
 
-class _State:
+class _Course:
     """A behaviour at work. It keeps the exact value of what it has stored, until others write there."""
 
     def __init__(self, behaviour: Behaviour, memory: DeviceMemory, seed: str) -> None:
         self.behaviour = behaviour
-        self.place = _Place(behaviour.place, memory)
+        self.place = _BehavingPlace(behaviour.place, memory)
         self.last = -1
         self.dice = random.Random(seed)
         self.trouble = ""
         self._exact: tuple[list[int], float] | None = None
         formula = compile_optional(behaviour.formula)
-        values = _Values({name: _Place(point, memory).read for name, point in behaviour.names.items()})
+        values = _Values({name: _BehavingPlace(point, memory).read for name, point in behaviour.names.items()})
         self.worked_out: Callable[[], float] = self._nothing if formula is None else partial(formula, values)  # type: ignore[arg-type]
 
     @staticmethod
@@ -117,7 +117,7 @@ class Behaving:
     def __init__(self, behaviours: Sequence[Behaviour], memory: DeviceMemory, name: str, told: Told) -> None:
         self._told = told
         self._states = [
-            _State(one, memory, f"{getattr(one, 'seed', 0)} {name} {one.place.address}") for one in behaviours
+            _Course(one, memory, f"{getattr(one, 'seed', 0)} {name} {one.place.address}") for one in behaviours
         ]
         self._due: list[tuple[int, int]] = []
         self._began = 0
@@ -157,16 +157,16 @@ class Behaving:
         for state, time in rest:
             self._store(state, time, self._value(state, time))
 
-    def _value(self, state: _State, time: int) -> float | None:
+    def _value(self, state: _Course, time: int) -> float | None:
         passed = 0 if state.last < 0 else time - state.last
         try:
-            value = state.behaviour.value(Moment(time, passed, state.before, state.worked_out, state.dice))
+            value = state.behaviour.value(BehaviourMoment(time, passed, state.before, state.worked_out, state.dice))
         except EVALUATION_ERRORS as error:
             self._cannot(state, error)
             return None
         return int(value) if isinstance(value, bool) else value
 
-    def _store(self, state: _State, time: int, value: float | None) -> None:
+    def _store(self, state: _Course, time: int, value: float | None) -> None:
         state.last = time
         if value is None:
             return
@@ -177,7 +177,7 @@ class Behaving:
         else:
             state.trouble = ""
 
-    def _cannot(self, state: _State, error: Exception) -> None:
+    def _cannot(self, state: _Course, error: Exception) -> None:
         text = f"the behaviour of {state.behaviour.place.address}: {error}"
         if text != state.trouble:
             state.trouble = text

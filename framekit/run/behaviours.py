@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple
 
 from framekit.definition.expression import Expression
-from framekit.definition.keys import IDENTIFIER, NUMBER, Form, KeyReading, key, mapping_schema, ref, words
+from framekit.definition.keys import IDENTIFIER, NUMBER, Form, KeyReading, key, kind_schema, ref, words
 from framekit.definition.model.services import UNIT_BITS
 from framekit.definition.nodes import Node
 from framekit.definition.problems import Position
@@ -30,7 +30,7 @@ TYPES = tuple(name for name in (*UNIT_BITS, *VIEWS) if name != "string")
 """What a place can hold that behaves."""
 
 
-class Moment(NamedTuple):
+class BehaviourMoment(NamedTuple):
     """When a value is worked out: `time` since the behaviour began, `passed` since it was worked out before (ns).
 
     `passed` is 0 the first time, then a multiple of `every`. `before`: the value that stands there. `worked_out`: what
@@ -134,7 +134,7 @@ class Behaviour(ABC):
     at: Position
 
     @abstractmethod
-    def value(self, now: Moment) -> float | None:
+    def value(self, now: BehaviourMoment) -> float | None:
         """The value then; None: what stands there stays. Raises EVALUATION_ERRORS."""
 
     @property
@@ -167,7 +167,27 @@ class Behaviour(ABC):
         yield from ()
 
 
-START = "What stands there at the start; default: what the memory holds."
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Starting(Behaviour):
+    """A behaviour that goes on from a start value."""
+
+    start: float | None = key(
+        "start", AMOUNT, "What stands there at the start; default: what the memory holds.", default=None
+    )
+
+    @property
+    def first(self) -> float | None:
+        return self.start
+
+    @property
+    def start_number(self) -> Iterator[tuple[str, float]]:
+        """The start value as one of the numbers that will stand there."""
+        if self.start is not None:
+            yield "start", self.start
+
+    @property
+    def numbers(self) -> Iterator[tuple[str, float]]:
+        return self.start_number
 
 
 # ---- the kinds ------------------------------------------------------------------------------------------------
@@ -180,7 +200,7 @@ class Hold(Behaviour):
     word: ClassVar[str] = "hold"
     hold: float = key("hold", AMOUNT, "A start value; what is written there stays.")
 
-    def value(self, now: Moment) -> float | None:
+    def value(self, now: BehaviourMoment) -> float | None:
         return None if now.passed else self.hold
 
     @property
@@ -206,7 +226,7 @@ class Ramp(Behaviour):
     then: str = key("then", _word("an end of a ramp", "again", "back", "stay"), "What comes then: again from the first "
         "value (the default), the way back, or the last value stays.", default="again")  # fmt: skip
 
-    def value(self, now: Moment) -> float | None:
+    def value(self, now: BehaviourMoment) -> float | None:
         first, last = self.ramp
         rounds, into = divmod(now.time, self.over)
         if rounds and self.then == "stay":
@@ -228,7 +248,7 @@ class Sine(Behaviour):
     sine: tuple[float, float] = key("sine", LIMITS, "The lowest and the highest value, LOW..HIGH.")
     period: int = key("period", PERIOD, "How long a swing takes.")
 
-    def value(self, now: Moment) -> float | None:
+    def value(self, now: BehaviourMoment) -> float | None:
         low, high = self.sine
         part = now.time % self.period / self.period
         return (low + high) / 2 + (high - low) / 2 * math.sin(2 * math.pi * part)
@@ -249,7 +269,7 @@ class Square(Behaviour):
         "pulse", PERIOD, "How long the second value stays; default: half of the time.", default=None
     )
 
-    def value(self, now: Moment) -> float | None:
+    def value(self, now: BehaviourMoment) -> float | None:
         pulse = self.period // 2 if self.pulse is None else self.pulse
         return self.square[now.time % self.period >= self.period - pulse]
 
@@ -263,29 +283,23 @@ class Square(Behaviour):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RandomWalk(Behaviour):
+class RandomWalk(Starting):
     """Goes up or down by chance, a step each time, and stays within its limits."""
 
     word: ClassVar[str] = "random walk"
     random_walk: tuple[float, float] = key("random walk", LIMITS, "Its limits, LOW..HIGH.")
     step: float = key("step", AMOUNT, "The largest step; default 1.", default=1)
-    start: float | None = key("start", AMOUNT, START, default=None)
     seed: int = key("seed", NUMBER, "The same seed gives the same walk; default 0.", default=0)
 
-    def value(self, now: Moment) -> float | None:
+    def value(self, now: BehaviourMoment) -> float | None:
         low, high = self.random_walk
         step = now.dice.uniform(-self.step, self.step) if now.passed else 0
         return min(max(now.before() + step, low), high)
 
     @property
-    def first(self) -> float | None:
-        return self.start
-
-    @property
     def numbers(self) -> Iterator[tuple[str, float]]:
         yield from (("random walk", one) for one in self.random_walk)
-        if self.start is not None:
-            yield "start", self.start
+        yield from self.start_number
 
     @property
     def goes_on(self) -> bool:
@@ -300,14 +314,14 @@ class RandomWalk(Behaviour):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Noise(Behaviour):
+class NoiseBetween(Behaviour):
     """Any value between two, each as likely as the others."""
 
     word: ClassVar[str] = "noise"
     noise: tuple[float, float] = key("noise", LIMITS, "The lowest and the highest value, LOW..HIGH.")
     seed: int = key("seed", NUMBER, "The same seed gives the same noise; default 0.", default=0)
 
-    def value(self, now: Moment) -> float | None:
+    def value(self, now: BehaviourMoment) -> float | None:
         return now.dice.uniform(*self.noise)
 
     @property
@@ -316,24 +330,14 @@ class Noise(Behaviour):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Counter(Behaviour):
+class Counter(Starting):
     """Adds something each time: it counts, and it integrates what an expression is."""
 
     word: ClassVar[str] = "counter"
     counter: Expression = key("counter", FORMULA, "What is added each time: a number, or an expression.")
-    start: float | None = key("start", AMOUNT, START, default=None)
 
-    def value(self, now: Moment) -> float | None:
+    def value(self, now: BehaviourMoment) -> float | None:
         return now.before() + now.worked_out() * (now.passed // self.every)
-
-    @property
-    def first(self) -> float | None:
-        return self.start
-
-    @property
-    def numbers(self) -> Iterator[tuple[str, float]]:
-        if self.start is not None:
-            yield "start", self.start
 
     @property
     def formula(self) -> Expression | None:
@@ -349,29 +353,19 @@ class Counter(Behaviour):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Follow(Behaviour):
+class Follow(Starting):
     """Is what an expression says, at once or slowly."""
 
     word: ClassVar[str] = "follow"
     follow: Expression = key("follow", FORMULA, "An expression over names of behaviours and addresses.")
     lag: int | None = key("lag", PERIOD, "It comes nearer slowly: 63 % of the way in this time.", default=None)
-    start: float | None = key("start", AMOUNT, START, default=None)
 
-    def value(self, now: Moment) -> float | None:
+    def value(self, now: BehaviourMoment) -> float | None:
         aim = now.worked_out()
         if self.lag is None:
             return aim
         before = now.before()
         return before + (aim - before) * -math.expm1(-now.passed / self.lag)
-
-    @property
-    def first(self) -> float | None:
-        return self.start
-
-    @property
-    def numbers(self) -> Iterator[tuple[str, float]]:
-        if self.start is not None:
-            yield "start", self.start
 
     @property
     def formula(self) -> Expression | None:
@@ -388,7 +382,7 @@ class Follow(Behaviour):
 
 BEHAVIOURS: dict[str, type[Behaviour]] = {}
 """The kinds of behaviours by the key that names them."""
-BEHAVIOURS.update((kind.word, kind) for kind in (Hold, Ramp, Sine, Square, RandomWalk, Noise, Counter, Follow))
+BEHAVIOURS.update((kind.word, kind) for kind in (Hold, Ramp, Sine, Square, RandomWalk, NoiseBetween, Counter, Follow))
 
 
 def add_behaviour(word: str, kind: type[Behaviour]) -> None:
@@ -402,5 +396,4 @@ def add_behaviour(word: str, kind: type[Behaviour]) -> None:
 
 def schema_of(kind: type[Behaviour]) -> dict[str, Any]:
     """The schema of a behaviour of this kind."""
-    about = (kind.__doc__ or "").strip().partition("\n")[0]
-    return mapping_schema(kind, f"{kind.word} behaviour", description=about)
+    return kind_schema(kind, f"{kind.word} behaviour")

@@ -93,7 +93,7 @@ class BehaveLoader:
         return True
 
     def check_start_values(self, node: YamlNode | None, found: Sequence[Behaviour]) -> None:
-        """Notes start values of the memory that nobody sees: all of their places behave from the start on."""
+        """Notes start values of the memory that are never seen: all of their places behave from the start on."""
         at_once = {id(one.place) for one in found if one.first is not None or not (one.after or one.goes_on)}
         for entry in self.reader.entries(node):
             try:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from framekit.definition.keys import Form, KeyReading, key, keys, ref, words
-from framekit.run.behaviours import BEHAVIOURS, Behaviour, Moment
+from framekit.run.behaviours import BEHAVIOURS, Behaviour, BehaviourMoment
 from framekit.runfile.fault_plans import leaves_folder
 from framekit.sinks.recorded import recorded
 
@@ -29,7 +29,7 @@ def _samples(reading: KeyReading) -> Samples:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Replay(Behaviour):
+class ReplayedValues(Behaviour):
     """Is what a point was, as a sink has kept it, in the same time."""
 
     word: ClassVar[str] = "replay"
@@ -45,7 +45,7 @@ class Replay(Behaviour):
         "What comes then: the last value stays (the default), or all again, one every after it.", default="stay",
     )  # fmt: skip
 
-    def value(self, now: Moment) -> float | None:
+    def value(self, now: BehaviourMoment) -> float | None:
         times, values = self.samples
         time = now.time % (times[-1] + self.every) if self.then == "again" else now.time
         return values[bisect_right(times, time) - 1]
@@ -56,4 +56,4 @@ class Replay(Behaviour):
         yield from (("replay", min(values)), ("replay", max(values)))
 
 
-BEHAVIOURS["replay"] = Replay
+BEHAVIOURS["replay"] = ReplayedValues

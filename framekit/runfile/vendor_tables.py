@@ -105,7 +105,7 @@ def read_vendor_table(path: Path, address: str = "{}", add: int = 0, order: str 
     return Imported(points, tuple(problems), unused)
 
 
-class Rows(Protocol):
+class TableRows(Protocol):
     """What `csv.reader` gives."""
 
     line_num: int
@@ -113,7 +113,7 @@ class Rows(Protocol):
     def __iter__(self) -> Iterator[list[str]]: ...
 
 
-def numbered_rows(rows: Rows) -> Iterator[tuple[int, list[str]]]:
+def numbered_rows(rows: TableRows) -> Iterator[tuple[int, list[str]]]:
     """The rows of a table, each with the number of its first line: a cell may hold several."""
     line = 1
     for row in rows:

@@ -23,7 +23,7 @@ from framekit.run.status import RunStatus, SinkStatus
 from framekit.service.points import PointService
 from framekit.service.waiting import AT_ONCE, Waiting
 from framekit.sinks import Sink, SinkKind
-from framekit.sinks.base import RefusedError, Sampled, fits
+from framekit.sinks.base import NeverTakenError, Sampled, fits
 from framekit.sinks.store import NetworkSink, Store
 from framekit.transport.clock import AsyncioClock, Clock, Handle
 
@@ -235,7 +235,7 @@ class SinkFeeder:
                 if not isinstance(taken, int) or not 1 <= taken <= len(samples):
                     raise ValueError(f"write took {taken!r} of {len(samples)} samples")
                 self._waiting.done(start, taken)
-            except RefusedError as error:
+            except NeverTakenError as error:
                 self._refuse(start, str(error))
                 continue
             except Exception as error:  # a sink may raise anything; lines go on

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 from typing import Protocol as Interface
 
-from framekit.definition.keys import Form, key, mapping_schema, ref
+from framekit.definition.keys import Form, key, kind_schema, ref
 from framekit.definition.problems import Position
 from framekit.definition.schema import add_kind_of
 from framekit.run.model import Point
@@ -97,7 +97,7 @@ def fits(pattern: str, name: str) -> bool:
     return fnmatchcase(name, as_glob(pattern))
 
 
-class RefusedError(ValueError):
+class NeverTakenError(ValueError):
     """The first of the samples will never be taken; the text says why. It is dropped, and counted."""
 
 
@@ -138,7 +138,7 @@ class Sink(ABC):
     def write(self, samples: Sequence[Sampled]) -> int:
         """Takes samples, oldest first; how many: the others come again. When it raises, it has taken none.
 
-        Raises RefusedError for a sample that will never be taken, so that those behind it come through.
+        Raises NeverTakenError for a sample that will never be taken, so that those behind it come through.
         """
 
     @abstractmethod
@@ -187,5 +187,4 @@ def add_sink(word: str, kind: type[SinkKind]) -> None:
 
 def schema_of(kind: type[SinkKind]) -> dict[str, Any]:
     """The schema of a sink of this kind."""
-    about = (kind.__doc__ or "").strip().partition("\n")[0]
-    return mapping_schema(kind, f"{kind.word} sink", description=about)
+    return kind_schema(kind, f"{kind.word} sink")

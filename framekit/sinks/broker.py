@@ -93,8 +93,8 @@ class BrokerSink(NetworkSink):
         "certificates (PEM) to check it against.", default=None,
     )  # fmt: skip
     client: str = key(
-        "client", TEXT, "The name of the client at the broker, which nobody else may have; default: one made of the "
-        "names of the run, the machine and the store.", default="",
+        "client", TEXT, "The name of the client at the broker, which no other client may have; default: one made of "
+        "the names of the run, the machine and the store.", default="",
     )  # fmt: skip
 
     @property
@@ -125,13 +125,13 @@ class Message(NamedTuple):
 
 
 class Command(NamedTuple):
-    """What somebody else has published now; what the broker had kept is none."""
+    """What another client has published now; what the broker had kept is none."""
 
     topic: str
     payload: bytes
 
 
-class Connection:
+class BrokerConnection:
     """One connection, from `open` to `close`. `lost` and `heard` are called in a thread of its own."""
 
     def __init__(self, kind: BrokerSink, lost: Callable[[str], None], heard: Callable[[Command], None]) -> None:

@@ -16,7 +16,7 @@ from framekit.definition.keys import TEXT, Form, KeyReading, key, ref
 from framekit.definition.tree import Node
 from framekit.run.model import Point
 from framekit.run.points import PointValue
-from framekit.sinks.base import Host, RefusedError, Sampled, Sink
+from framekit.sinks.base import Host, NeverTakenError, Sampled, Sink
 from framekit.sinks.secrets import SECRET, Secret
 from framekit.sinks.store import NetworkSink
 
@@ -32,7 +32,7 @@ REFUSED = (400, 413, 422)
 _WHOLE = range(-(1 << 63), 1 << 63)
 
 
-class Server(NamedTuple):
+class ServerAddress(NamedTuple):
     """Where a server is; `path`: what stands before its own paths."""
 
     is_encrypted: bool
@@ -46,7 +46,7 @@ class Server(NamedTuple):
         return f"http{'s' if self.is_encrypted else ''}://{host}{port}{self.path}"
 
 
-def read_server(reading: KeyReading, node: Node) -> Server:
+def read_server(reading: KeyReading, node: Node) -> ServerAddress:
     """`http://HOST:PORT` or `https://…`. Raises Broken."""
     text = reading.reader.text(node).strip()
     try:
@@ -58,7 +58,7 @@ def read_server(reading: KeyReading, node: Node) -> Server:
         raise reading.reader.broken(node.at, "a password does not stand in a run file", "use user: and password:")
     if found.scheme not in ("http", "https") or not found.hostname or found.query or found.fragment:
         raise reading.reader.broken(node.at, f"'{text}' is no address of a server", "write it like http://HOST:8086")
-    return Server(found.scheme == "https", found.hostname, port, found.path.rstrip("/"))
+    return ServerAddress(found.scheme == "https", found.hostname, port, found.path.rstrip("/"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,7 +66,7 @@ class Influx(NetworkSink):
     """InfluxDB, or what takes its line protocol: `bucket` for version 2 and later, `database` for version 1."""
 
     word: ClassVar[str] = "influx"
-    influx: Server = key("influx", Form(ref("text"), read_server), "The server: http://HOST:8086, or https.")
+    influx: ServerAddress = key("influx", Form(ref("text"), read_server), "The server: http://HOST:8086, or https.")
     bucket: str = key("bucket", TEXT, "Where values go (version 2 and later).", default="")
     org: str = key("org", TEXT, "The organization of the bucket.", default="")
     token: Secret | None = key(
@@ -132,7 +132,7 @@ class InfluxSink(Sink):
             self._most = min(MOST_LINES, 2 * self._most)
             return count
         if status in REFUSED and count == 1:
-            raise RefusedError(f"{status} {answer}")
+            raise NeverTakenError(f"{status} {answer}")
         if status in REFUSED:  # one of them is wrong, or all are too many: fewer at once find it
             self._most = max(1, len(lines) // 2)
             return self.write(samples[: max(1, count // 2)])

@@ -22,9 +22,9 @@ from framekit.sinks.base import Host, Sampled, Sink, as_record, fits, good_value
 from framekit.sinks.broker import (
     LARGEST_COMMAND,
     PLACE,
+    BrokerConnection,
     BrokerSink,
     Command,
-    Connection,
     Message,
     Place,
     lost_of,
@@ -135,7 +135,7 @@ class MqttSink(Sink):
         self._run = ""
         self._points: Mapping[str, Point] = {}
         self._commands: Mapping[str, str] = {}
-        self._connection: Connection | None = None
+        self._connection: BrokerConnection | None = None
 
     def meet(self, host: Host) -> None:
         self._host, self._run = host, host.run
@@ -157,7 +157,7 @@ class MqttSink(Sink):
         self._points = {point.name: point for point in points}
         writable = [point.name for point in points if point.is_writable] if self.kind.commands else []
         self._commands = {f"{self.topic(name)}/set": name for name in writable}
-        self._connection = connection = Connection(self.kind, lost_of(self._host), self._heard)
+        self._connection = connection = BrokerConnection(self.kind, lost_of(self._host), self._heard)
         connection.open(self._run, self._status("offline"))
         connection.subscribe(list(self._commands))
         first = [self._status("online")]
@@ -194,7 +194,7 @@ class MqttSink(Sink):
     # ---- writing back -------------------------------------------------------------------------------------
 
     def _heard(self, command: Command) -> None:
-        """Somebody wants a point written; the answer goes to the topic with /answer behind it."""
+        """A client wants a point written; the answer goes to the topic with /answer behind it."""
         name, connection, host = self._commands.get(command.topic), self._connection, self._host
         if name is None or connection is None or host is None:
             return

@@ -87,8 +87,11 @@ class ParquetSink(LinesFile):
         """Makes the Parquet file of the rows; they go when it is whole."""
         target = name_with(self.finished, stamp)
         half = target.with_name(f"{target.name}.half")
-        write_parquet(self.path, half)
-        half.rename(target)
+        try:
+            write_parquet(self.path, half)
+            half.rename(target)
+        finally:
+            half.unlink(missing_ok=True)
         self.path.unlink()
         keep_newest(self.finished, self._most)
 

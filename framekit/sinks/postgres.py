@@ -16,7 +16,7 @@ from framekit.definition.keys import TEXT, Form, KeyReading, key, ref
 from framekit.definition.tree import Node
 from framekit.run.model import Point
 from framekit.run.points import PointValue
-from framekit.sinks.base import Host, RefusedError, Sampled, Sink, not_installed
+from framekit.sinks.base import Host, NeverTakenError, Sampled, Sink, not_installed
 from framekit.sinks.secrets import SECRET, Secret
 from framekit.sinks.store import NetworkSink
 
@@ -158,7 +158,7 @@ class PostgresSink(Sink):
         except (psycopg.DataError, psycopg.IntegrityError) as error:
             if count > 1:  # one of them is wrong: fewer at once find it
                 return self.write(samples[: count // 2])
-            raise RefusedError(str(error).partition("\n")[0]) from None
+            raise NeverTakenError(str(error).partition("\n")[0]) from None
         return count
 
     def row(self, time: int, one: PointValue) -> tuple[Any, ...]:

@@ -18,7 +18,7 @@ from framekit.definition.tree import Node
 from framekit.run.model import Point
 from framekit.run.points import PointValue
 from framekit.sinks.base import Host, Sampled, Sink, good_value, not_installed
-from framekit.sinks.broker import PLACE, BrokerSink, Command, Connection, Message, Place, lost_of
+from framekit.sinks.broker import PLACE, BrokerConnection, BrokerSink, Command, Message, Place, lost_of
 from framekit.sinks.sparkplug_messages import (
     BAD,
     BOOLEAN,
@@ -85,7 +85,7 @@ class SparkplugSink(Sink):
         self._host: Host | None = None
         self._points: Mapping[str, Point] = {}
         self._aliases: Mapping[str, int] = {}
-        self._connection: Connection | None = None
+        self._connection: BrokerConnection | None = None
         self._lock = threading.Lock()
         self._seq = 0
         self._births = time.time_ns() // 1_000_000_000 % 256
@@ -107,13 +107,13 @@ class SparkplugSink(Sink):
         self._points = {point.name: point for point in points}
         self._aliases = {name: number for number, name in enumerate(self._points, 1)}
         self._births = (self._births + 1) % 256
-        self._connection = connection = Connection(self.kind, lost_of(self._host), self._heard)
+        self._connection = connection = BrokerConnection(self.kind, lost_of(self._host), self._heard)
         connection.open("" if self._host is None else self._host.run, self._death())
         connection.subscribe([self._topic("NCMD")])
         self._bear(connection)
         connection.answered(self._topic("NCMD"))
 
-    def _bear(self, connection: Connection) -> None:
+    def _bear(self, connection: BrokerConnection) -> None:
         """Tells all metrics, with their names, types and values as they are now."""
         born = time.time_ns()
         values = () if self._host is None else self._host.values()

@@ -118,7 +118,7 @@ def _set_value(metric: Any, value: int | float | bool | str | None) -> None:
             metric.string_value = value
 
 
-class Asked(NamedTuple):
+class CommandMetric(NamedTuple):
     """A metric of a command: by name or alias."""
 
     name: str
@@ -126,7 +126,7 @@ class Asked(NamedTuple):
     value: int | float | bool | str | None
 
 
-def decoded(data: bytes) -> Iterator[Asked]:
+def decoded(data: bytes) -> Iterator[CommandMetric]:
     """The metrics of a command. Raises ValueError for what is no payload."""
     from google.protobuf.message import DecodeError
 
@@ -142,4 +142,4 @@ def decoded(data: bytes) -> Iterator[Asked]:
             value &= (1 << bits) - 1 if bits else -1
             if bits and value >> (bits - 1):
                 value -= 1 << bits
-        yield Asked(metric.name, metric.alias if metric.HasField("alias") else None, value)
+        yield CommandMetric(metric.name, metric.alias if metric.HasField("alias") else None, value)

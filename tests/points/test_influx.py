@@ -19,7 +19,7 @@ from framekit.definition.problems import NOWHERE, DefinitionError
 from framekit.run.points import PointValue
 from framekit.service.sinks import SinkFeeder
 from framekit.sinks.base import Sampled
-from framekit.sinks.influx import Influx, InfluxSink, Server
+from framekit.sinks.influx import Influx, InfluxSink, ServerAddress
 from framekit.sinks.secrets import Secret
 
 _LINE = re.compile(
@@ -80,7 +80,9 @@ def database() -> Iterator[Database]:
 
 
 def sink(port: int, **more: Any) -> Influx:
-    return Influx(influx=Server(False, "127.0.0.1", port, ""), database="plant", measurement="m", at=NOWHERE, **more)
+    return Influx(
+        influx=ServerAddress(False, "127.0.0.1", port, ""), database="plant", measurement="m", at=NOWHERE, **more
+    )
 
 
 def test_a_run_writes_lines(tmp_path: Path) -> None:
