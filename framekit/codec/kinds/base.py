@@ -29,6 +29,14 @@ class SegmentKind(Generic[S]):
     """One kind. The writers of generated functions ask it for what they write of such a segment."""
 
     model: type[S]
+    may_be_absent = False
+    """Whether a builder of several frames puts its bytes together at once even if it stands under a condition."""
+
+    def is_plain(self, segment: S) -> bool:
+        """Whether one function can read or build it with the frame around its own: it holds no frame and no list of
+        records.
+        """
+        return self.may_be_absent
 
     def describe(self, segment: S) -> str:
         """A segment in words, for docstrings; empty if there is nothing to say."""

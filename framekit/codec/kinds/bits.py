@@ -20,6 +20,7 @@ from framekit.definition.model.segments import (
 
 class BitsKind(TypedKind[Bits]):
     model = Bits
+    may_be_absent = True
 
     def slot(self, r: BufferReader, item: Item, segment: Bits, size: int) -> Slot:
         code, order = forms.struct_code(segment.type) or ("", "")

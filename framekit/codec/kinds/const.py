@@ -19,6 +19,7 @@ from framekit.definition.model.segments import (
 
 class ConstKind(SegmentKind[Const]):
     model = Const
+    may_be_absent = True
 
     def struct_order(self, segment: Const) -> str | None:
         return ""
@@ -36,6 +37,7 @@ class ConstKind(SegmentKind[Const]):
 
 class SkipKind(SegmentKind[Skip]):
     model = Skip
+    may_be_absent = True
 
     def struct_order(self, segment: Skip) -> str | None:
         return ""

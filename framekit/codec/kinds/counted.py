@@ -62,6 +62,7 @@ class CountedKind(TypedValueKind[C]):
 
 class LengthKind(CountedKind[Length]):
     model = Length
+    may_be_absent = True
 
     def compare(self, r: BufferReader, item: Item, segment: Length) -> None:
         """A length whose segments are not sized by it is compared with the room they take."""
@@ -125,6 +126,7 @@ def _room_of(d: DiagnosisWriter, length: Length) -> str | None:
 
 class CountKind(CountedKind[Count]):
     model = Count
+    may_be_absent = True
 
     def compare(self, r: BufferReader, item: Item, segment: Count) -> None:
         """A count that does not say itself how often something is repeated is compared with the list."""

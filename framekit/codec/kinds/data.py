@@ -20,6 +20,7 @@ from framekit.definition.model.segments import (
 
 class DataKind(SegmentKind[Data]):
     model = Data
+    may_be_absent = True
 
     def struct_order(self, segment: Data) -> str | None:
         return "" if isinstance(segment.size, int) else None

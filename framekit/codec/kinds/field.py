@@ -20,6 +20,10 @@ from framekit.definition.model.segments import Field, FieldType, Long
 
 class FieldKind(TypedValueKind[Field]):
     model = Field
+    may_be_absent = True
+
+    def is_plain(self, segment: Field) -> bool:
+        return segment.long is None
 
     def struct_order(self, segment: Field) -> str | None:
         return super().struct_order(segment) if segment.long is None else None

@@ -41,6 +41,10 @@ from framekit.definition.model.segments import (
 
 class RepeatKind(SegmentKind[Repeat]):
     model = Repeat
+    may_be_absent = True
+
+    def is_plain(self, segment: Repeat) -> bool:
+        return isinstance(segment.of, FieldType)
 
     def read(self, r: BufferReader, item: Item, segment: Repeat, after: tuple[Item, ...]) -> None:
         if isinstance(segment.of, FieldType):
@@ -619,6 +623,9 @@ def _item_text(scope: Scope, found: str = "") -> str:
 
 class RecordKind(SegmentKind[Record]):
     model = Record
+
+    def is_plain(self, segment: Record) -> bool:
+        return True
 
     def tasks(self, w: EncodeWriter, segment: Record, scope: Scope, given: Given) -> list[Task]:
         name, outer = segment.name, w.outer_names(segment)

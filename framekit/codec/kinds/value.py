@@ -20,6 +20,9 @@ from framekit.definition.model.segments import (
 class ValueKind(SegmentKind[Value]):
     model = Value
 
+    def is_plain(self, segment: Value) -> bool:
+        return True
+
     def read(self, r: BufferReader, item: Item, segment: Value, after: tuple[Item, ...]) -> None:
         r.when_known(segment.read, item.scope, lambda: _work_out(r, item, segment))
 
@@ -76,6 +79,7 @@ def _work_out(r: BufferReader, item: Item, value: Value) -> None:
 
 class RequireKind(SegmentKind[Require]):
     model = Require
+    may_be_absent = True
 
     def read(self, r: BufferReader, item: Item, segment: Require, after: tuple[Item, ...]) -> None:
         def refuse() -> None:

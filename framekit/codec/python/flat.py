@@ -19,7 +19,7 @@ from framekit.codec.python.expressions import ExpressionWriter, Scope, default_t
 from framekit.codec.python.facts import is_fixed, names_read
 from framekit.codec.python.fused import counting, is_plain, names_of, renamed
 from framekit.codec.python.module import Module
-from framekit.codec.python.registry import summary, write_docstring
+from framekit.codec.python.registry import kind_of, summary, write_docstring
 from framekit.codec.python.source import Code, Source, identifier, literal, quoted
 from framekit.definition.expression import BIT_OR, Binary, Bytes, Expression, Name, Node, Number, Text, names_in
 from framekit.definition.model.frames import Frame, StaticSizes, certain, everything, flat, without_when
@@ -27,8 +27,6 @@ from framekit.definition.model.segments import (
     Bits,
     BitsPart,
     Check,
-    Const,
-    Count,
     Data,
     Field,
     FieldType,
@@ -37,9 +35,7 @@ from framekit.definition.model.segments import (
     Length,
     Nested,
     Repeat,
-    Require,
     Segment,
-    Skip,
     Value,
     lack_default,
 )
@@ -151,10 +147,7 @@ def _is_simple(segment: Segment) -> bool:
 
 def _as_if_there(segments: tuple[Segment, ...]) -> tuple[Segment, ...]:
     """The segments without the conditions under which single values are there."""
-    return tuple(without_when(one) if isinstance(one, _MAY_BE_ABSENT) else one for one in segments)
-
-
-_MAY_BE_ABSENT = (Bits, Const, Count, Data, Field, Length, Repeat, Require, Skip)
+    return tuple(without_when(one) if kind_of(one).may_be_absent else one for one in segments)
 
 
 _MOST_PACKS = 256

@@ -15,33 +15,22 @@ from framekit.codec.python.facts import Target, named, names_read
 from framekit.codec.python.function import Fields, Function
 from framekit.codec.python.module import Module
 from framekit.codec.python.reader import BufferReader, Item, limit
+from framekit.codec.python.registry import kind_of
 from framekit.codec.python.source import Source
 from framekit.definition.expression import BIT_OR, Expression
 from framekit.definition.model.frames import Frame, StaticSizes, everything
 from framekit.definition.model.segments import (
-    Bits,
     Check,
-    Const,
-    Count,
-    Data,
-    Field,
-    FieldType,
     Inner,
     Length,
-    Record,
-    Repeat,
-    Require,
     Segment,
     Sizes,
-    Skip,
-    Value,
 )
 
 MOST_PAIRS = 40
 """A frame is fused with so many others at most: each pair is a function more, of ten lines or so."""
 MOST_SEGMENTS = 24
 """Frames with more segments than these have so much to do that a call more or less is no matter."""
-_PLAIN = (Bits, Const, Count, Data, Field, Length, Record, Repeat, Require, Skip, Value)
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,11 +125,7 @@ def renamed(segment: Segment) -> Segment:
 def is_plain(segments: Iterable[Segment]) -> bool:
     every = tuple(everything(segments))
     return len(every) <= MOST_SEGMENTS and all(
-        isinstance(segment, _PLAIN)
-        and segment.when is None
-        and not (isinstance(segment, Field) and segment.long is not None)
-        and not (isinstance(segment, Repeat) and not isinstance(segment.of, FieldType))
-        for segment in every
+        segment.when is None and kind_of(segment).is_plain(segment) for segment in every
     )
 
 
