@@ -7,7 +7,6 @@ segments write their own values and bytes.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -20,6 +19,7 @@ from framekit.codec.python.facts import ending_constants, follows_its_length, le
 from framekit.codec.python.forms import code_bytes, needs
 from framekit.codec.python.function import FunctionWriter, covers_later, on_the_wire
 from framekit.codec.python.module import Module
+from framekit.codec.python.packing import PackArgument, PackPlan, is_literal, sum_of
 from framekit.codec.python.reader import not_possible
 from framekit.codec.python.registry import kind_of, struct_order, summary, write_docstring
 from framekit.codec.python.source import Code, Source, bytes_literal, literal, quoted, text_source
@@ -102,20 +102,7 @@ class Given:
         return f"{self.value(name)} if {quoted(name)} in {self.text} else {otherwise}"
 
 
-_DIGITS = re.compile(r'b"(%0\d+[Xx])" % (\w+|\([^()]*\))')
-_MOST_PLUSES = 4
-"""More pieces than so many are joined."""
 Number = Field | Length | Count | Bits
-
-
-@dataclass(slots=True)
-class PackArgument:
-    """One argument of a struct: code, byte order, text; `digits`: the numbers whose hex digits it is."""
-
-    code: str
-    order: str
-    text: str
-    digits: tuple[FieldType, ...] = ()
 
 
 class _Ended(NamedTuple):
@@ -640,35 +627,19 @@ class EncodeWriter(FunctionWriter):
         segment, scope = placed[0]
         if len(placed) == 1 and (struct_order(without_when(segment)) is None):
             return self._ended(segment, self.single(segment, scope))
-        arguments: list[PackArgument] = []
         last, numbers = placed[-1], self.numbers_of(placed[-1][0])
+        plan = PackPlan(self.module, self.title)
         for one, inside in placed if numbers is None else placed[:-1]:
             size = self.static.present(one).fixed or 0
-            self._append(arguments, kind_of(one).argument(self, one, inside, size))
-        arguments = [self._with_digits(argument) for argument in arguments]
+            plan.add(kind_of(one).argument(self, one, inside, size))
         if numbers is None:
-            text = self._packed(arguments)
-        else:
-            text = self._packed_with_list(arguments, numbers, last[1].entries[last[0].name or ""].text)
+            text = plan.text()
+        else:  # one struct for both
+            (code, order), local = numbers, last[1].entries[last[0].name or ""].text
+            before, texts = plan.finished()
+            packs = self.packs(local, before, code, plan.order or order)
+            text = f"{packs}[{self.count_of(local)}]({', '.join([*texts, f'*{local}'])})"
         return self.if_present(segment, scope, text, 'b""')
-
-    def _append(self, arguments: list[PackArgument], new: PackArgument) -> None:
-        """Adds an argument; zeros, literals and hex digits are put together with those before."""
-        last = arguments[-1] if arguments else None
-        if last is not None and last.digits and new.digits:
-            orders = {type_.order for type_ in (*last.digits, *new.digits) if type_.fixed_size != 2}
-            if len(orders) <= 1 and last.digits[0].upper == new.digits[0].upper:
-                last.text, last.digits = f"{last.text}, {new.text}", (*last.digits, *new.digits)
-                return
-        if last is not None and last.code.endswith("s") and new.code.endswith("s"):
-            both = merged([last.text, new.text])
-            if len(both) == 1 and both[0].startswith('b"'):
-                last.code, last.text = f"{int(last.code[:-1]) + int(new.code[:-1])}s", both[0]
-                return
-        if last is not None and last.code.endswith("x") and new.code.endswith("x"):
-            last.code = f"{int(last.code[:-1] or 1) + int(new.code[:-1] or 1)}x"
-            return
-        arguments.append(new)
 
     def number_argument(self, segment: Number, scope: Scope, size: int) -> PackArgument:
         """A number of fixed size, in a run."""
@@ -679,45 +650,6 @@ class EncodeWriter(FunctionWriter):
         if code.endswith("s"):
             return PackArgument(code, "", forms.build(self.module, segment.type, wire, str(size)))
         return PackArgument(code, order, wire)
-
-    def _with_digits(self, argument: PackArgument) -> PackArgument:
-        """Hex digits of one number are formatted, those of several packed and converted at once."""
-        types = argument.digits
-        if not types:
-            return argument
-        size = sum(type_.fixed_size or 0 for type_ in types)
-        if len(types) == 1:
-            if types[0].order == "little" and size > 2:
-                text = forms.build(self.module, types[0], argument.text, str(size))
-            else:
-                form = f"%0{size}{'X' if types[0].upper else 'x'}"
-                text = f"{bytes_literal(form.encode())} % {_operand(argument.text)}"
-            return PackArgument(f"{size}s", "", text)
-        self.module.imports.add("from binascii import hexlify")
-        codes = "".join(forms.INT_CODES[(type_.fixed_size or 2) // 2] for type_ in types)
-        order = next(("<" if type_.order == "little" else ">" for type_ in types if type_.fixed_size != 2), "")
-        constant = self.module.struct(codes, order, self.title, "digits")
-        upper = ".upper()" if types[0].upper else ""
-        return PackArgument(f"{size}s", "", f"hexlify({constant}.pack({argument.text})){upper}")
-
-    def _packed(self, arguments: list[PackArgument]) -> str:
-        """Text of the bytes of the arguments of one struct."""
-        if all(argument.code[-1] in "sx" for argument in arguments):
-            texts = [argument.text or bytes_literal(bytes(int(argument.code[:-1] or 1))) for argument in arguments]
-            return _formatted(merged(texts)) or 'b""'
-        if len(arguments) == 1 and arguments[0].code == "B":
-            return f"{self.module.struct('B', '')}.pack({arguments[0].text})"  # half the time of bytes((…,))
-        order = next((argument.order for argument in arguments if argument.order), "")
-        constant = self.module.struct("".join(argument.code for argument in arguments), order, self.title)
-        return f"{constant}.pack({', '.join(argument.text for argument in arguments if argument.text)})"
-
-    def _packed_with_list(self, arguments: list[PackArgument], numbers: tuple[str, str], local: str) -> str:
-        """Text of the bytes of the arguments with a list of numbers behind them: one struct for both."""
-        order = next((argument.order for argument in arguments if argument.order), numbers[1])
-        before = "".join(argument.code for argument in arguments)
-        packs = self.packs(local, before, numbers[0], order)
-        texts = [argument.text for argument in arguments if argument.text]
-        return f"{packs}[{self.count_of(local)}]({', '.join([*texts, f'*{local}'])})"
 
     def packs(self, local: str, before: str, code: str, order: str) -> str:
         """The module constant with what packs a list behind what is `before` it, by the number of its values."""
@@ -941,7 +873,7 @@ class EncodeWriter(FunctionWriter):
         """The text of a run; in a local, if a check asks for these bytes."""
         segments = tuple(segment for segment, _ in placed)
         names = tuple(one.name or "" for one in on_the_wire(segments))
-        if self.coverage.of(names) and not text.isidentifier() and not _is_literal(text):
+        if self.coverage.of(names) and not text.isidentifier() and not is_literal(text):
             named = [name for name in names if not name.startswith("_")]
             local = self.names.fresh(f"{named[0]}_bytes" if len(named) == 1 else "covered")
             self.add(f"{local} = {text}")
@@ -1155,51 +1087,3 @@ class EncodeWriter(FunctionWriter):
             return entry.text
         known = {name: one for name, one in entry.inside.entries.items() if name in self.fields_read}
         return "{" + ", ".join(f"{quoted(name)}: {self._record_text(one)}" for name, one in known.items()) + "}"
-
-
-def _operand(text: str) -> str:
-    return text if text.isidentifier() or text.isdigit() else f"({text})"
-
-
-def sum_of(texts: list[str]) -> str:
-    """Text of all these bytes one behind the other."""
-    parts = merged([text for text in texts if text])
-    if len(parts) > _MOST_PLUSES:
-        return f'b"".join(({", ".join(parts)}))'
-    return " + ".join(parts) or 'b""'
-
-
-def _formatted(parts: list[str]) -> str:
-    """Text of all these bytes; where several are numbers in digits, formatted at once in half the time of a sum."""
-    numbers = [_DIGITS.fullmatch(part) for part in parts]
-    if sum(number is not None for number in numbers) < 2:
-        return " + ".join(parts)
-    form, operands = "", []
-    for part, number in zip(parts, numbers, strict=True):
-        if number is not None:
-            form += number[1]
-            operands.append(number[2].removeprefix("(").removesuffix(")") if number[2][0] == "(" else number[2])
-        elif _is_literal(part):
-            form += part[2:-1].replace("%", "%%")
-        else:
-            form += "%b"
-            operands.append(part)
-    return 'b"' + form + '" % (' + ", ".join(operands) + ")"
-
-
-def merged(texts: list[str]) -> list[str]:
-    """Neighbouring literals put together, empty ones left out."""
-    found: list[str] = []
-    for text in texts:
-        if text == 'b""':
-            continue
-        if _is_literal(text) and found and _is_literal(found[-1]):
-            found[-1] = found[-1][:-1] + text[2:]
-        else:
-            found.append(text)
-    return found
-
-
-def _is_literal(text: str) -> bool:
-    """Whether a text is a literal of bytes and nothing else, not one that goes on with `%`."""
-    return text.startswith('b"') and text.endswith('"') and text.count('"') == 2
