@@ -8,7 +8,7 @@ one. What it said is remembered, so that it is measured again only when the byte
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -16,9 +16,10 @@ from framekit.codec.errors import FrameError
 from framekit.definition.model.segments import Const
 from framekit.link.arrivals import BadFrame, EitherBad, Fault
 from framekit.link.events import LineFault
-from framekit.link.frame_table import NO_SIZES, NOT_QUICK, Ends, FrameInfo, FrameTable, function_does
+from framekit.link.frame_table import FrameInfo, FrameTable
 from framekit.link.inside import InsideFinder, rules_and_marks
 from framekit.link.marks import Marks, marked_in
+from framekit.link.quick_look import NO_SIZES, NOT_QUICK, Intact, SizesByByte, any_of
 from framekit.link.stream import Stream
 from framekit.link.values import CODEC_ERRORS, Names
 
@@ -630,3 +631,107 @@ def _sure(every: Level, left: Level, place: int, values: set[int], none_of_them:
 
 def _beginning(infos: Level, byte: int) -> Level:
     return tuple(info for info in infos if info.first is None or info.first == byte)
+
+
+Group = tuple[SizesByByte, Callable[..., int], Callable[..., int], Intact, Sequence[FrameInfo]]
+"""Candidates that are measured alike: their `sizes`, `extent` and `measure`, a quick look whether one may be good, and
+they."""
+
+
+class Ends:
+    """What finds the ends of candidates: together where the functions that do it do the very same.
+
+    By the byte at `at`, `silent` is 0 where no frame begins, minus the most where nothing does but frames that silence
+    ends; None where more has to be looked at. `look`: a quick look whether one of those that silence ends may be good.
+    """
+
+    __slots__ = ("at", "groups", "look", "silent")
+
+    def __init__(self, infos: Sequence[FrameInfo]) -> None:
+        alike: dict[Any, list[FrameInfo]] = {}
+        for info in infos:
+            alike.setdefault(function_does(info.extent), []).append(info)
+        groups = alike.values()
+        self.groups: tuple[Group, ...] = tuple(
+            (group[0].sizes, group[0].extent, group[0].measure, any_intact(group), group) for group in groups
+        )
+        tables = [group[0].sizes for group in groups]
+        self.at = tables[0].at if tables else 0
+        self.silent: Sequence[int | None] = NO_SIZES.sizes
+        if all(table.at == self.at for table in tables):
+            self.silent = [_silent_of([table.sizes[byte] for table in tables]) for byte in range(256)]
+        self.look = any_of(
+            [look for table, _, _, look, _ in self.groups if any(size is not None and size < 0 for size in table.sizes)]
+        )
+
+
+def _silent_of(sizes: Iterable[int | None]) -> int | None:
+    """Of candidates: 0 if none begins, minus the most if only silence ends those that do; None if that differs."""
+    found = set(sizes) - {0}
+    most = next(iter(found), 0)
+    return most if len(found) <= 1 and most is not None and most <= 0 else None
+
+
+def function_does(function: Callable[..., int]) -> Any:
+    """The same for generated functions that do the very same."""
+    code = getattr(function, "__code__", None)
+    if code is None:
+        return id(function)
+    constants = tuple((type(one), one) for one in code.co_consts if one != function.__doc__)
+    return code.co_code, constants, code.co_names
+
+
+def are_bad(infos: Sequence[FrameInfo], raw: bytes | bytearray, names: Names) -> bool:
+    """Whether these bytes are surely none of several frames, neither good nor to be refused."""
+    for info in infos:
+        if info.intact is not None and not info.intact(raw):
+            continue
+        try:
+            info.decode(bytes(raw), names)
+        except FrameError as error:
+            if error.refuse is None:
+                continue
+        except CODEC_ERRORS:
+            pass
+        return False
+    return True
+
+
+def any_intact(infos: Sequence[FrameInfo]) -> Intact:
+    """Whether bytes may be a good one of several frames, told apart by one byte first; always where nothing tells."""
+    looks: dict[Intact | None, dict[int, frozenset[int]]] = {}
+    for info in infos:
+        bytes_at = dict(info.restricted)
+        before = looks.get(info.intact, bytes_at)
+        looks[info.intact] = {place: before[place] | allowed for place, allowed in bytes_at.items() if place in before}
+    if None in looks:
+        return _always
+    places = sorted({place for allowed in looks.values() for place in allowed})
+    if len(looks) == 1 or not places:
+        return any_of([look for look in looks if look is not None])
+
+    def left_at(place: int) -> list[tuple[Intact, ...]]:
+        return [
+            tuple(look for look, allowed in looks.items() if look and (place not in allowed or byte in allowed[place]))
+            for byte in range(256)
+        ]
+
+    left_by = {place: left_at(place) for place in places}
+    place = min(places, key=lambda place: max(len(looks) for looks in left_by[place]))
+    left = left_by[place]
+
+    def intact(raw: bytes | bytearray) -> bool:
+        try:
+            looks = left[raw[place]]
+        except IndexError:
+            return True
+        for look in looks:  # noqa: SIM110 - called for noise: a generator costs as much as a look
+            if look(raw):
+                return True
+        return False
+
+    return intact
+
+
+def _always(raw: bytes | bytearray) -> bool:
+    return True

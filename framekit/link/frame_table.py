@@ -1,30 +1,25 @@
 """What the link knows of every frame before any byte comes: codec, beginning, inner frames, echo, announcements.
 
-Made once for a codec, which is known only by the contract below. A quick look at the check code at a frame's end and
-at bytes at fixed places passes over candidates that cannot be good; what it cannot look at, it leaves to the codec.
+Made once for a codec, which is known only by the contract below.
 """
 
 from __future__ import annotations
 
-import re
-from binascii import unhexlify
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from functools import cache, partial
-from typing import Any, Literal, NamedTuple, Protocol, TypeVar, TypeVarTuple, Unpack
+from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import partial
+from typing import Any, Protocol, TypeVar, TypeVarTuple, Unpack
 
-from framekit.codec.checks import function_of, residue_of
 from framekit.codec.errors import FrameError, Misread
-from framekit.codec.python.choices import Leaf, Switch, fixed_bytes, in_order, tree_of
-from framekit.definition.codings import Hex
-from framekit.definition.expression import Expression, Name, names_in, ordered_by_need
+from framekit.codec.python.choices import fixed_bytes
+from framekit.definition.expression import Name, names_in, ordered_by_need
 from framekit.definition.kinds.base import all_fixed
 from framekit.definition.model import procedure
 from framekit.definition.model import protocol as model
 from framekit.definition.model.frames import WIRE, Frame, StaticSizes, by_value_name, certain, everything, parts_of
-from framekit.definition.model.segments import Bits, BitsPart, Check, Const, Data, Field, Inner, Length, Segment, Wrap
+from framekit.definition.model.segments import Bits, BitsPart, Check, Const, Field, Inner, Segment, Wrap
+from framekit.link.quick_look import NO_SIZES, NOT_QUICK, UNKNOWN, intact_of, quick_of, restricted_bytes, sizes_by_byte
 from framekit.link.scope import Scope
 from framekit.link.values import (
-    CODEC_ERRORS,
     EVALUATION_ERRORS,
     Evaluate,
     FrameValue,
@@ -49,9 +44,6 @@ class FrameCodec(Protocol):
     @property
     def diagnose(self) -> Callable[..., Any]: ...
 
-
-UNKNOWN = 1 << 62
-"""More bytes than any frame has."""
 
 Make = Callable[[dict[str, Any], bytes | None, int | None], FrameValue]
 """Makes a value of decoded fields, bytes and refusal, with values of the frames inside."""
@@ -103,7 +95,7 @@ class FrameInfo:
         self.encode, self.decode, self.measure = codec.encode, codec.decode, codec.measure
         self.first = first_byte(frame.segments)
         self.fixed_bytes = tuple(fixed_bytes(frame.segments))
-        self.restricted = tuple(_restricted(frame, self.fixed_bytes))
+        self.restricted = tuple(restricted_bytes(frame, self.fixed_bytes))
         self.is_fixed = frame.size is None and all_fixed(frame.segments) is not None
         self.shape = shape_of(frame.segments)
         self.flat = not self.shape
@@ -181,96 +173,6 @@ class FrameInfo:
             self.known[name] = constants[0]
         elif is_ is not None:
             self.computed.append((name, compile_expression(is_)))
-
-
-Fixed = tuple[int, frozenset[int]]
-"""A place in a frame, and the values that its byte can have."""
-
-Intact = Callable[[bytes | bytearray], object]
-"""Whether these bytes may be good: false if they are surely no good frame, and none that is refused."""
-
-
-class SizesByByte(NamedTuple):
-    """How long a frame is by the byte at `at`, which tells which frame stands inside.
-
-    `sizes`: by its value the size, 0 for no frame, minus the most where only silence ends it, or None where more has to
-    be looked at. `counted`: the place of a byte whose value is added to that; 0 for none. A sum above `most` says
-    nothing.
-    """
-
-    at: int
-    sizes: Sequence[int | None]
-    counted: Sequence[int]
-    most: int
-
-
-NO_SIZES = SizesByByte(0, [None] * 256, [0] * 256, UNKNOWN)
-
-Row = tuple[int, int, Callable[..., dict[str, Any]] | None]
-"""The size of a good frame (0: there is none), the place of a byte that is added to it (0: none), and what reads it
-together with the one inside, where there is something."""
-
-
-class Quick(NamedTuple):
-    """How a good frame of one kind is read by the byte at `at`; None where it has to be measured.
-
-    `enough`: so many bytes tell its size. Above `most` there is no good one.
-    """
-
-    at: int
-    enough: int
-    most: int
-    rows: Sequence[Row | None]
-
-
-NOT_QUICK = Quick(0, UNKNOWN, UNKNOWN, [None] * 256)
-
-Group = tuple[SizesByByte, Callable[..., int], Callable[..., int], Intact, Sequence[FrameInfo]]
-"""Candidates that are measured alike: their `sizes`, `extent` and `measure`, a quick look whether one may be good, and
-they."""
-
-
-class Ends:
-    """What finds the ends of candidates: together where the functions that do it do the very same.
-
-    By the byte at `at`, `silent` is 0 where no frame begins, minus the most where nothing does but frames that silence
-    ends; None where more has to be looked at. `look`: a quick look whether one of those that silence ends may be good.
-    """
-
-    __slots__ = ("at", "groups", "look", "silent")
-
-    def __init__(self, infos: Sequence[FrameInfo]) -> None:
-        alike: dict[Any, list[FrameInfo]] = {}
-        for info in infos:
-            alike.setdefault(function_does(info.extent), []).append(info)
-        groups = alike.values()
-        self.groups: tuple[Group, ...] = tuple(
-            (group[0].sizes, group[0].extent, group[0].measure, any_intact(group), group) for group in groups
-        )
-        tables = [group[0].sizes for group in groups]
-        self.at = tables[0].at if tables else 0
-        self.silent: Sequence[int | None] = NO_SIZES.sizes
-        if all(table.at == self.at for table in tables):
-            self.silent = [_silent_of([table.sizes[byte] for table in tables]) for byte in range(256)]
-        self.look = any_of(
-            [look for table, _, _, look, _ in self.groups if any(size is not None and size < 0 for size in table.sizes)]
-        )
-
-
-def _silent_of(sizes: Iterable[int | None]) -> int | None:
-    """Of candidates: 0 if none begins, minus the most if only silence ends those that do; None if that differs."""
-    found = set(sizes) - {0}
-    most = next(iter(found), 0)
-    return most if len(found) <= 1 and most is not None and most <= 0 else None
-
-
-def function_does(function: Callable[..., int]) -> Any:
-    """The same for generated functions that do the very same."""
-    code = getattr(function, "__code__", None)
-    if code is None:
-        return id(function)
-    constants = tuple((type(one), one) for one in code.co_consts if one != function.__doc__)
-    return code.co_code, constants, code.co_names
 
 
 def _plain_name(expression: Any) -> str | None:
@@ -371,7 +273,9 @@ class FrameTable:
             if info.guesses and not info.frame.inside:
                 info.sizes = sizes_by_byte(info.frame, shapes)
             if not info.frame.inside:  # else what interrupts it may stand at any place
-                info.quick = quick_of(info, shapes, codec.fused.get(info.name))
+                info.quick = quick_of(
+                    info.frame, info.decode if info.flat else None, info.sizes, shapes, codec.fused.get(info.name)
+                )
             info.on_line = not info.frame.inner and info.name not in inner
         outer = [info for info in self.infos.values() if info.on_line and info.frame.side != "none"]
         self.on_line = tuple(info.name for info in sorted(outer, key=lambda info: info.refuse is not None))
@@ -609,340 +513,3 @@ def usual_of(frame: Frame, wanted: Collection[str | None]) -> dict[str, str]:
                 found[field.name] = given.root.name
     inside = by_value_name(frame.segments)
     return {name: given for name, given in found.items() if given == name or given not in inside}
-
-
-# ---- a quick look at frames ----------------------------------------------------------------------------------
-
-
-def quick_of(info: FrameInfo, shapes: StaticSizes, fused: tuple[int, Sequence[Any]] | None) -> Quick:
-    """How good frames of a kind are read by one byte; `fused`: by the byte at that place, what reads it with the one
-    inside.
-    """
-    frame = info.frame
-    if any(check.ends for check in parts_of(frame.segments, Check)):  # what measures it looks at that
-        return NOT_QUICK
-    fixed = None if frame.delimited else shapes.all(shapes.segments(frame)).fixed
-    if fixed and info.flat and (frame.most is None or fixed <= frame.most):
-        return Quick(0, 1, UNKNOWN, [(fixed, 0, info.decode)] * 256)
-    if info.sizes is NO_SIZES:
-        return NOT_QUICK
-    at, sizes, counted, most = info.sizes
-    readers = fused[1] if fused is not None and fused[0] == at else [None] * 256
-    every = zip(sizes, counted, readers, strict=True)
-    rows = [None if size is None or size < 0 else (size, more, read) for size, more, read in every]
-    return Quick(at, max(at, *counted) + 1, most, rows)
-
-
-def sizes_by_byte(frame: Frame, shapes: StaticSizes) -> SizesByByte:
-    """How long a frame is by the byte that tells which frame stands inside."""
-    place = next((place for place, one in enumerate(frame.segments) if isinstance(one, Inner)), 0)
-    inner, around = frame.segments[place], (*frame.segments[:place], *frame.segments[place + 1 :])
-    if not isinstance(inner, Inner) or inner.size is not None or inner.when is not None:
-        return NO_SIZES
-    if frame.size is not None or frame.most is None:
-        return NO_SIZES
-    tree = tree_of(shapes, in_order(shapes, inner.frames))
-    if not isinstance(tree, Switch) or not all(_is_any(one, shapes) for one in around):
-        return NO_SIZES
-    more, most, before = shapes.all(around).least, frame.most, shapes.all(frame.segments[:place]).least
-
-    def size_of(branch: Leaf | Switch) -> tuple[int | None, int]:
-        size, counted = _size_inside(branch, tree.at, shapes)
-        if not size or size == UNKNOWN:
-            return -most if size else size, 0
-        return (size + more if size + more <= most else None), counted and before + counted
-
-    found = [size_of(tree.others)] * 256
-    for byte, branch in tree.cases:
-        found[byte] = size_of(branch)
-    sizes, counted = zip(*found, strict=True)
-    return SizesByByte(before + tree.at, sizes, counted, most)
-
-
-def _is_any(segment: Segment, shapes: StaticSizes) -> bool:
-    """Whether it is always there, of one size, whatever its bytes are."""
-    if segment.when is not None or shapes.present(segment).fixed is None:
-        return False
-    if isinstance(segment, Field):
-        return segment.constants is None and segment.is_ is None and segment.limits is None and segment.long is None
-    return isinstance(segment, Data) or (isinstance(segment, Check) and not segment.ends)
-
-
-def _size_inside(branch: Leaf | Switch, at: int, shapes: StaticSizes) -> tuple[int | None, int]:
-    """How long the only frame is that the byte at `at` leaves: `UNKNOWN` if only silence ends it; None: not told.
-
-    And the place of a byte in it that counts more bytes, 0 if there is none.
-    """
-    if isinstance(branch, Switch) or len(branch.frames) > 1:
-        return None, 0
-    if not branch.frames:
-        return 0, 0
-    frame = shapes.frames[branch.frames[0]]
-    if frame.size is not None or frame.most is not None or frame.delimited:
-        return None, 0
-    size, places, counted = 0, dict[str, int](), 0
-    for number, segment in enumerate(frame.segments, 1):
-        is_last = number == len(frame.segments)
-        if is_last and isinstance(segment, Data) and segment.size == "rest" and segment.when is None:
-            return (UNKNOWN if size and not segment.least and not counted else None), 0
-        if isinstance(segment, Length) and _is_byte(segment) and size and not counted:
-            places[segment.name] = size
-        elif not counted and (place := _counted_at(segment, places)):
-            counted = place
-        elif not _is_any(segment, shapes):
-            is_telling = size == at and isinstance(segment, Field | Bits) and shapes.present(segment).fixed == 1
-            if not is_telling or segment.when is not None:
-                return None, 0
-        size += shapes.present(segment).least
-    return size, counted
-
-
-def _is_byte(segment: Length) -> bool:
-    """Whether it is one byte that may have any value, and stands for that number."""
-    type_ = segment.type
-    return (
-        segment.when is None and segment.limits is None and segment.zero_means is None
-        and type_.kind == "int" and type_.fixed_size == 1 and not type_.signed
-    )  # fmt: skip
-
-
-def _counted_at(segment: Segment, places: Mapping[str, int]) -> int | None:
-    """The place of the number that is the size of these bytes, if it is one of those."""
-    if not isinstance(segment, Data) or segment.when is not None or segment.convert is not None or segment.least:
-        return None
-    size = segment.size
-    return places.get(size.root.name) if isinstance(size, Expression) and isinstance(size.root, Name) else None
-
-
-def intact_of(frame: Frame) -> Intact | None:
-    """By the bytes that only some values are right for, and the check code of a frame that ends in one over all before
-    it, or is hex digits of that; None for a frame that has neither."""
-    check = _check_of(frame) or _check_in_digits(frame)
-    restricted = tuple(_restricted(frame, fixed_bytes(frame.segments, True), True))
-    if not restricted or (check is None and frame.inside):  # others may stand between its bytes
-        return check
-
-    fits = _fitting(restricted).match
-    return fits if check is None else lambda raw: fits(raw) is not None and check(raw)
-
-
-def _fitting(restricted: Iterable[tuple[int, frozenset[int]]]) -> re.Pattern[bytes]:
-    """Matches bytes that are among those allowed at each place up to where they end; places are in order."""
-    pattern, end = b"", 0
-    for place, allowed in restricted:
-        one = b"[" + re.escape(bytes(sorted(allowed))) + b"]" if allowed else rb"[^\x00-\xff]"
-        skipped = place - end
-        pattern += b"(?:.{%d}|.{0,%d}\\Z)(?:%s|\\Z)" % (skipped, skipped, one) if skipped else b"(?:%s|\\Z)" % one
-        end = place + 1
-    return re.compile(pattern, re.DOTALL)
-
-
-def are_bad(infos: Sequence[FrameInfo], raw: bytes | bytearray, names: Names) -> bool:
-    """Whether these bytes are surely none of several frames, neither good nor to be refused."""
-    for info in infos:
-        if info.intact is not None and not info.intact(raw):
-            continue
-        try:
-            info.decode(bytes(raw), names)
-        except FrameError as error:
-            if error.refuse is None:
-                continue
-        except CODEC_ERRORS:
-            pass
-        return False
-    return True
-
-
-def any_intact(infos: Sequence[FrameInfo]) -> Intact:
-    """Whether bytes may be a good one of several frames, told apart by one byte first; always where nothing tells."""
-    looks: dict[Intact | None, dict[int, frozenset[int]]] = {}
-    for info in infos:
-        bytes_at = dict(info.restricted)
-        before = looks.get(info.intact, bytes_at)
-        looks[info.intact] = {place: before[place] | allowed for place, allowed in bytes_at.items() if place in before}
-    if None in looks:
-        return _always
-    places = sorted({place for allowed in looks.values() for place in allowed})
-    if len(looks) == 1 or not places:
-        return any_of([look for look in looks if look is not None])
-
-    def left_at(place: int) -> list[tuple[Intact, ...]]:
-        return [
-            tuple(look for look, allowed in looks.items() if look and (place not in allowed or byte in allowed[place]))
-            for byte in range(256)
-        ]
-
-    left_by = {place: left_at(place) for place in places}
-    place = min(places, key=lambda place: max(len(looks) for looks in left_by[place]))
-    left = left_by[place]
-
-    def intact(raw: bytes | bytearray) -> bool:
-        try:
-            looks = left[raw[place]]
-        except IndexError:
-            return True
-        for look in looks:  # noqa: SIM110 - called for noise: a generator costs as much as a look
-            if look(raw):
-                return True
-        return False
-
-    return intact
-
-
-def _always(raw: bytes | bytearray) -> bool:
-    return True
-
-
-def any_of(looks: Sequence[Intact]) -> Intact:
-    """Whether one of these quick looks says that bytes may be good."""
-    different = tuple(dict.fromkeys(looks))
-    return different[0] if len(different) == 1 else lambda raw: any(look(raw) for look in different)
-
-
-def _restricted(frame: Frame, found: Iterable[Fixed], digits: bool = False) -> Iterable[Fixed]:
-    """Of the bytes `found` that only some values are right for: what measures a frame looks at the constants it begins
-    with, and its tail may move."""
-    begin = 0
-    for segment in frame.segments:
-        if not isinstance(segment, Const) or segment.when is not None:
-            break
-        begin += len(segment.data)
-    if frame.delimited or frame.size is not None:
-        found = fixed_bytes(frame.head + frame.body, digits)
-    return [one for one in found if one[0] >= begin]
-
-
-def _check_of(frame: Frame) -> Intact | None:
-    """A look at the check code at the end, constants behind it left out; None where it is no number or digits, or is
-    not always to be right.
-    """
-    count = len(frame.segments)
-    while count and isinstance(one := frame.segments[count - 1], Const) and one.when is None and one.refuse is None:
-        count -= 1
-    last, behind = frame.segments[count - 1] if count else None, StaticSizes({}).all(frame.segments[count:]).least
-    if not isinstance(last, Check) or last.form not in ("raw", "hex", "HEX") or last.verify != "error":
-        return None
-    if last.refuse is not None or (behind and last.when is not None):
-        return None
-    if frame.size is not None and not frame.tail:  # what fills it up stands behind
-        return None
-    if (
-        not last.method.is_of_bytes
-        or last.covers is not None
-        or any(one.is_there_inside for one in parts_of(frame.segments, Segment))
-    ):
-        return None
-    intact = _code_of(last) if last.form == "raw" else _digits_of(last)
-    if intact is not None and behind:
-        intact = _before(behind, intact)
-    return intact if last.when is None or intact is None else _where_there(last.when, frame.segments, intact)
-
-
-@cache
-def _before(behind: int, intact: Intact) -> Intact:
-    """The same look at bytes without so many at the end; the same one for all frames that have it."""
-    return lambda raw: intact(raw[:-behind])
-
-
-def _check_in_digits(frame: Frame) -> Intact | None:
-    """For digits between constants that hold a check code over all before it; None for every other frame."""
-    place = next((place for place, one in enumerate(frame.segments) if isinstance(one, Wrap)), 0)
-    wrap, around = frame.segments[place], (*frame.segments[:place], *frame.segments[place + 1 :])
-    if not isinstance(wrap, Wrap) or not isinstance(wrap.coding, Hex) or wrap.size is not None:
-        return None
-    if wrap.when is not None or frame.size is not None:
-        return None
-    if not all(isinstance(one, Const) and one.when is None and one.refuse is None for one in around):
-        return None
-    first, last = wrap.of[0], wrap.of[-1]
-    if not isinstance(last, Check) or last.form != "raw" or last.verify != "error" or last.when is not None:
-        return None
-    is_over_all = last.span is not None and last.span[0] in first.value_names and last.span[1] == "here"
-    if not last.method.is_of_bytes or last.wire or first.when is not None or not is_over_all:
-        return None
-    sizes, code = StaticSizes({}), _code_of(last)
-    before, behind = sizes.all(frame.segments[:place]).least, sizes.all(frame.segments[place + 1 :]).least
-
-    def intact(raw: bytes | bytearray) -> object:
-        try:
-            return code(unhexlify(raw[before : len(raw) - behind]))
-        except ValueError:
-            return False
-
-    return intact
-
-
-def _code_of(check: Check) -> Intact:
-    return _look_at(
-        function_of(check.method), residue_of(check.method, check.size, check.order), check.size, check.order
-    )
-
-
-@cache
-def _look_at(code: Callable[..., int], residue: int | None, size: int, order: Literal["big", "little"]) -> Intact:
-    """A look at a check code of so many bytes at the end; the same one for all frames that have it."""
-    if residue is not None:
-        return lambda raw: code(raw) == residue
-    room = (1 << 8 * size) - 1
-
-    def intact(raw: bytes | bytearray) -> bool:
-        return raw[-size:] == (code(raw[:-size]) & room).to_bytes(size, order)
-
-    return intact
-
-
-def _digits_of(check: Check) -> Intact | None:
-    return _look_at_digits(function_of(check.method)) if check.size == 2 else None
-
-
-@cache
-def _look_at_digits(code: Callable[..., int]) -> Intact:
-    """A look at a check code of two digits at the end; the same one for all frames that have it."""
-
-    def intact(raw: bytes | bytearray) -> bool:
-        return raw[-2:].upper() == b"%02X" % (code(raw[:-2]) & 0xFF)
-
-    return intact
-
-
-def _where_there(condition: Expression, segments: tuple[Segment, ...], intact: Intact) -> Intact | None:
-    """For a check code that is there under a condition on one character at a fixed place."""
-    names = names_in(condition.root)
-    name = next(iter(names)) if len(names) == 1 else None
-    place = None if name is None else _character_at(name, segments)
-    if name is None or place is None:
-        return None
-    holds = compile_expression(condition)
-    known: dict[int, bool] = {}
-
-    def is_there(byte: int) -> bool:
-        try:
-            return bool(holds(Names({name: chr(byte)})))
-        except EVALUATION_ERRORS:
-            return False
-
-    def look(raw: bytes | bytearray) -> object:
-        if place >= len(raw):
-            return True
-        there = known.get(raw[place])
-        if there is None:
-            there = known[raw[place]] = is_there(raw[place])
-        return not there or intact(raw)
-
-    return look
-
-
-def _character_at(name: str, segments: tuple[Segment, ...]) -> int | None:
-    """The place of a field of one character, if it is always the same."""
-    place, shapes = 0, StaticSizes({})
-    for segment in segments:
-        if segment.when is not None or any(parts_of(segment, Inner)):
-            return None
-        if isinstance(segment, Field) and segment.name == name:
-            plain = segment.type.kind == "ascii" and segment.type.fixed_size == 1 and segment.type.pad is None
-            return place if plain and segment.values is None and segment.long is None else None
-        size = shapes.present(segment).fixed
-        if size is None:
-            return None
-        place += size
-    return None

@@ -23,13 +23,15 @@ from framekit.link.candidates import (
     Left,
     Start,
     Trouble,
+    are_bad,
     first_of,
     worse,
 )
 from framekit.link.events import CharacterFault
-from framekit.link.frame_table import FrameInfo, FrameTable, ProtocolCodec, any_of, are_bad, table_of
+from framekit.link.frame_table import FrameInfo, FrameTable, ProtocolCodec, table_of
 from framekit.link.inside import InsideFinder
 from framekit.link.marks import Marks
+from framekit.link.quick_look import any_of
 from framekit.link.stream import LONGEST, NoiseRun, Pauses, Stream, scope_of
 from framekit.link.values import CODEC_ERRORS, Names
 

@@ -14,7 +14,8 @@ from framekit.codec.errors import FrameError
 from framekit.codec.samples import Sampler
 from framekit.definition.load import load_protocol, load_protocol_text
 from framekit.definition.sources import shipped_definitions
-from framekit.link.frame_table import intact_of, table_of
+from framekit.link.frame_table import table_of
+from framekit.link.quick_look import intact_of
 from framekit.link.scope import Scope
 
 NAMES = sorted(path.name.split(".")[0] for path in shipped_definitions() if path.name.count(".") == 1)

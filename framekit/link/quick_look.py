@@ -1,0 +1,356 @@
+"""What a few bytes of a frame tell before it is read: how long it is, what reads it, and whether it may be good.
+
+A quick look at the check code at a frame's end and at bytes at fixed places passes over candidates that cannot be good;
+what it cannot look at, it leaves to the codec.
+"""
+
+from __future__ import annotations
+
+import re
+from binascii import unhexlify
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache
+from typing import Any, Literal, NamedTuple
+
+from framekit.codec.checks import function_of, residue_of
+from framekit.codec.python.choices import Leaf, Switch, fixed_bytes, in_order, tree_of
+from framekit.definition.codings import Hex
+from framekit.definition.expression import Expression, Name, names_in
+from framekit.definition.model.frames import Frame, StaticSizes, parts_of
+from framekit.definition.model.segments import Bits, Check, Const, Data, Field, Inner, Length, Segment, Wrap
+from framekit.link.values import (
+    EVALUATION_ERRORS,
+    Names,
+    compile_expression,
+)
+
+UNKNOWN = 1 << 62
+"""More bytes than any frame has."""
+
+
+Fixed = tuple[int, frozenset[int]]
+"""A place in a frame, and the values that its byte can have."""
+
+
+Intact = Callable[[bytes | bytearray], object]
+"""Whether these bytes may be good: false if they are surely no good frame, and none that is refused."""
+
+
+class SizesByByte(NamedTuple):
+    """How long a frame is by the byte at `at`, which tells which frame stands inside.
+
+    `sizes`: by its value the size, 0 for no frame, minus the most where only silence ends it, or None where more has to
+    be looked at. `counted`: the place of a byte whose value is added to that; 0 for none. A sum above `most` says
+    nothing.
+    """
+
+    at: int
+    sizes: Sequence[int | None]
+    counted: Sequence[int]
+    most: int
+
+
+NO_SIZES = SizesByByte(0, [None] * 256, [0] * 256, UNKNOWN)
+
+
+Row = tuple[int, int, Callable[..., dict[str, Any]] | None]
+"""The size of a good frame (0: there is none), the place of a byte that is added to it (0: none), and what reads it
+together with the one inside, where there is something."""
+
+
+class Quick(NamedTuple):
+    """How a good frame of one kind is read by the byte at `at`; None where it has to be measured.
+
+    `enough`: so many bytes tell its size. Above `most` there is no good one.
+    """
+
+    at: int
+    enough: int
+    most: int
+    rows: Sequence[Row | None]
+
+
+NOT_QUICK = Quick(0, UNKNOWN, UNKNOWN, [None] * 256)
+
+
+def quick_of(
+    frame: Frame,
+    decode: Callable[..., dict[str, Any]] | None,
+    by_byte: SizesByByte,
+    shapes: StaticSizes,
+    fused: tuple[int, Sequence[Any]] | None,
+) -> Quick:
+    """How good frames of a kind are read by one byte; `decode`: what reads one that holds no other; `fused`: by the
+    byte at that place, what reads it with the one inside.
+    """
+    if any(check.ends for check in parts_of(frame.segments, Check)):  # what measures it looks at that
+        return NOT_QUICK
+    fixed = None if frame.delimited else shapes.all(shapes.segments(frame)).fixed
+    if fixed and decode is not None and (frame.most is None or fixed <= frame.most):
+        return Quick(0, 1, UNKNOWN, [(fixed, 0, decode)] * 256)
+    if by_byte is NO_SIZES:
+        return NOT_QUICK
+    at, sizes, counted, most = by_byte
+    readers = fused[1] if fused is not None and fused[0] == at else [None] * 256
+    every = zip(sizes, counted, readers, strict=True)
+    rows = [None if size is None or size < 0 else (size, more, read) for size, more, read in every]
+    return Quick(at, max(at, *counted) + 1, most, rows)
+
+
+def sizes_by_byte(frame: Frame, shapes: StaticSizes) -> SizesByByte:
+    """How long a frame is by the byte that tells which frame stands inside."""
+    place = next((place for place, one in enumerate(frame.segments) if isinstance(one, Inner)), 0)
+    inner, around = frame.segments[place], (*frame.segments[:place], *frame.segments[place + 1 :])
+    if not isinstance(inner, Inner) or inner.size is not None or inner.when is not None:
+        return NO_SIZES
+    if frame.size is not None or frame.most is None:
+        return NO_SIZES
+    tree = tree_of(shapes, in_order(shapes, inner.frames))
+    if not isinstance(tree, Switch) or not all(_is_any(one, shapes) for one in around):
+        return NO_SIZES
+    more, most, before = shapes.all(around).least, frame.most, shapes.all(frame.segments[:place]).least
+
+    def size_of(branch: Leaf | Switch) -> tuple[int | None, int]:
+        size, counted = _size_inside(branch, tree.at, shapes)
+        if not size or size == UNKNOWN:
+            return -most if size else size, 0
+        return (size + more if size + more <= most else None), counted and before + counted
+
+    found = [size_of(tree.others)] * 256
+    for byte, branch in tree.cases:
+        found[byte] = size_of(branch)
+    sizes, counted = zip(*found, strict=True)
+    return SizesByByte(before + tree.at, sizes, counted, most)
+
+
+def _is_any(segment: Segment, shapes: StaticSizes) -> bool:
+    """Whether it is always there, of one size, whatever its bytes are."""
+    if segment.when is not None or shapes.present(segment).fixed is None:
+        return False
+    if isinstance(segment, Field):
+        return segment.constants is None and segment.is_ is None and segment.limits is None and segment.long is None
+    return isinstance(segment, Data) or (isinstance(segment, Check) and not segment.ends)
+
+
+def _size_inside(branch: Leaf | Switch, at: int, shapes: StaticSizes) -> tuple[int | None, int]:
+    """How long the only frame is that the byte at `at` leaves: `UNKNOWN` if only silence ends it; None: not told.
+
+    And the place of a byte in it that counts more bytes, 0 if there is none.
+    """
+    if isinstance(branch, Switch) or len(branch.frames) > 1:
+        return None, 0
+    if not branch.frames:
+        return 0, 0
+    frame = shapes.frames[branch.frames[0]]
+    if frame.size is not None or frame.most is not None or frame.delimited:
+        return None, 0
+    size, places, counted = 0, dict[str, int](), 0
+    for number, segment in enumerate(frame.segments, 1):
+        is_last = number == len(frame.segments)
+        if is_last and isinstance(segment, Data) and segment.size == "rest" and segment.when is None:
+            return (UNKNOWN if size and not segment.least and not counted else None), 0
+        if isinstance(segment, Length) and _is_byte(segment) and size and not counted:
+            places[segment.name] = size
+        elif not counted and (place := _counted_at(segment, places)):
+            counted = place
+        elif not _is_any(segment, shapes):
+            is_telling = size == at and isinstance(segment, Field | Bits) and shapes.present(segment).fixed == 1
+            if not is_telling or segment.when is not None:
+                return None, 0
+        size += shapes.present(segment).least
+    return size, counted
+
+
+def _is_byte(segment: Length) -> bool:
+    """Whether it is one byte that may have any value, and stands for that number."""
+    type_ = segment.type
+    return (
+        segment.when is None and segment.limits is None and segment.zero_means is None
+        and type_.kind == "int" and type_.fixed_size == 1 and not type_.signed
+    )  # fmt: skip
+
+
+def _counted_at(segment: Segment, places: Mapping[str, int]) -> int | None:
+    """The place of the number that is the size of these bytes, if it is one of those."""
+    if not isinstance(segment, Data) or segment.when is not None or segment.convert is not None or segment.least:
+        return None
+    size = segment.size
+    return places.get(size.root.name) if isinstance(size, Expression) and isinstance(size.root, Name) else None
+
+
+def intact_of(frame: Frame) -> Intact | None:
+    """By the bytes that only some values are right for, and the check code of a frame that ends in one over all before
+    it, or is hex digits of that; None for a frame that has neither."""
+    check = _check_of(frame) or _check_in_digits(frame)
+    restricted = tuple(restricted_bytes(frame, fixed_bytes(frame.segments, True), True))
+    if not restricted or (check is None and frame.inside):  # others may stand between its bytes
+        return check
+
+    fits = _fitting(restricted).match
+    return fits if check is None else lambda raw: fits(raw) is not None and check(raw)
+
+
+def _fitting(restricted: Iterable[tuple[int, frozenset[int]]]) -> re.Pattern[bytes]:
+    """Matches bytes that are among those allowed at each place up to where they end; places are in order."""
+    pattern, end = b"", 0
+    for place, allowed in restricted:
+        one = b"[" + re.escape(bytes(sorted(allowed))) + b"]" if allowed else rb"[^\x00-\xff]"
+        skipped = place - end
+        pattern += b"(?:.{%d}|.{0,%d}\\Z)(?:%s|\\Z)" % (skipped, skipped, one) if skipped else b"(?:%s|\\Z)" % one
+        end = place + 1
+    return re.compile(pattern, re.DOTALL)
+
+
+def any_of(looks: Sequence[Intact]) -> Intact:
+    """Whether one of these quick looks says that bytes may be good."""
+    different = tuple(dict.fromkeys(looks))
+    return different[0] if len(different) == 1 else lambda raw: any(look(raw) for look in different)
+
+
+def restricted_bytes(frame: Frame, found: Iterable[Fixed], digits: bool = False) -> Iterable[Fixed]:
+    """Of the bytes `found` that only some values are right for: what measures a frame looks at the constants it begins
+    with, and its tail may move."""
+    begin = 0
+    for segment in frame.segments:
+        if not isinstance(segment, Const) or segment.when is not None:
+            break
+        begin += len(segment.data)
+    if frame.delimited or frame.size is not None:
+        found = fixed_bytes(frame.head + frame.body, digits)
+    return [one for one in found if one[0] >= begin]
+
+
+def _check_of(frame: Frame) -> Intact | None:
+    """A look at the check code at the end, constants behind it left out; None where it is no number or digits, or is
+    not always to be right.
+    """
+    count = len(frame.segments)
+    while count and isinstance(one := frame.segments[count - 1], Const) and one.when is None and one.refuse is None:
+        count -= 1
+    last, behind = frame.segments[count - 1] if count else None, StaticSizes({}).all(frame.segments[count:]).least
+    if not isinstance(last, Check) or last.form not in ("raw", "hex", "HEX") or last.verify != "error":
+        return None
+    if last.refuse is not None or (behind and last.when is not None):
+        return None
+    if frame.size is not None and not frame.tail:  # what fills it up stands behind
+        return None
+    if (
+        not last.method.is_of_bytes
+        or last.covers is not None
+        or any(one.is_there_inside for one in parts_of(frame.segments, Segment))
+    ):
+        return None
+    intact = _code_of(last) if last.form == "raw" else _digits_of(last)
+    if intact is not None and behind:
+        intact = _before(behind, intact)
+    return intact if last.when is None or intact is None else _where_there(last.when, frame.segments, intact)
+
+
+@cache
+def _before(behind: int, intact: Intact) -> Intact:
+    """The same look at bytes without so many at the end; the same one for all frames that have it."""
+    return lambda raw: intact(raw[:-behind])
+
+
+def _check_in_digits(frame: Frame) -> Intact | None:
+    """For digits between constants that hold a check code over all before it; None for every other frame."""
+    place = next((place for place, one in enumerate(frame.segments) if isinstance(one, Wrap)), 0)
+    wrap, around = frame.segments[place], (*frame.segments[:place], *frame.segments[place + 1 :])
+    if not isinstance(wrap, Wrap) or not isinstance(wrap.coding, Hex) or wrap.size is not None:
+        return None
+    if wrap.when is not None or frame.size is not None:
+        return None
+    if not all(isinstance(one, Const) and one.when is None and one.refuse is None for one in around):
+        return None
+    first, last = wrap.of[0], wrap.of[-1]
+    if not isinstance(last, Check) or last.form != "raw" or last.verify != "error" or last.when is not None:
+        return None
+    is_over_all = last.span is not None and last.span[0] in first.value_names and last.span[1] == "here"
+    if not last.method.is_of_bytes or last.wire or first.when is not None or not is_over_all:
+        return None
+    sizes, code = StaticSizes({}), _code_of(last)
+    before, behind = sizes.all(frame.segments[:place]).least, sizes.all(frame.segments[place + 1 :]).least
+
+    def intact(raw: bytes | bytearray) -> object:
+        try:
+            return code(unhexlify(raw[before : len(raw) - behind]))
+        except ValueError:
+            return False
+
+    return intact
+
+
+def _code_of(check: Check) -> Intact:
+    return _look_at(
+        function_of(check.method), residue_of(check.method, check.size, check.order), check.size, check.order
+    )
+
+
+@cache
+def _look_at(code: Callable[..., int], residue: int | None, size: int, order: Literal["big", "little"]) -> Intact:
+    """A look at a check code of so many bytes at the end; the same one for all frames that have it."""
+    if residue is not None:
+        return lambda raw: code(raw) == residue
+    room = (1 << 8 * size) - 1
+
+    def intact(raw: bytes | bytearray) -> bool:
+        return raw[-size:] == (code(raw[:-size]) & room).to_bytes(size, order)
+
+    return intact
+
+
+def _digits_of(check: Check) -> Intact | None:
+    return _look_at_digits(function_of(check.method)) if check.size == 2 else None
+
+
+@cache
+def _look_at_digits(code: Callable[..., int]) -> Intact:
+    """A look at a check code of two digits at the end; the same one for all frames that have it."""
+
+    def intact(raw: bytes | bytearray) -> bool:
+        return raw[-2:].upper() == b"%02X" % (code(raw[:-2]) & 0xFF)
+
+    return intact
+
+
+def _where_there(condition: Expression, segments: tuple[Segment, ...], intact: Intact) -> Intact | None:
+    """For a check code that is there under a condition on one character at a fixed place."""
+    names = names_in(condition.root)
+    name = next(iter(names)) if len(names) == 1 else None
+    place = None if name is None else _character_at(name, segments)
+    if name is None or place is None:
+        return None
+    holds = compile_expression(condition)
+    known: dict[int, bool] = {}
+
+    def is_there(byte: int) -> bool:
+        try:
+            return bool(holds(Names({name: chr(byte)})))
+        except EVALUATION_ERRORS:
+            return False
+
+    def look(raw: bytes | bytearray) -> object:
+        if place >= len(raw):
+            return True
+        there = known.get(raw[place])
+        if there is None:
+            there = known[raw[place]] = is_there(raw[place])
+        return not there or intact(raw)
+
+    return look
+
+
+def _character_at(name: str, segments: tuple[Segment, ...]) -> int | None:
+    """The place of a field of one character, if it is always the same."""
+    place, shapes = 0, StaticSizes({})
+    for segment in segments:
+        if segment.when is not None or any(parts_of(segment, Inner)):
+            return None
+        if isinstance(segment, Field) and segment.name == name:
+            plain = segment.type.kind == "ascii" and segment.type.fixed_size == 1 and segment.type.pad is None
+            return place if plain and segment.values is None and segment.long is None else None
+        size = shapes.present(segment).fixed
+        if size is None:
+            return None
+        place += size
+    return None
