@@ -84,7 +84,7 @@ def _listen_udp(url: str, clock: AsyncioClock, accepted: Accepted) -> PortListen
 
 
 def _open_pty(url: str, settings: LineFormat | None, clock: AsyncioClock, wiring: LineSettings) -> Port:
-    from framekit.transport.serial_port import PtyPort
+    from framekit.transport.pty_port import PtyPort
 
     return PtyPort(settings, clock, wiring)
 

@@ -16,7 +16,7 @@ from service.test_ending import DEVICE, PROTOCOL
 from service.test_ending import RUN as TALK
 
 import framekit
-from framekit.transport.serial_port import PtyPair
+from framekit.transport.pty_port import PtyPair
 
 QUICK = {"reply_timeout": "50 ms", "retries": 0}
 

@@ -14,7 +14,7 @@ import pytest
 from api_world import device_file
 
 import framekit
-from framekit.transport.serial_port import PtyPair
+from framekit.transport.pty_port import PtyPair
 
 RUN = """
 run: plant

@@ -24,7 +24,7 @@ from framekit.link.events import Seen
 from framekit.service.capture import Capture, CaptureReader
 from framekit.transport.clock import VirtualClock
 from framekit.transport.port import LineEvent
-from framekit.transport.serial_port import PtyPair
+from framekit.transport.pty_port import PtyPair
 
 MS = 1_000_000
 ASK = bytes.fromhex("11 03 00 6B 00 03 76 87")

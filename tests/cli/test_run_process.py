@@ -21,7 +21,8 @@ from framekit.definition.times import LineFormat
 from framekit.runfile.devices import load_devices
 from framekit.service.device import DeviceService
 from framekit.transport.clock import AsyncioClock
-from framekit.transport.serial_port import PtyPair, SerialPort
+from framekit.transport.pty_port import PtyPair
+from framekit.transport.serial_port import SerialPort
 
 LONGEST = 180
 """Seconds after which a test is broken off."""

@@ -18,7 +18,7 @@ import pytest
 import framekit
 from framekit.cli.main import main
 from framekit.service.capture import CaptureReader
-from framekit.transport.serial_port import PtyPair
+from framekit.transport.pty_port import PtyPair
 
 LONGEST = 180
 READ_M100 = b"\x0501rSB06%MW10001\x0492"

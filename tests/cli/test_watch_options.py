@@ -18,7 +18,7 @@ from framekit.runfile.run_file import load_run
 from framekit.service.capture import CaptureReader, _Sink
 from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock
-from framekit.transport.serial_port import PtyPair
+from framekit.transport.pty_port import PtyPair
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SECOND = 1_000_000_000

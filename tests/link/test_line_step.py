@@ -20,8 +20,8 @@ from framekit.link.events import Exchange, Outcome, Seen
 from framekit.service.driver import Driver
 from framekit.transport.clock import AsyncioClock, Clock, VirtualClock
 from framekit.transport.port import Port
+from framekit.transport.pty_port import PtyPair
 from framekit.transport.schemes import open_port
-from framekit.transport.serial_port import PtyPair
 from framekit.transport.simulated_line import SimulatedLine
 
 BLOCK = b"1.8.0(00042)\r\n"

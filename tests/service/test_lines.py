@@ -29,8 +29,8 @@ from framekit.transport import clock as clock_module
 from framekit.transport.clock import AsyncioClock, VirtualClock
 from framekit.transport.network import TcpListener, UdpPort
 from framekit.transport.port import AcceptedPort
+from framekit.transport.pty_port import PtyPair
 from framekit.transport.schemes import open_port
-from framekit.transport.serial_port import PtyPair
 from framekit.transport.wiring import EchoFreePort
 
 SECOND = 1_000_000_000

@@ -16,7 +16,7 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
 from framekit.transport.clock import AsyncioClock
-from framekit.transport.serial_port import PtyPair
+from framekit.transport.pty_port import PtyPair
 
 RUN = """
 run: peer

@@ -17,7 +17,8 @@ from framekit.definition.times import LineFormat
 from framekit.runfile.devices import DeviceSettings, load_devices
 from framekit.service.device import Serving
 from framekit.transport.clock import AsyncioClock
-from framekit.transport.serial_port import PtyPair, SerialPort
+from framekit.transport.pty_port import PtyPair
+from framekit.transport.serial_port import SerialPort
 
 DEVICE = """
 device: bench

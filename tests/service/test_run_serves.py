@@ -15,7 +15,7 @@ from framekit.runfile.run_file import load_run
 from framekit.service.device import ListeningPort
 from framekit.service.run import RunService
 from framekit.transport.clock import AsyncioClock, VirtualClock
-from framekit.transport.serial_port import PtyPair
+from framekit.transport.pty_port import PtyPair
 
 LONGEST = 180
 RUN = """

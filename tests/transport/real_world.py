@@ -17,8 +17,8 @@ from framekit.link.events import CharacterFault
 from framekit.transport.clock import AsyncioClock
 from framekit.transport.network import TcpListener
 from framekit.transport.port import AcceptedPort, Port
+from framekit.transport.pty_port import PtyPair
 from framekit.transport.schemes import open_port
-from framekit.transport.serial_port import PtyPair
 from framekit.transport.simulated_line import SimulatedLine
 
 LONGEST = 180

@@ -14,8 +14,9 @@ from framekit.transport import serial_port
 from framekit.transport.clock import MOST, AsyncioClock, VirtualClock
 from framekit.transport.network import TcpListener, TcpPort
 from framekit.transport.port import AcceptedPort, Port
+from framekit.transport.pty_port import PtyPair
 from framekit.transport.schemes import host_and_port, open_port
-from framekit.transport.serial_port import PtyPair, SerialPort, open_device
+from framekit.transport.serial_port import SerialPort, open_device
 
 
 def real_clock() -> AsyncioClock:

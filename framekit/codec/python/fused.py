@@ -10,11 +10,12 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 from framekit.codec.python.choices import Leaf, Switch, in_order, tree_of
+from framekit.codec.python.decode import limit
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.facts import Target, named, names_read
 from framekit.codec.python.function import Fields, Function
 from framekit.codec.python.module import Module
-from framekit.codec.python.reader import BufferReader, Item, limit
+from framekit.codec.python.reader import BufferReader, Item
 from framekit.codec.python.registry import kind_of
 from framekit.codec.python.source import Source
 from framekit.definition.expression import BIT_OR, Expression

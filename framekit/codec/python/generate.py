@@ -15,6 +15,7 @@ import framekit.codec.kinds
 from framekit.codec import errors
 from framekit.codec.evaluate import start_values
 from framekit.codec.python.choices import choice_text, tree_of
+from framekit.codec.python.decode import write_decoder
 from framekit.codec.python.diagnosis import write_diagnosis
 from framekit.codec.python.encode import write_encoder
 from framekit.codec.python.facts import names_read
@@ -22,7 +23,7 @@ from framekit.codec.python.flat import Level, inner_frames, levels_of, rows_of, 
 from framekit.codec.python.fused import write_pairs
 from framekit.codec.python.measure import write_extent, write_measurer
 from framekit.codec.python.module import BUILT_IN, Module, inlined_names, used_methods
-from framekit.codec.python.reader import not_possible, write_decoder
+from framekit.codec.python.reader import not_possible
 from framekit.codec.python.runtime_diagnosis import Diagnosis
 from framekit.codec.python.source import Source, identifier, literal, quoted
 from framekit.definition.expression import Conditional, Expression, Number

@@ -11,21 +11,20 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
-from framekit.codec.python.source import INDENT, Source
+from framekit.codec.python.source import Source
 from framekit.codec.shown import explain
-from framekit.definition.expression import Expression
 from framekit.definition.model import protocol as model
 from framekit.definition.model.frames import expressions_of, parts_of
-from framekit.definition.model.services import ReplyRow
-from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, RecordOf, Value
+from framekit.definition.model.values import FrameOf, LayoutOf, Value
 from framekit.link.addresses import Address
-from framekit.link.construct_values import EACH, read_layout
+from framekit.link.construct_values import EACH
 from framekit.link.events import Asked, Command, Exchange, Outcome
 from framekit.link.frame_table import ProtocolCodec
-from framekit.link.packing import PackingError, cut_memory, in_unit, join_memory, memory_of, reader_of
+from framekit.link.packing import cut_memory, in_unit, join_memory, memory_of, reader_of
 from framekit.link.scope import Scope
+from framekit.link.services.replies import ErrorReader, ReplyReader, UnfitReplyError
 from framekit.link.services.rows import (
     Piece,
     Plan,
@@ -34,7 +33,6 @@ from framekit.link.services.rows import (
     ServiceError,
     ServiceRows,
     arguments_of,
-    padded_names,
     rows_of,
 )
 from framekit.link.services.writing import ValueWriter, WriterLevel, code_of_source
@@ -43,230 +41,9 @@ from framekit.link.values import (
     Evaluate,
     FrameValue,
     Names,
-    bare_name,
     compile_expression,
-    present,
 )
 from framekit.memory.memory import unit_bits
-
-Found = list[tuple[Any, bool]]
-"""Data found in a reply, each with whether padding may follow them."""
-Find = Callable[[FrameValue | None, bytes, Names], Found]
-"""Finds them in a reply and the bytes beside it. Raises UnfitReplyError and EVALUATION_ERRORS."""
-
-
-class UnfitReplyError(ValueError):
-    """A reply that does not fit what was asked; the message says where."""
-
-
-class ReplyRefusal(NamedTuple):
-    """`outcome`: what an exchange is that ended so and has no other word for it."""
-
-    code: int
-    meaning: str
-    outcome: str
-
-
-class ErrorReader:
-    """Tells when a device says no, and how."""
-
-    def __init__(self, shared: ServiceRows) -> None:
-        errors = shared.protocol.errors
-        self.frames = shared.error_frames
-        self.when: Evaluate | None = None
-        self.code: Evaluate | None = None
-        self.detail: Evaluate | None = None
-        self.unanswered: Evaluate | None = None
-        tables = shared.protocol.tables
-        self.names = [
-            (None if names.when is None else compile_expression(names.when), tables[names.table].entries)
-            for names in (() if errors is None else errors.names)
-            if names.table in tables
-        ]
-        if errors is not None and self.frames:
-            self.when = None if errors.when is None else compile_expression(errors.when)
-            self.code = None if errors.code is None else compile_expression(errors.code)
-            self.detail = None if errors.detail is None else compile_expression(errors.detail)
-            self.unanswered = None if errors.unanswered is None else compile_expression(errors.unanswered)
-
-    def refusal(self, reply: FrameValue, names: Names) -> ReplyRefusal | None:
-        """What the reply says when it is an error frame. Raises EVALUATION_ERRORS."""
-        if reply.frame not in self.frames:
-            return None
-        fields = Names(reply.complete(), names)
-        if self.when is not None and not self.when(fields):
-            return None
-        code = 0 if self.code is None else int(self.code(fields))
-        known = Names({"code": code}, fields)
-        unanswered = self.unanswered is not None and bool(self.unanswered(known))
-        return ReplyRefusal(code, self.meaning(code, known), "no_reply" if unanswered else "refused")
-
-    def meaning(self, code: int, names: Names) -> str:
-        """The name of a code, '' if the protocol has none for it, with its detail. Raises EVALUATION_ERRORS."""
-        found = (table[code] for when, table in self.names if code in table and (when is None or when(names)))
-        meaning, detail = str(next(found, "")), "" if self.detail is None else str(self.detail(names))
-        return f"{meaning} ({detail})" if meaning and detail else meaning or detail
-
-
-class ReplyReader:
-    """Takes the data out of replies to one service row. Each form of the reply is one function, written when needed."""
-
-    def __init__(self, facts: RowFacts) -> None:
-        self.facts = facts
-        self.shared = facts.shared
-        frames = [row.frame.frame for row in facts.row.reply if row.frame is not None]
-        self.error_frames = frozenset(self.shared.error_frames)
-        self.expected = tuple(dict.fromkeys((*frames, *self.shared.error_frames)))
-        self._finds: dict[str | None, tuple[Find, ...]] = {}
-
-    def data(self, outcome: Outcome, pieces: Sequence[Piece], names: Names) -> list[bytes]:
-        """The data of each piece in memory's form; [] if the reply row brings none. Raises UnfitReplyError."""
-        problem: UnfitReplyError | None = None
-        reply = outcome.reply
-        for find in self._finds.get(None if reply is None else reply.frame) or self._fitting(reply):
-            try:
-                found = find(reply, outcome.buffer, names)
-                if found and len(found) != len(pieces):
-                    raise UnfitReplyError(f"the reply holds {len(found)} blocks of data, not {len(pieces)}")
-                brought: list[bytes] = []
-                for number, (data, padded) in enumerate(found):
-                    address, count = pieces[number].address, pieces[number].count
-                    packer, start = self.facts.packers[address.unit], address.start
-                    if type(data) is not bytes:
-                        raise UnfitReplyError(f"the reply has {data!r} where data should stand")
-                    if padded:
-                        data = data[: packer.size(start, count)]
-                    brought.append(packer.to_memory(data, start, count))
-                return brought
-            except PackingError as error:
-                problem = problem or UnfitReplyError(f"the reply does not fit the request: {error}")
-            except EVALUATION_ERRORS as error:
-                problem = problem or _unfit(error)
-        return self._nothing_found(outcome, problem)
-
-    def blocks(self, outcome: Outcome, names: Names) -> list[bytes]:
-        """The data as they stand in the reply, of a service that was not asked for places. Raises UnfitReplyError."""
-        problem: UnfitReplyError | None = None
-        for find in self._fitting(outcome.reply):
-            try:
-                found = find(outcome.reply, outcome.buffer, names)
-                return [data for data, _ in found if isinstance(data, bytes)]
-            except EVALUATION_ERRORS as error:
-                problem = problem or _unfit(error)
-        return self._nothing_found(outcome, problem)
-
-    def _nothing_found(self, outcome: Outcome, problem: UnfitReplyError | None) -> list[bytes]:
-        if problem is not None:
-            raise problem
-        if outcome.reply is None:
-            return []
-        raise UnfitReplyError(f"'{outcome.reply.frame}' is no reply to '{self.facts.row.name}'")
-
-    def _fitting(self, reply: FrameValue | None) -> tuple[Find, ...]:
-        """The rows for this frame, and those without a frame: there the sequence says which replies are good."""
-        name = None if reply is None else reply.frame
-        finds = self._finds.get(name)
-        if finds is None:
-            rows = [row for row in self.facts.row.reply if row.frame is None or row.frame.frame == name]
-            finds = self._finds[name] = tuple(FindWriter(self.shared, row).function() for row in rows)
-        return finds
-
-
-class FindWriter:
-    """Writes the function that finds the data in one form of a reply."""
-
-    def __init__(self, shared: ServiceRows, row: ReplyRow) -> None:
-        self.shared, self.row = shared, row
-        self.out = Source(1)
-        self.given: dict[str, Any] = {"present": present, "listed": listed, "read_layout": read_layout}
-        self._variables = 0
-
-    def function(self) -> Find:
-        """The function itself."""
-        self.out.add("found = []")
-        if self.row.frame is not None:
-            inside = Source(self.out.depth + 1)
-            self._collect(self.row.frame, "reply", False, inside)
-            if inside.lines:
-                self.out.add("if reply is not None:")
-                self.out.lines.extend(inside.lines)
-        if self.row.buffer is not None:
-            self._collect(self.row.buffer, "buffer", False, self.out)
-        self.out.add("return found")
-        source = Source()
-        source.add("def function(reply, buffer, names):")
-        source.lines.extend(self.out.lines)
-        space = dict(self.given)
-        exec(code_of_source(source.text()), space)
-        find: Find = space["function"]
-        return find
-
-    def _collect(self, value: Value, actual: str, padded: bool, out: Source) -> None:
-        match value:
-            case Expression():
-                if bare_name(value) == "data":
-                    out.add(f"found.append(({actual}, {padded}))")
-            case FrameOf(frame=frame, fields=fields):
-                padding = padded_names(self.shared.protocol.frames[frame].segments)
-                self._fields(fields, actual, padding, actual == "reply", out)
-            case RecordOf(fields=fields):
-                self._fields(fields, actual, frozenset(), False, out)
-            case LayoutOf(layout=layout, fields=fields):
-                inside, record = Source(out.depth), self._variable()
-                padding = padded_names(self.shared.protocol.layouts[layout].segments)
-                self._fields(fields, record, padding, False, inside)
-                if inside.lines:
-                    decode = f"c{len(self.given)}"
-                    self.given[decode] = self.shared.codec.layouts[layout][1]
-                    out.add(f"{record} = read_layout({decode}, {actual}, names)")
-                    out.lines.extend(inside.lines)
-            case ListOf(items=items):
-                parts = [self._variable() for _ in items]
-                inside = Source(out.depth)
-                for item, part in zip(items, parts, strict=True):
-                    self._collect(item, part, False, inside)
-                if inside.lines:
-                    out.add(f"{''.join(f'{part}, ' for part in parts)}= listed({actual}, {len(items)})")
-                    out.lines.extend(inside.lines)
-            case EachOf(fields=fields):
-                part, inside = self._variable(), Source(out.depth + 1)
-                self._fields(fields, part, frozenset(), False, inside)
-                out.add(f"for {part} in listed({actual}, None):")
-                out.lines.extend(inside.lines or [INDENT * (out.depth + 1) + "pass"])
-
-    def _fields(
-        self, fields: Mapping[str, Value], actual: str, padded: frozenset[str], is_frame: bool, out: Source
-    ) -> None:
-        for name, value in fields.items():
-            part, inside = self._variable(), Source(out.depth)
-            self._collect(value, part, name in padded, inside)
-            if not inside.lines:
-                continue
-            text = f"present({actual}, {name!r})"
-            if is_frame:
-                text = f"{actual}.fields[{name!r}] if {name!r} in {actual}.fields else {text}"
-            out.add(f"{part} = {text}")
-            out.lines.extend(inside.lines)
-
-    def _variable(self) -> str:
-        self._variables += 1
-        return f"v{self._variables}"
-
-
-def listed(actual: Any, count: int | None) -> list[Any]:
-    """A list of that many items; one with an item a piece is counted when all are found."""
-    if isinstance(actual, list) and (count is None or len(actual) == count):
-        return actual
-    if count is None:
-        raise UnfitReplyError("the reply has no list of blocks")
-    raise UnfitReplyError(f"the reply has {len(actual) if isinstance(actual, list) else 'no'} blocks, not {count}")
-
-
-def _unfit(error: Exception) -> UnfitReplyError:
-    if isinstance(error, UnfitReplyError):
-        return error
-    return UnfitReplyError(f"the reply cannot be read: {explain(error)}")
-
 
 __all__ = ["Client", "Done", "ServiceError", "TransferResult"]
 

@@ -20,7 +20,7 @@ from framekit.cli.screen.app import parse_filter
 from framekit.cli.serve_verb import ServeSession, server_of
 from framekit.link.events import Kind, Seen
 from framekit.runfile.run_file import load_run
-from framekit.transport.serial_port import PtyPair
+from framekit.transport.pty_port import PtyPair
 
 pytest.importorskip("textual")
 
