@@ -9,16 +9,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
-from framekit.cli.common import (
-    WordsError,
-    add,
-    assignments,
-    load,
-    plain,
-    print_json,
-    table,
-    time_of,
-)
+from framekit.cli.common import WordsError, add, assignments, load, plain, print_json, table, time_of
 from framekit.transport.schemes import help_on_ports
 
 if TYPE_CHECKING:

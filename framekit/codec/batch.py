@@ -20,18 +20,7 @@ from framekit.codec.python.expressions import constant_of
 from framekit.definition.expression import Expression, Name, names_in
 from framekit.definition.model.checks import CheckMethod
 from framekit.definition.model.frames import Frame, StaticSizes, fixed_size
-from framekit.definition.model.segments import (
-    Bits,
-    Check,
-    Const,
-    Count,
-    Data,
-    Field,
-    FieldType,
-    Inner,
-    Length,
-    Segment,
-)
+from framekit.definition.model.segments import Bits, Check, Const, Count, Data, Field, FieldType, Inner, Length, Segment
 
 
 @dataclass(frozen=True, slots=True)

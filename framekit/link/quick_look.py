@@ -18,11 +18,7 @@ from framekit.definition.codings import Hex
 from framekit.definition.expression import Expression, Name, names_in
 from framekit.definition.model.frames import Frame, StaticSizes, parts_of
 from framekit.definition.model.segments import Bits, Check, Const, Data, Field, Inner, Length, Segment, Wrap
-from framekit.link.values import (
-    EVALUATION_ERRORS,
-    Names,
-    compile_expression,
-)
+from framekit.link.values import EVALUATION_ERRORS, Names, compile_expression
 
 UNKNOWN = 1 << 62
 """More bytes than any frame has."""

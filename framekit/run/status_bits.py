@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 from framekit.definition.times import NEVER
-from framekit.run.model import (
-    StatusBits,
-)
+from framekit.run.model import StatusBits
 
 WriteBits = Callable[[tuple[int, ...]], None]
 

@@ -39,12 +39,7 @@ from framekit.run.model import (
 )
 from framekit.run.triggers import TRIGGERS, TriggerReader
 from framekit.runfile.channels import Attempts, RulesLoader, beside, needs_own, needs_station, read_params, read_station
-from framekit.runfile.transfers import (
-    CallLoader,
-    FrameBlockLoader,
-    OwnPlaces,
-    TransferLoader,
-)
+from framekit.runfile.transfers import CallLoader, FrameBlockLoader, OwnPlaces, TransferLoader
 
 INSTRUCTIONS: tuple[Instruction, ...] = ("read", "write", "send", "receive", "call", "command")
 

@@ -19,16 +19,7 @@ from framekit.definition.tree import Node
 from framekit.run.model import Point
 from framekit.run.points import PointValue, iso_time
 from framekit.sinks.base import Host, Sampled, Sink, as_record, fits, good_value
-from framekit.sinks.broker import (
-    LARGEST_COMMAND,
-    PLACE,
-    BrokerConnection,
-    BrokerSink,
-    Command,
-    Message,
-    Place,
-    lost_of,
-)
+from framekit.sinks.broker import LARGEST_COMMAND, PLACE, BrokerConnection, BrokerSink, Command, Message, Place, lost_of
 
 MOST_MESSAGES = 1_000
 """So many messages are sent before the broker has to have confirmed them, unless one sample has more."""

@@ -19,18 +19,7 @@ from framekit.run.model import Point
 from framekit.run.points import PointValue
 from framekit.sinks.base import Host, Sampled, Sink, good_value, not_installed
 from framekit.sinks.broker import PLACE, BrokerConnection, BrokerSink, Command, Message, Place, lost_of
-from framekit.sinks.sparkplug_messages import (
-    BAD,
-    BOOLEAN,
-    DOUBLE,
-    GOOD,
-    INT64,
-    STALE,
-    STRING,
-    Metric,
-    decoded,
-    encoded,
-)
+from framekit.sinks.sparkplug_messages import BAD, BOOLEAN, DOUBLE, GOOD, INT64, STALE, STRING, Metric, decoded, encoded
 
 log = logging.getLogger(__name__)
 

@@ -12,10 +12,7 @@ from framekit.codec.python.reader import ANY_WIDTH, BufferReader, Item, Slot, sh
 from framekit.codec.python.registry import type_text
 from framekit.codec.python.source import literal, quoted
 from framekit.definition.expression import AND, Expression, Number
-from framekit.definition.model.segments import (
-    Bits,
-    BitsPart,
-)
+from framekit.definition.model.segments import Bits, BitsPart
 
 
 class BitsKind(TypedKind[Bits]):

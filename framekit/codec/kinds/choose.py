@@ -16,12 +16,7 @@ from framekit.codec.python.registry import summary
 from framekit.codec.python.source import literal, quoted
 from framekit.definition.expression import AND, BIT_OR
 from framekit.definition.model.frames import flat
-from framekit.definition.model.segments import (
-    Choose,
-    Field,
-    Optional,
-    Segments,
-)
+from framekit.definition.model.segments import Choose, Field, Optional, Segments
 
 
 class ChooseKind(SegmentKind[Choose]):

@@ -11,11 +11,7 @@ from framekit.codec.python.measure import Finished, MeasureWriter, Pairs
 from framekit.codec.python.packing import PackArgument
 from framekit.codec.python.reader import BufferReader, Item
 from framekit.codec.python.source import bytes_literal, literal, quoted
-from framekit.definition.model.segments import (
-    Const,
-    Fill,
-    Skip,
-)
+from framekit.definition.model.segments import Const, Fill, Skip
 
 
 class ConstKind(SegmentKind[Const]):

@@ -10,23 +10,13 @@ from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import EncodeWriter, Given
 from framekit.codec.python.encode_plan import Lengths, Rules, RuleWriter, Task
 from framekit.codec.python.expressions import NameEntry, Scope
-from framekit.codec.python.facts import (
-    comes_with,
-    is_followed,
-    is_plain_name,
-    targets_of,
-)
+from framekit.codec.python.facts import comes_with, is_followed, is_plain_name, targets_of
 from framekit.codec.python.function import FunctionWriter
 from framekit.codec.python.reader import BufferReader, Comparison, Item, not_possible
 from framekit.codec.python.registry import type_text
 from framekit.codec.python.source import Code, literal, quoted, text_source
 from framekit.definition.expression import AND
-from framekit.definition.model.segments import (
-    Count,
-    Data,
-    Length,
-    Repeat,
-)
+from framekit.definition.model.segments import Count, Data, Length, Repeat
 
 C = TypeVar("C", Length, Count)
 

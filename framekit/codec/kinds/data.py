@@ -14,9 +14,7 @@ from framekit.codec.python.packing import PackArgument
 from framekit.codec.python.reader import BufferReader, Item, Slot
 from framekit.codec.python.source import bytes_literal, quoted
 from framekit.definition.expression import AND, OR, PRODUCT, Expression
-from framekit.definition.model.segments import (
-    Data,
-)
+from framekit.definition.model.segments import Data
 
 
 class DataKind(SegmentKind[Data]):

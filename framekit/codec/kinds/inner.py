@@ -19,10 +19,7 @@ from framekit.codec.python.reader import BufferReader, Item, holds_values
 from framekit.codec.python.source import quoted
 from framekit.definition.expression import AND, Expression
 from framekit.definition.model.frames import everything
-from framekit.definition.model.segments import (
-    Inner,
-    Nested,
-)
+from framekit.definition.model.segments import Inner, Nested
 
 F = TypeVar("F", Inner, Nested)
 

@@ -11,10 +11,7 @@ from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.reader import BufferReader, Item
 from framekit.codec.python.source import quoted, text_source
 from framekit.definition.expression import AND, BIT_OR, COMPARE, Expression
-from framekit.definition.model.segments import (
-    Require,
-    Value,
-)
+from framekit.definition.model.segments import Require, Value
 
 
 class ValueKind(SegmentKind[Value]):

@@ -19,12 +19,7 @@ from framekit.codec.python.source import Code, bytes_literal, quoted, text_sourc
 from framekit.definition.codings import Hex
 from framekit.definition.expression import BIT_OR, OR, Expression
 from framekit.definition.model.frames import flat, leaves, names_always_there
-from framekit.definition.model.segments import (
-    Const,
-    Skip,
-    Wrap,
-    exactly,
-)
+from framekit.definition.model.segments import Const, Skip, Wrap, exactly
 
 
 class WrapKind(SegmentKind[Wrap]):

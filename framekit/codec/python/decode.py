@@ -8,20 +8,13 @@ from __future__ import annotations
 import re
 
 from framekit.codec.python.expressions import Scope
-from framekit.codec.python.function import (
-    Fields,
-    Function,
-    Offset,
-)
+from framekit.codec.python.function import Fields, Function, Offset
 from framekit.codec.python.module import Module
 from framekit.codec.python.reader import BufferReader
 from framekit.codec.python.registry import summary, write_docstring
 from framekit.codec.python.source import Source, bytes_literal, quoted
 from framekit.definition.model.frames import Frame, bytes_of, in_place_of_records
-from framekit.definition.model.segments import (
-    Const,
-    Segment,
-)
+from framekit.definition.model.segments import Const, Segment
 
 
 def write_decoder(

@@ -18,16 +18,7 @@ from framekit.codec.python.registry import kind_of, write_docstring
 from framekit.codec.python.source import Source, bytes_literal, literal, quoted
 from framekit.definition.expression import BIT_OR, PRODUCT, Expression, names_in
 from framekit.definition.model.frames import Frame, everything, flat, without_when
-from framekit.definition.model.segments import (
-    LAST,
-    Check,
-    Const,
-    Count,
-    Field,
-    FieldType,
-    Length,
-    Segment,
-)
+from framekit.definition.model.segments import LAST, Check, Const, Count, Field, FieldType, Length, Segment
 
 Behind = tuple[tuple[Segment, Scope], ...]
 """What follows a segment in its buffer, with the scopes of its names."""

@@ -11,18 +11,7 @@ from dataclasses import dataclass
 from framekit.codec.python.codings import starts
 from framekit.definition.expression import Attribute, Call, Expression, Name, Node, children, names_in, walk
 from framekit.definition.model.frames import StaticSizes, certain, everything, expressions_of, flat, in_place_of_records
-from framekit.definition.model.segments import (
-    Const,
-    Count,
-    Data,
-    Field,
-    Inner,
-    Length,
-    Repeat,
-    Segment,
-    Segments,
-    Wrap,
-)
+from framekit.definition.model.segments import Const, Count, Data, Field, Inner, Length, Repeat, Segment, Segments, Wrap
 from framekit.definition.problems import Position
 
 

@@ -20,13 +20,7 @@ from framekit.codec.python.registry import kind_of
 from framekit.codec.python.source import Source
 from framekit.definition.expression import BIT_OR, Expression
 from framekit.definition.model.frames import Frame, StaticSizes, everything
-from framekit.definition.model.segments import (
-    Check,
-    Inner,
-    Length,
-    Segment,
-    Sizes,
-)
+from framekit.definition.model.segments import Check, Inner, Length, Segment, Sizes
 
 MOST_PAIRS = 40
 """A frame is fused with so many others at most: each pair is a function more, of ten lines or so."""

@@ -10,13 +10,7 @@ from collections.abc import Iterable, Iterator
 
 from framekit.codec.python import forms
 from framekit.codec.python.choices import fixed_bytes
-from framekit.codec.python.expressions import (
-    NameEntry,
-    Scope,
-    default_text,
-    entries_read,
-    may_fail,
-)
+from framekit.codec.python.expressions import NameEntry, Scope, default_text, entries_read, may_fail
 from framekit.codec.python.facts import leading
 from framekit.codec.python.function import FunctionWriter, Offset, between, covered_names, index
 from framekit.codec.python.module import Module

@@ -29,16 +29,7 @@ from framekit.codec.python.source import Source, bytes_literal, literal, quoted
 from framekit.definition.expression import AND, BIT_OR, PRODUCT, SUM, Expression
 from framekit.definition.kinds.check import Edges
 from framekit.definition.model.frames import everything, flat, without_when
-from framekit.definition.model.segments import (
-    Bits,
-    Check,
-    Const,
-    Count,
-    Field,
-    FieldType,
-    Length,
-    Segment,
-)
+from framekit.definition.model.segments import Bits, Check, Const, Count, Field, FieldType, Length, Segment
 from framekit.definition.problems import DefinitionError, Problem
 
 START = Offset("", 0)

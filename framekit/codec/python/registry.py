@@ -10,10 +10,7 @@ from decimal import Decimal
 from typing import Any
 
 from framekit.codec.python.source import Source
-from framekit.definition.model.segments import (
-    FieldType,
-    Segment,
-)
+from framekit.definition.model.segments import FieldType, Segment
 
 KINDS: dict[type[Segment], Any] = {}
 

@@ -10,15 +10,7 @@ from framekit.definition.coding import Coding
 from framekit.definition.codings import CODING, Doubled, Hex, Plain
 from framekit.definition.expression import Expression, Number
 from framekit.definition.keys import EXPRESSION, NUMBER, Form, KeyReading, key, keys, ref
-from framekit.definition.kinds.base import (
-    Contents,
-    Given,
-    Segment,
-    Segments,
-    all_fixed,
-    least_size,
-    sizes_of,
-)
+from framekit.definition.kinds.base import Contents, Given, Segment, Segments, all_fixed, least_size, sizes_of
 from framekit.definition.kinds.choose import SEGMENTS
 from framekit.definition.problems import Problem
 from framekit.definition.tree import Node

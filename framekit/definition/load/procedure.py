@@ -10,16 +10,7 @@ from framekit.definition.keys import read_keys
 from framekit.definition.load.frames import FrameLoader
 from framekit.definition.load.namespace import Namespace
 from framekit.definition.load.reader import Broken, Reader
-from framekit.definition.model.procedure import (
-    HANDLERS,
-    Action,
-    CallOf,
-    Row,
-    Sequence,
-    Step,
-    Target,
-    places_of,
-)
+from framekit.definition.model.procedure import HANDLERS, Action, CallOf, Row, Sequence, Step, Target, places_of
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar
 from framekit.definition.problems import did_you_mean

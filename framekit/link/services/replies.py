@@ -13,22 +13,9 @@ from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, 
 from framekit.link.construct_values import read_layout
 from framekit.link.events import Outcome
 from framekit.link.packing import PackingError
-from framekit.link.services.rows import (
-    Piece,
-    RowFacts,
-    ServiceRows,
-    padded_names,
-)
+from framekit.link.services.rows import Piece, RowFacts, ServiceRows, padded_names
 from framekit.link.services.writing import code_of_source
-from framekit.link.values import (
-    EVALUATION_ERRORS,
-    Evaluate,
-    FrameValue,
-    Names,
-    bare_name,
-    compile_expression,
-    present,
-)
+from framekit.link.values import EVALUATION_ERRORS, Evaluate, FrameValue, Names, bare_name, compile_expression, present
 
 Found = list[tuple[Any, bool]]
 """Data found in a reply, each with whether padding may follow them."""

@@ -32,20 +32,8 @@ from framekit.link.services.matching import (
 )
 from framekit.link.services.rows import RowFacts, Rule, rows_of
 from framekit.link.services.work import BlockRefusedError, CompiledBlock, StartBlock, Work
-from framekit.link.values import (
-    EVALUATION_ERRORS,
-    FrameValue,
-    Names,
-    compile_expression,
-    compile_optional,
-)
-from framekit.memory.memory import (
-    AccessError,
-    DeviceMemory,
-    DeviceMemoryError,
-    MemoryRangeError,
-    UnknownAreaError,
-)
+from framekit.link.values import EVALUATION_ERRORS, FrameValue, Names, compile_expression, compile_optional
+from framekit.memory.memory import AccessError, DeviceMemory, DeviceMemoryError, MemoryRangeError, UnknownAreaError
 
 NOTHING_SAID = 1
 """The code of a refusal for which the definition has none."""

@@ -16,20 +16,10 @@ from framekit.link.construct_values import Compute, ValueCompiler
 from framekit.link.packing import memory_of, values_of
 from framekit.link.scope import Scope
 from framekit.link.services.areas import Codes, DeviceAreas, Span, span_of
-from framekit.link.services.matching import (
-    MatchedRow,
-)
+from framekit.link.services.matching import MatchedRow
 from framekit.link.services.rows import RowFacts
-from framekit.link.values import (
-    Evaluate,
-    Names,
-    bare_name,
-    compile_expression,
-    compile_optional,
-)
-from framekit.memory.memory import (
-    unit_bits,
-)
+from framekit.link.values import Evaluate, Names, bare_name, compile_expression, compile_optional
+from framekit.memory.memory import unit_bits
 
 CompilePart = Callable[[str, Value], Compute]
 """Compiles one word of a place, such as area or start."""
