@@ -79,6 +79,8 @@ class _Record:
         for segment in segments:
             if self.failed:
                 return
+            if segment.when is not None and self.evaluate(segment.when.root) in (False, 0):
+                continue
             match segment:
                 case model.Choose():
                     self._make_case(segment)
