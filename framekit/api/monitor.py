@@ -6,10 +6,12 @@ import asyncio
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Any, Literal
 
 from framekit.api.errors import LineClosedError, RequestError
+from framekit.api.frame_rows import FAULTY, ascii_of
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.codec.plain import PlainValues
 from framekit.definition.model.protocol import Protocol
@@ -33,7 +35,6 @@ from framekit.transport.simulated_line import SimulatedLine
 UNKNOWN = "unknown"
 KEPT = 10_000
 """So many entries are kept; older ones are dropped and counted."""
-FAULTY = ("bad", "noise", "trouble")
 
 
 def result_of(protocol: Protocol, seen: Seen, role: str | None = None) -> str:
@@ -52,11 +53,6 @@ def result_of(protocol: Protocol, seen: Seen, role: str | None = None) -> str:
         frame = protocol.frames.get(seen.frame)
         side = "" if frame is None or frame.side not in ("client", "server") else frame.side
     return f"{protocol.name} {side}".rstrip()
-
-
-def ascii_of(data: bytes) -> str:
-    """Printable characters as they are, others as a dot."""
-    return "".join(chr(byte) if 32 <= byte < 127 else "·" for byte in data)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +88,21 @@ class FrameFilter:
         wanted = self.text.lower()
         texts = (seen.frame, seen.kind, seen.reason, seen.raw.hex(" "), seen.raw.hex(), ascii_of(seen.raw))
         return any(wanted in text.lower() for text in texts)
+
+
+def parse_filter(text: str, bad_only: bool) -> FrameFilter:
+    """`ch:1 frame:read text …`: a channel, a part of a frame's name, and what else is to be found."""
+    channel: int | None = None
+    frame, rest = "", []
+    for word in text.split():
+        key, colon, value = word.partition(":")
+        if colon and key == "ch" and value.isdecimal() and len(value) < 10:
+            channel = int(value)
+        elif colon and key == "frame":
+            frame = value
+        else:
+            rest.append(word)
+    return FrameFilter(channel, frame, bad_only, " ".join(rest))
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,14 +142,23 @@ class FrameLog:
         protocol, role, _ = self._channels[channel]
         self._entries.append(FrameEntry(self.last_number, channel, seen, result_of(protocol, seen, role)))
 
-    def since(self, number: int) -> list[FrameEntry]:
-        """Entries newer than a number, older first."""
+    def protocol(self, channel: int) -> Protocol:
+        """What is spoken on a channel."""
+        return self._channels[channel][0]
+
+    def since(self, number: int, most: int = KEPT) -> list[FrameEntry]:
+        """Entries newer than a number, the last `most` of them, older first."""
         found: list[FrameEntry] = []
         for entry in reversed(self._entries):
-            if entry.number <= number:
+            if entry.number <= number or len(found) == most:
                 break
             found.append(entry)
         return found[::-1]
+
+    def latest(self, wanted: FrameFilter, number: int, most: int) -> Iterator[FrameEntry]:
+        """The entries up to a number that a filter wants, newer first; it is asked of `most` of them."""
+        up_to = (entry for entry in reversed(self._entries) if entry.number <= number)
+        return (entry for entry in islice(up_to, most) if wanted.takes(entry.channel, entry.seen))
 
     def chosen(self, wanted: FrameFilter) -> Iterator[FrameEntry]:
         """The entries a filter wants, older first."""

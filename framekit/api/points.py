@@ -8,7 +8,9 @@ from datetime import UTC, datetime, timedelta
 from typing import Any
 
 from framekit.api.errors import ExchangeError, NoReplyError, RequestError
+from framekit.codec.shown import shown
 from framekit.definition.problems import no_such
+from framekit.run.behaviours import number_of
 from framekit.run.block_state import Failure
 from framekit.run.points import PointValue
 from framekit.run.points import Quality as Quality
@@ -71,6 +73,37 @@ class RunPoint:
     def about(self) -> str:
         """What it is, in a sentence."""
         return self._point.about
+
+    @property
+    def place(self) -> str:
+        """Where it stands: its address, with channel and station where a device has it."""
+        point = self._point
+        station = "" if point.station is None else f" station {shown(point.station)}"
+        return point.address if point.channel is None else f"ch {point.channel}{station} {point.address}"
+
+    @property
+    def is_writable(self) -> bool:
+        """Whether its `access:` allows it to be written."""
+        return self._point.is_writable
+
+    @property
+    def names(self) -> Mapping[int, str]:
+        """Words that stand for numbers."""
+        return self._point.names
+
+    @property
+    def range(self) -> tuple[float, float] | None:
+        """The least and the greatest value that may be written, where the run says them."""
+        return self._point.limits
+
+    def value_of(self, text: str) -> int | float | str:
+        """The value that a text says: a word or a number, or the text where it holds texts. Raises RequestError."""
+        if self._point.form.type == "string" or text in self._point.names.values():
+            return text
+        try:
+            return number_of(text)
+        except ValueError:
+            raise RequestError(f"'{text}' is no value of {self.name}") from None
 
     async def changed(self, *, timeout: float | None = None) -> PointValue:
         """What it is after its next change of value or quality; in the run's own loop.

@@ -12,7 +12,7 @@ from typing import Any, Self
 from framekit.api.errors import NoReplyError, RequestError
 from framekit.api.loop_thread import LoopStoppedError, LoopThread, Stopping
 from framekit.api.memory import Do, Memory
-from framekit.api.monitor import LineOf
+from framekit.api.monitor import FrameLog, LineOf, LiveView
 from framekit.api.points import RunPoints
 from framekit.codec.shown import explain
 from framekit.definition.problems import DefinitionError
@@ -422,6 +422,27 @@ def _line_of(channel: ChannelService) -> LineOf:
     line = "" if model.line is None else f" {model.line}"
     name = f"{model.protocol.name} {model.role or ''}".rstrip() + line
     return LineOf(name, lambda: channel.state, channel.driver.load)
+
+
+def view_of(run: RunCalls, log: FrameLog) -> LiveView:
+    """What a display shows of a run that has not been started yet, whose monitor is `log.add`."""
+    lines = run.lines()
+    before = run.on_channel
+
+    def know(number: int) -> None:
+        model = run.channel(number)
+        log.know(number, model.protocol, model.role, model.params)
+
+    def came(number: int) -> None:
+        """A channel that an edit has brought or changed, or that jobs wanted."""
+        before(number)
+        know(number)
+        lines[number] = run.lines()[number]
+
+    for number in lines:
+        know(number)
+    run.on_channel = came
+    return LiveView(log, lambda: run.now, lines, lambda: run.blocks)
 
 
 async def leave(service: RunService) -> None:

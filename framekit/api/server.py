@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 import weakref
 from collections import Counter
 from collections.abc import Callable, Generator, Mapping, Sequence
@@ -13,6 +14,8 @@ from typing import Any, Self
 from framekit.api.errors import LineClosedError, RequestError
 from framekit.api.loop_thread import Closing, LoopThread, with_arguments_of
 from framekit.api.memory import Do, Memory
+from framekit.api.monitor import FrameLog, LineOf, LiveView
+from framekit.api.points import RunPoints
 from framekit.api.run import nanoseconds
 from framekit.api.settings import checked_station
 from framekit.definition.times import LineFormat
@@ -23,6 +26,7 @@ from framekit.runfile.devices import Device as Device
 from framekit.runfile.devices import DeviceSettings, load_devices, with_faults
 from framekit.service.capture import Capture
 from framekit.service.device import Serving, ServingMonitor, check_line
+from framekit.service.device_points import DevicePoints
 from framekit.service.driver import LineLoad
 from framekit.transport.clock import AsyncioClock
 
@@ -63,6 +67,7 @@ class AsyncServer:
         self._limits = limits
         self._serving: Serving | None = None
         self._capturing: Capture | None = None
+        self._points: list[DevicePoints] | None = None
 
     async def open(self) -> Self:
         """Begins to serve. Raises LineClosedError, RequestError for what is no port or does not fit the memory.
@@ -114,6 +119,8 @@ class AsyncServer:
         """As `close`, without letting the loop go on: network connections are told at its next turn."""
         if self._serving is not None:
             self._serving.stop()
+        for one in self._points or ():
+            one.stop()
         capture, self._capturing = self._capturing, None
         if capture is not None:
             capture.close()
@@ -142,6 +149,23 @@ class AsyncServer:
                 return self._memory(number, self.do)
         known = ", ".join(str(device.own) for device in self.devices)
         raise RequestError(f"no device here has the station {station} – known: {known}")
+
+    @property
+    def points(self) -> list[RunPoints]:
+        """For each device the values that behave or have a start value, by name or address; all may be written.
+
+        A device over two protocols has them once.
+        """
+        serving = self._opened()
+        if self._points is None:
+            self._points = [
+                DevicePoints(store.device, store.memory, serving.clock)
+                for store in serving.stores
+                if not store.device.shares
+            ]
+            for one in self._points:
+                one.start()
+        return [RunPoints(one.service, self.do) for one in self._points]
 
     def _memory(self, number: int, do: Do) -> Memory:
         store = self._opened().stores[number]
@@ -185,6 +209,18 @@ class AsyncServer:
             reasons = dict(counters.reasons(protocol))
             found.append(ServedDevice(store.device, counters.done, counters.errors, reasons, serving.published(number)))
         return found
+
+
+def view_of_devices(server: AsyncServer, log: FrameLog, state: Callable[[], str]) -> LiveView:
+    """What a display shows of devices that have not been opened yet; `log` is told what all of them hear."""
+    lines = {}
+    for number, device in enumerate(server.devices, 1):
+        log.know(number, device.protocol, device.role, device.params)
+        own = f" station {device.station}" if device.station else ""
+        name = f"{device.protocol.name}{own}" + ("" if server.line is None else f" {server.line}")
+        lines[number] = LineOf(name, state, server.load)
+    server.watch = lambda port, number, seen: log.add(number + 1, seen)
+    return LiveView(log, time.monotonic_ns, lines)
 
 
 def aserve(

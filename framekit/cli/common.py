@@ -13,6 +13,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from framekit.api.frame_rows import shown_bytes, spaced, what_was_seen
+
 if TYPE_CHECKING:
     from framekit import Seen
     from framekit.api.monitor import FrameFilter
@@ -302,11 +304,6 @@ def in_words() -> Iterator[None]:
         raise PortError(str(error)) from None
 
 
-def spaced(data: bytes) -> str:
-    """Upper-case hex pairs."""
-    return data.hex(" ").upper()
-
-
 def table(rows: Sequence[Sequence[str]], head: Sequence[str]) -> str:
     """Rows in columns, left-aligned, under a head."""
     lines = [list(head), *[list(row) for row in rows]]
@@ -352,28 +349,6 @@ class Unread:
         """Raises the error, if there was one."""
         if self.error is not None:
             raise self.error
-
-
-LONGEST_SHOWN = 64
-"""Bytes of a frame that a line shows."""
-
-
-def what_was_seen(seen: Seen) -> str:
-    """The frame's name, of a bad one with the reason and where the fault is; or what else happened."""
-    if seen.kind == "bad":
-        segment = f", {seen.segment}" if seen.segment else ""
-        return f"bad {seen.frame}".rstrip() + f" ({seen.reason} at byte {seen.place}{segment})"
-    if seen.kind in ("line", "open", "closed", "trouble", "not_taken"):
-        return f"{seen.kind.replace('_', ' ')} {seen.reason}".rstrip()
-    return seen.frame or seen.kind
-
-
-def shown_bytes(data: bytes, as_ascii: bool = False, longest: int = LONGEST_SHOWN) -> str:
-    """The bytes as hex pairs or as ASCII, no more than `longest` of them."""
-    from framekit.api.monitor import ascii_of
-
-    cut = " …" if len(data) > longest else ""
-    return (ascii_of(data[:longest]) if as_ascii else spaced(data[:longest])) + cut
 
 
 def seen_text(seen: Seen, time: float | str, where: str, as_ascii: bool = False) -> str:

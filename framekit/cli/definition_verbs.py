@@ -17,6 +17,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from framekit.api.frame_rows import spaced
 from framekit.cli.common import (
     VerbError,
     WordsError,
@@ -35,7 +36,6 @@ from framekit.cli.common import (
     scope_of,
     seen_data,
     seen_text,
-    spaced,
     status_of,
     table,
     told_once,

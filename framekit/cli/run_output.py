@@ -7,8 +7,22 @@ import sys
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+from framekit.api.rows import (
+    BLOCK_HEAD,
+    CHANNEL_HEAD,
+    JOB_HEAD,
+    POINT_HEAD,
+    SINK_HEAD,
+    block_row,
+    block_state,
+    channel_row,
+    job_row,
+    percent,
+    point_rows,
+    removed_row,
+    sink_row,
+)
 from framekit.cli.common import plain, seen_data, seen_text, table, tables, told
-from framekit.codec.shown import code_text
 from framekit.definition.problems import plural
 from framekit.definition.times import format_time, milliseconds
 
@@ -17,11 +31,8 @@ if TYPE_CHECKING:
     from framekit.api.check import BlockLoad, ChannelLoad
     from framekit.api.run import (
         Block,
-        ChannelStatus,
         Edit,
         JobsStatus,
-        JobStatus,
-        RemovedBlocks,
         RunCalls,
         RunModel,
         RunStatus,
@@ -54,10 +65,6 @@ def load_data(load: ChannelLoad) -> dict[str, Any]:
     }
 
 
-def percent(part: float) -> str:
-    return f"{100 * part:.1f} %"
-
-
 def _load_row(one: BlockLoad) -> tuple[str, ...]:
     cost = one.cost
     starts = "as it comes" if one.block.instruction == "receive" else "on demand"
@@ -86,25 +93,13 @@ def _load_data(one: BlockLoad) -> dict[str, Any]:
     }
 
 
-SINK_HEAD = ("sink", "to", "taken", "waiting", "dropped", "problem")
-CHANNEL_HEAD = (
-    "channel", "driver", "station", "line", "mode", "state", "services", "errors", "frames", "bad", "line load", "why",
-)  # fmt: skip
-JOB_HEAD = ("job", "what", "host", "state", "every", "left", "good", "refused", "late", "broken off", "last")
-BLOCK_HEAD = ("set", "block", "what", "channel", "state", "done", "failed", "overruns", "last failure")
-
-
 def status_text(status: RunStatus, began: int) -> str:
     """The channels, the blocks and the jobs; `began`: when the run did, by its clock."""
     parts = [table([channel_row(one) for one in status.channels], CHANNEL_HEAD)] if status.channels else []
     blocks = [block_row(one) for one in status.blocks]
     parts.append(table([*blocks, *(removed_row(one) for one in status.removed)], BLOCK_HEAD))
     if status.sinks:
-        rows = [
-            (one.kind, one.target, str(one.written), str(one.waiting), str(one.dropped), one.problem or "-")
-            for one in status.sinks
-        ]
-        parts.append(table(rows, SINK_HEAD))
+        parts.append(table([sink_row(one) for one in status.sinks], SINK_HEAD))
     if status.jobs is not None:
         parts += jobs_text(status.jobs, began)
     return "\n\n".join(parts)
@@ -122,57 +117,6 @@ def jobs_text(jobs: JobsStatus, began: int) -> list[str]:
     events = [f"{(event.at - began) / 1e9:.3f} s {event.what}" for event in jobs.log]
     log = "\n".join([f"events: {jobs.events}" + (f", the last {len(events)}:" if events else ""), *events])
     return [*([table(rows, JOB_HEAD)] if rows else []), commands, log]
-
-
-def job_row(one: JobStatus) -> tuple[str, ...]:
-    """A slot with the job in it, or that was in it last."""
-    every = "-" if not one.period else format_time(one.period)
-    left = "-" if one.left is None else str(one.left)
-    counters = one.counters
-    return (
-        str(one.slot), f"{one.kind} {one.remote or one.own}", one.host or "-", one.state, every, left,
-        str(counters.good), str(counters.refused), str(counters.late + counters.over_period), str(counters.ended),
-        f"{code_text(one.word)} {one.text}".rstrip(),
-    )  # fmt: skip
-
-
-def channel_row(one: ChannelStatus) -> tuple[str, ...]:
-    driver = one.driver if one.role is None else f"{one.driver} {one.role}"
-    line = f"{one.line} {one.line_type}".strip() or "-"
-    why = ", ".join(f"{count} × {reason}" for reason, count in sorted(one.reasons.items()))
-    return (
-        str(one.number), driver, "-" if one.station is None else str(one.station), line, one.mode, one.state,
-        str(one.services), str(one.errors), str(one.frames_in), str(one.bad),
-        "-" if one.load is None else percent(one.load), why or "-",
-    )  # fmt: skip
-
-
-def block_state(one: BlockStatus) -> str:
-    """One word: off, dead, runs, waits, ready."""
-    if not one.enabled:
-        return "off"
-    if one.running:
-        return "runs"
-    if one.waiting:
-        return "waits"
-    return "dead" if one.dead else "ready"
-
-
-def block_row(one: BlockStatus) -> tuple[str, ...]:
-    what = f"{one.instruction} {one.name}".rstrip()
-    return (
-        str(one.set), str(one.block), what, str(one.channel), block_state(one), str(one.done), str(one.failed),
-        str(one.overruns), "-" if one.last_failure is None else str(one.last_failure),
-    )  # fmt: skip
-
-
-def removed_row(one: RemovedBlocks) -> tuple[str, ...]:
-    """What is left of blocks that an edit took out."""
-    why = ", ".join(f"{count} × {reason}" for reason, count in sorted(one.reasons.items()))
-    return (
-        "-", "-", plural(one.blocks, "removed block"), str(one.channel), "gone", str(one.done), str(one.failed),
-        str(one.overruns), why or "-",
-    )  # fmt: skip
 
 
 def status_data(status: RunStatus, began: int) -> dict[str, Any]:
@@ -259,16 +203,6 @@ class RunOutput:
         raise NotImplementedError
 
 
-def point_rows(run: RunCalls) -> list[tuple[str, str, str, str]]:
-    """The points as they are now: value, unit, quality."""
-    rows = []
-    for value in run.points.now():
-        shown = "-" if value.value is None else str(value.value)
-        quality = value.quality + (f", {value.reason}" if value.reason else "")
-        rows.append((value.name, shown, run.points[value.name].unit, quality))
-    return rows
-
-
 class TextOutput(RunOutput):
     """A line for everything seen, and a table at the end."""
 
@@ -305,7 +239,7 @@ class TextOutput(RunOutput):
         published = [(str(n), name, str(value)) for n, some in run.published().items() for name, value in some.items()]
         more = tables(
             (loads, ("channel", "settings", "line load expected", "measured")),
-            (point_rows(run), ("point", "value", "unit", "quality")),
+            (point_rows(run.points), POINT_HEAD),
             (run.stored(), ("memory", "words")),
             (published, ("channel", "status", "value")),
         )

@@ -29,6 +29,7 @@ from framekit.cli.common import (
 )
 from framekit.cli.screen import show
 from framekit.cli.screen.session import LiveSession
+from framekit.cli.web_option import WebPage, add_web
 
 if TYPE_CHECKING:
     from framekit.api.monitor import LiveView
@@ -62,6 +63,7 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
         help="take lines from standard input: fire N, enable N, disable N, stop; with --screen by the key :",
     )
     add(parser, "--screen", "--ascii", "--capture")
+    add_web(parser)
     parser.add_argument("--status", action="store_true", help="show the status of channels and blocks at the end")
     parser.add_argument(
         "--status-every", metavar="TIME", help="show the status of channels and blocks so often; SIGUSR1 shows it once"
@@ -83,6 +85,10 @@ def run_run(arguments: argparse.Namespace) -> int:
         raise WordsError("--watch is for runs in real time – leave --virtual out")
     if arguments.virtual and arguments.control and not arguments.screen:
         raise WordsError("--control is for runs in real time – leave --virtual out")
+    if arguments.virtual and arguments.web is not None:
+        raise WordsError("--web is for runs in real time – leave --virtual out")
+    if arguments.screen and arguments.web is not None:
+        raise WordsError("--web tells its address in a line – leave --screen out")
     if arguments.screen and arguments.watch:
         raise WordsError("--watch tells its edits in lines – leave --screen out")
     watched = Watched(arguments.run, content_of(arguments.run)) if arguments.watch else None
@@ -100,7 +106,8 @@ def run_run(arguments: argparse.Namespace) -> int:
             assert duration is not None
             problems = _virtual(loaded, output, watch, duration)
         else:
-            problems = asyncio.run(_real(loaded, output, watch, duration, watched, arguments.control))
+            page = WebPage(arguments)
+            problems = asyncio.run(_real(loaded, output, watch, duration, watched, arguments.control, page))
     except BrokenPipeError:
         raise
     except OSError as error:
@@ -138,31 +145,33 @@ async def _real(
     duration: int | None,
     watched: Watched | None,
     controlled: bool,
+    page: WebPage,
 ) -> list[str]:
     """Runs until the time is over, or SIGINT or SIGTERM asks to stop; what could not be kept or captured.
 
-    `watched` is the file whose changes count.
+    `watched` is the file whose changes count, `page` may show it.
     """
     from framekit.api.run import AsyncRun
 
     ended = asyncio.Event()
     on_stop(ended.set)
     unread = Unread(asyncio.get_running_loop(), ended.set)
-    run = output.at_work = made(AsyncRun, loaded, output.seen, watch)
+    run = output.at_work = made(AsyncRun, loaded, page.monitor(output.seen), watch)
     watch.begin(run)
-    with without_collecting():
-        run.start()
-        if controlled:
-            control(run, output, ended.set)
-        watching = None if watched is None else asyncio.ensure_future(_watch_file(watched, run, output))
-        try:
-            await until(ended, duration)
-        finally:
-            if watching is not None:
-                watching.cancel()
-            if unread.error is None:
-                watch.at_end()
-            await run.finish()
+    async with page.of_run(run):
+        with without_collecting():
+            run.start()
+            if controlled:
+                control(run, output, ended.set)
+            watching = None if watched is None else asyncio.ensure_future(_watch_file(watched, run, output))
+            try:
+                await until(ended, duration)
+            finally:
+                if watching is not None:
+                    watching.cancel()
+                if unread.error is None:
+                    watch.at_end()
+                await run.finish()
     unread.check()
     return _summary(run, output)
 
@@ -285,24 +294,13 @@ class RunSession(LiveSession):
 
     def begin(self) -> LiveView:
         """Raises DefinitionError, VerbError, OSError."""
-        from framekit.api.monitor import FrameLog, LiveView
-        from framekit.api.run import AsyncRun, VirtualRun
+        from framekit.api.monitor import FrameLog
+        from framekit.api.run import AsyncRun, VirtualRun, view_of
 
         log = FrameLog()
-        for number, channel in self.model.channels.items():
-            log.know(number, channel.protocol, channel.role, channel.params)
         make: Callable[..., AsyncRun | VirtualRun] = VirtualRun if self.virtual else AsyncRun
         self.run = run = made(make, self.model, log.add, self.watch)
-        lines = run.lines()
-
-        def came(number: int) -> None:
-            """A channel that jobs wanted."""
-            model = run.channel(number)
-            log.know(number, model.protocol, model.role, model.params)
-            lines[number] = run.lines()[number]
-
-        run.on_channel = came
-        view = LiveView(log, lambda: run.now, lines, lambda: run.blocks)
+        view = view_of(run, log)
         run.start()
         return view
 

@@ -33,6 +33,7 @@ from framekit.cli.common import (
 )
 from framekit.cli.screen import show
 from framekit.cli.screen.session import LiveSession
+from framekit.cli.web_option import WebPage, add_web
 from framekit.transport.schemes import help_on_ports
 
 if TYPE_CHECKING:
@@ -80,6 +81,7 @@ def add_serve_arguments(parser: argparse.ArgumentParser) -> None:
     add(parser, "--for")
     parser.add_argument("--quiet", action="store_true", help="do not show what goes over the line")
     add(parser, "--screen")
+    add_web(parser)
     parser.add_argument(
         "--status-every", metavar="TIME", help="show what was served and refused so often; SIGUSR1 shows it once"
     )
@@ -90,10 +92,12 @@ def run_serve(arguments: argparse.Namespace) -> int:
     begin_log(arguments.log)
     duration, every = duration_of(arguments.duration), period_of(arguments.status_every)
     server = server_of(arguments)
+    if arguments.screen and arguments.web is not None:
+        raise WordsError("--web tells its address in a line – leave --screen out")
     if arguments.screen:
         return show(ServeSession(server, duration))
     with contextlib.suppress(asyncio.CancelledError):
-        return asyncio.run(_serve(arguments, server, duration, every))
+        return asyncio.run(_serve(arguments, server, duration, every, WebPage(arguments)))
     return 0
 
 
@@ -126,7 +130,9 @@ def _assigned(texts: Iterable[str], form: str) -> dict[str, str]:
     return each_once(parted(text) for text in texts)
 
 
-async def _serve(arguments: argparse.Namespace, server: AsyncServer, duration: int | None, every: int) -> int:
+async def _serve(
+    arguments: argparse.Namespace, server: AsyncServer, duration: int | None, every: int, page: WebPage
+) -> int:  # fmt: skip
     """Serves until the time is over, or SIGINT or SIGTERM asks to stop; the exit status.
 
     Raises PortError when the port can't be had.
@@ -138,14 +144,16 @@ async def _serve(arguments: argparse.Namespace, server: AsyncServer, duration: i
         output.warning(text)
     if not arguments.quiet:
         server.watch = output.seen
+    page.watch(server)
     try:
         await _open(server)
-        output.ready()
-        _show_status(output, every, ended)
-        with without_collecting():
-            await until(ended, duration)
-        ended.set()
-        output.summary()
+        async with page.of_devices(server):
+            output.ready()
+            _show_status(output, every, ended)
+            with without_collecting():
+                await until(ended, duration)
+            ended.set()
+            output.summary()
     finally:
         server.close_now()
     for trouble in server.lost:
@@ -331,20 +339,12 @@ class ServeSession(LiveSession):
         self._opening: asyncio.Task[None] | None = None
 
     def begin(self) -> LiveView:
-        from framekit.api.monitor import FrameLog, LineOf, LiveView
+        from framekit.api.monitor import FrameLog
+        from framekit.api.server import view_of_devices
 
-        log, server = FrameLog(), self.server
-        for number, device in enumerate(server.devices, 1):
-            log.know(number, device.protocol, device.role, device.params)
-        server.watch = lambda port, number, seen: log.add(number + 1, seen)
-        names = {number: self._name(device) for number, device in enumerate(server.devices, 1)}
-        lines = {number: LineOf(name, self._state, server.load) for number, name in names.items()}
+        view = view_of_devices(self.server, FrameLog(), self._state)
         self._opening = asyncio.get_running_loop().create_task(self._open())
-        return LiveView(log, time.monotonic_ns, lines)
-
-    def _name(self, device: Device) -> str:
-        own = f" station {device.station}" if device.station else ""
-        return f"{device.protocol.name}{own}" + ("" if self.server.line is None else f" {self.server.line}")
+        return view
 
     def _state(self) -> str:
         return f"on {self.server.about}" if self.is_open else "opening"

@@ -113,14 +113,21 @@ def piece_reader(memory: DeviceMemory, place: OwnPlace, bits: int) -> Callable[[
     return partial(area.read_bits, first, bits)
 
 
-def piece_writer(memory: DeviceMemory, place: OwnPlace, bits: int) -> Callable[[bytes], None]:
-    """Stores so many bits, in memory's form, from a place on at every call. Raises DeviceMemoryError: it cannot be."""
+def piece_writer(
+    memory: DeviceMemory, place: OwnPlace, bits: int, *, force: bool = False
+) -> Callable[[bytes], None]:  # fmt: skip
+    """Stores so many bits, in memory's form, from a place on at every call. Raises DeviceMemoryError: it cannot be.
+
+    `force`: also into areas that are read-only for others.
+    """
     area, first = memory.area(place.address.area), place.address.first_bit
-    if area.access == "read":
+    if area.access == "read" and not force:
         raise AccessError(f"{place.text} is in area {area.name}, which can only be read")
     if first + bits > area.size_bits:
         raise MemoryRangeError(f"{bits} bits from {place.text} on are not in area {area.name}")
-    return partial(area.write_bytes, first // 8) if not (first | bits) % 8 else partial(area.write_bits, first, bits)
+    if (first | bits) % 8:
+        return partial(area.write_bits, first, bits, force=force)
+    return partial(area.write_bytes, first // 8, force=force)
 
 
 def store_pieces(memory: DeviceMemory, pieces: Sequence[Piece]) -> None:

@@ -49,6 +49,18 @@ class ChannelStatus:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class StationStatus:
+    """A station that blocks of a channel talk to: how many there are, how often they ended, and whether it is dead."""
+
+    channel: int
+    station: Any
+    blocks: int
+    done: int
+    failed: int
+    dead: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class JobsStatus:
     """The jobs of a run: their slots, the last events, oldest first, of `events` there were, and counted commands."""
 
@@ -85,3 +97,4 @@ class RunStatus:
     jobs: JobsStatus | None = None
     removed: tuple[RemovedBlocks, ...] = ()
     sinks: tuple[SinkStatus, ...] = ()
+    stations: tuple[StationStatus, ...] = ()

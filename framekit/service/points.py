@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import logging
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from framekit.definition.problems import no_such
 from framekit.link.packing import memory_of
 from framekit.memory.memory import DeviceMemory
 from framekit.run.block_state import BlockState, Failure
-from framekit.run.model import Block, Point, RunModel
+from framekit.run.model import Block, Point
 from framekit.run.own_memory import piece_writer
 from framekit.run.points import PointTable, unscaled
 from framekit.transport.clock import Clock, utc_at
@@ -27,14 +27,18 @@ MOST_WAITING = 64
 
 
 class PointService:
-    """The points of one run. `fire` makes a block due by its id; `at_work`: the run has started and not ended."""
+    """The points of one memory. `fire` makes a block due by its id; `at_work`: the run has started and not ended.
+
+    `force`: also what others may only read is written.
+    """
 
     def __init__(
-        self, run: RunModel, memory: DeviceMemory, clock: Clock, wake: Callable[[], None], fire: Callable[[int], None]
-    ) -> None:
-        self.table = PointTable(run.points, memory, utc_at(clock), wake)
-        self._memory, self._clock, self._wake, self._fire = memory, clock, wake, fire
-        self._blocks: dict[int, Block] = {block.id: block for block in run.blocks}
+        self, points: Iterable[Point], blocks: Iterable[Block], memory: DeviceMemory, clock: Clock,
+        wake: Callable[[], None], fire: Callable[[int], None], *, force: bool = False,
+    ) -> None:  # fmt: skip
+        self.table = PointTable(points, memory, utc_at(clock), wake)
+        self._memory, self._clock, self._wake, self._fire, self._force = memory, clock, wake, fire, force
+        self._blocks: dict[int, Block] = {block.id: block for block in blocks}
         self.at_work = False
         self._waiting: dict[int, deque[tuple[bytes, Written]]] = {}
 
@@ -73,7 +77,7 @@ class PointService:
         data = memory_of(form.numbers([unscaled(point, value)]), form.carrier)
         log.info("point %s: %r → %r, written by %s", name, self.table[name].value, value, who)
         if point.writer is None:
-            piece_writer(self._memory, point.place, point.bits)(data)
+            piece_writer(self._memory, point.place, point.bits, force=self._force)(data)
             self._wake()
             _tell(written, None)
             return

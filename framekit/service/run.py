@@ -6,14 +6,14 @@ Everything happens in callbacks of the clock and of ports. Nothing here prints; 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Hashable, Iterable, Mapping
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.times import NEVER, LineSettings
+from framekit.definition.times import LineSettings
 from framekit.link.addresses import Address
 from framekit.memory.clock_bits import SystemBits
 from framekit.run.block_state import BlockState, BlockStatus, Failure
@@ -23,7 +23,7 @@ from framekit.run.job_table import JobTable
 from framekit.run.model import POINTS_SET, Block, Channel, RunModel
 from framekit.run.own_memory import AddressedMemory, addresses_of
 from framekit.run.scheduler import Scheduler
-from framekit.run.status import USER_DEFINED, ChannelStatus, JobsStatus, RunStatus
+from framekit.run.status import USER_DEFINED, ChannelStatus, JobsStatus, RunStatus, StationStatus
 from framekit.run.triggers import awaited_bits
 from framekit.runfile.devices import put_values
 from framekit.service.channel import (
@@ -40,69 +40,12 @@ from framekit.service.client import ClientService
 from framekit.service.device import DeviceService
 from framekit.service.jobs import JobService, ResolveHost, resolver_for
 from framekit.service.points import PointService
+from framekit.service.run_loop import RunLoop
 from framekit.service.sinks import SinkHost, SinkService
 from framekit.service.state import StateFile, StateKeeper
 from framekit.transport.clock import Clock, date_at
 
 log = logging.getLogger(__name__)
-
-
-class RunLoop:
-    """Calls `act(now)` when something is due, between `start` and `stop`; `next_time(now)` says when that is.
-
-    `inside`: an event is being dealt with; what says so calls `end` afterwards.
-    """
-
-    def __init__(self, clock: Clock, act: Callable[[int], None], next_time: Callable[[int], int]) -> None:
-        self.clock = clock
-        self.inside = False
-        self._act = act
-        self._next_time = next_time
-        self._ask_soon = clock.bell(self._beat)
-        self._alarm = clock.alarm(self._beat)
-        self._woken = False
-        self._running = False
-
-    def start(self) -> None:
-        """From now on it calls, as soon as `wake` or `set` is called."""
-        self._running = True
-
-    def stop(self) -> None:
-        """It calls no more."""
-        self._running = False
-        self._alarm.cancel()
-
-    def wake(self) -> None:
-        """Something came due between two calls: one call soon is enough for all of it."""
-        if not self._woken and self._running:
-            self._woken = True
-            if not self.inside:
-                self._ask_soon()
-
-    def end(self) -> None:
-        """The event has been dealt with."""
-        self.inside = False
-        if self._woken:
-            self._beat()
-
-    def set(self) -> None:
-        """What is due next may be due at another time."""
-        if not self._running:
-            self._alarm.cancel()
-            return
-        now = self.clock.now()
-        due = self._next_time(now)
-        self._alarm.set(due if due > now or due == NEVER else now)
-
-    def _beat(self) -> None:
-        """As asked for; where an event came first, that has done it already, and this finds nothing due."""
-        self._woken = True  # what comes due meanwhile is in the next time the timer is set for
-        try:
-            if self._running:
-                self._act(self.clock.now())
-        finally:
-            self._woken = False
-            self.set()
 
 
 LONGEST_SHUTDOWN = 5_000_000_000
@@ -222,7 +165,7 @@ class RunService(ChannelOwner):
             )
             self.exchanges.take_job = self.jobs.take
         put_values(self.memory, run.initial)
-        self.points = PointService(run, self.memory, clock, self.loop.wake, self.fire)
+        self.points = PointService(run.points, run.blocks, self.memory, clock, self.loop.wake, self.fire)
         self._has_points = bool(run.points)
         host = SinkHost(run.name, clock, self.points, partial(run_status, self))
         self.sinks = SinkService(run.sinks, run.points, self.points.table, clock, host)
@@ -613,7 +556,26 @@ def run_status(service: RunService) -> RunStatus:
         jobs=None if service.jobs is None else _jobs_status(service.jobs.table),
         removed=tuple(replace(one, reasons=one.reasons.copy()) for one in service.removed),
         sinks=tuple(service.sinks.status),
+        stations=tuple(_stations(service)),
     )
+
+
+def _stations(service: RunService) -> Iterator[StationStatus]:
+    """The stations that blocks talk to, as their settings are now, in the order of the blocks."""
+    found: dict[tuple[int, Hashable], list[BlockState]] = {}
+    for state in service.states.values():
+        station = service.exchanges.station_of(state)
+        if station is not None:
+            found.setdefault((state.block.channel, station), []).append(state)
+    for (channel, station), states in found.items():
+        yield StationStatus(
+            channel=channel,
+            station=station,
+            blocks=len(states),
+            done=sum(state.done for state in states),
+            failed=sum(state.failed for state in states),
+            dead=any(state.dead for state in states),
+        )
 
 
 def _jobs_status(table: JobTable) -> JobsStatus:

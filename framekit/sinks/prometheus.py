@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ipaddress
 import logging
 import socket
 import threading
@@ -16,29 +15,21 @@ from framekit.run.model import Point
 from framekit.run.points import PointValue
 from framekit.run.status import RunStatus
 from framekit.sinks.base import Host, Sampled, Sink, SinkKind, not_installed
+from framekit.transport.network import bracketed, listening_at
 
 if TYPE_CHECKING:
     from prometheus_client import Metric
 
 log = logging.getLogger(__name__)
 
-LOCAL = "127.0.0.1"
-
 
 def read_listening(reading: KeyReading, node: Node) -> tuple[str, int]:
     """`PORT`, or `ADDRESS:PORT` with the address in brackets where it has colons. Raises Broken."""
-    text = reading.reader.text(node).strip()
-    host, _, port = text.rpartition(":")
-    host = host.removeprefix("[").removesuffix("]") or LOCAL
     try:
-        ipaddress.ip_address(host)
-        fits = port.isdecimal() and int(port) < 65536
-    except ValueError:
-        fits = False
-    if not fits:
-        what = f"'{text}' is no place to listen on"
-        raise reading.reader.broken(node.at, what, "write a port such as 9101, or ADDRESS:PORT such as 0.0.0.0:9101")
-    return host, int(port)
+        return listening_at(reading.reader.text(node).strip())
+    except ValueError as error:
+        todo = "write a port such as 9101, or ADDRESS:PORT such as 0.0.0.0:9101"
+        raise reading.reader.broken(node.at, str(error), todo) from None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,7 +45,7 @@ class Prometheus(SinkKind):
     @property
     def target(self) -> str:
         host, port = self.prometheus
-        return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+        return f"{bracketed(host)}:{port}"
 
     def mistakes(self, points: Sequence[Point]) -> Iterator[tuple[str, str, str]]:
         yield from not_installed("prometheus-client", "prometheus_client", "prometheus")

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import ipaddress
 import os
 import socket
 from abc import ABC, abstractmethod
@@ -220,6 +221,20 @@ def _why(error: Exception) -> str:
 def bracketed(host: str) -> str:
     """A host as it stands before a port number."""
     return f"[{host}]" if ":" in host else host
+
+
+def listening_at(text: str, local: str = "127.0.0.1") -> tuple[str, int]:
+    """Address and number in `PORT` or `ADDRESS:PORT`; an address with colons stands in brackets. Raises ValueError."""
+    host, _, port = text.rpartition(":")
+    host = host.removeprefix("[").removesuffix("]") or local
+    try:
+        ipaddress.ip_address(host)
+        fits = port.isdecimal() and int(port) < 65536
+    except ValueError:
+        fits = False
+    if not fits:
+        raise ValueError(f"'{text}' is no place to listen on")
+    return host, int(port)
 
 
 class TcpAcceptedPort(StreamPort, AcceptedPort):

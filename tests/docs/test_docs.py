@@ -56,7 +56,7 @@ def _carry_out_page(
         assert snippet.kind in ("console", "yaml", "python", "text", "mermaid"), f"{where}: what is {snippet.kind}?"
 
 
-PORTS = re.compile(r"\b(?:9102|1883|8086)\b")
+PORTS = re.compile(r"\b(?:9102|1883|8086|8040)\b")
 """Ports that pages listen on."""
 
 

@@ -11,14 +11,15 @@ from textual.app import App, ComposeResult
 from textual.binding import Binding
 from textual.widgets import DataTable, Footer, Header, Input, Static
 
-from framekit.api.monitor import FAULTY, FrameFilter
+from framekit.api.frame_rows import FIELD_HEAD, FRAME_HEAD, field_row, frame_row
+from framekit.api.monitor import parse_filter
+from framekit.api.rows import BLOCK_HEAD, block_row
 from framekit.api.run import COMMANDS
-from framekit.cli.common import VerbError, shown_bytes, what_was_seen
-from framekit.cli.run_output import BLOCK_HEAD, block_row
+from framekit.cli.common import VerbError
 from framekit.definition.problems import plural
 
 if TYPE_CHECKING:
-    from framekit.api.monitor import FieldRow, FrameEntry, LineOf, LiveView
+    from framekit.api.monitor import FrameEntry, LineOf, LiveView
     from framekit.cli.screen.session import LiveSession
 
 
@@ -155,7 +156,9 @@ class MonitorApp(App[None]):
             return
         follows = table.cursor_row >= table.row_count - 1
         for entry in new:
-            table.add_row(*_as_it_is(frame_cells(view, entry, self.as_ascii)), key=str(entry.number))
+            table.add_row(
+                *_as_it_is(frame_row(entry, view.seconds(entry.seen.at), self.as_ascii)), key=str(entry.number)
+            )
         for key in list(table.rows)[: max(0, table.row_count - MOST_ROWS)]:
             table.remove_row(key)
         if follows:
@@ -186,7 +189,7 @@ class MonitorApp(App[None]):
         fault = f" – {seen.reason} at byte {seen.place}" if seen.kind == "bad" else ""
         self.about.update(f"no. {number}: {seen.frame or seen.kind}, {plural(len(seen.raw), 'byte')}{fault}")
         for row in self.view.log.fields(entry):
-            self.fields.add_row(*_as_it_is(field_cells(row, self.as_ascii)))
+            self.fields.add_row(*_as_it_is(field_row(row, self.as_ascii)))
 
     # ---- keys ---------------------------------------------------------------------------------------------
 
@@ -255,26 +258,7 @@ def _as_it_is(cells: Iterable[str]) -> Iterator[Text]:
     return (Text(cell, no_wrap=True, end="") for cell in cells)
 
 
-FRAME_HEAD = ("no.", "time", "ch", "", "size", "result", "frame", "bytes")
-FIELD_HEAD = ("field", "offset", "bytes", "value")
-LONGEST = 48
 BAR = 20
-
-
-def frame_cells(view: LiveView, entry: FrameEntry, as_ascii: bool) -> tuple[str, ...]:
-    """One thing seen; a bad one is marked."""
-    seen = entry.seen
-    arrow = {"in": "←", "out": "→"}.get(seen.direction, "")
-    mark = "! " if seen.kind in FAULTY else ""
-    size = str(len(seen.raw)) if seen.raw else ""
-    return (
-        str(entry.number), f"{view.seconds(seen.at):.3f}", str(entry.channel), arrow, size, entry.result,
-        mark + what_was_seen(seen), shown_bytes(seen.raw, as_ascii, LONGEST),
-    )  # fmt: skip
-
-
-def field_cells(row: FieldRow, as_ascii: bool) -> tuple[str, ...]:
-    return row.path, str(row.offset), shown_bytes(row.data, as_ascii, LONGEST), row.value
 
 
 def channel_line(number: int, line: LineOf, now: int) -> str:
@@ -286,18 +270,3 @@ def channel_line(number: int, line: LineOf, now: int) -> str:
     full = min(BAR, round(BAR * load_now))
     bar = "█" * full + "·" * (BAR - full)
     return f"{start}  {bar} {100 * load_now:5.1f} % (average {100 * load:.1f} %)"
-
-
-def parse_filter(text: str, bad_only: bool) -> FrameFilter:
-    """`ch:1 frame:read text …`: a channel, a part of a frame's name, and what else is to be found."""
-    channel: int | None = None
-    frame, rest = "", []
-    for word in text.split():
-        key, colon, value = word.partition(":")
-        if colon and key == "ch" and value.isdigit():
-            channel = int(value)
-        elif colon and key == "frame":
-            frame = value
-        else:
-            rest.append(word)
-    return FrameFilter(channel, frame, bad_only, " ".join(rest))

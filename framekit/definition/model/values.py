@@ -57,11 +57,10 @@ class RecordOf:
 
 @dataclass(frozen=True, slots=True)
 class EachOf:
-    """`{each: {field: value}}`: one record for every variable of a list request; with `when`, for those it holds of."""
+    """`{each: {field: value}}`: one record for every variable of a list request."""
 
     fields: Mapping[str, Value]
     at: Position
-    when: Expression | None = None
 
 
 Value = Expression | FrameOf | LayoutOf | ReadAs | ListOf | RecordOf | EachOf

@@ -143,10 +143,9 @@ class ValueWriter:
             case ReadAs(layout=layout, source=source):
                 codec = self.constant(self.shared.codec.layouts[layout])
                 return f"read_as({codec}, {self.value(source, level)}, {self.names(level)})"
-            case EachOf(fields=fields, when=when) if not level.values:
+            case EachOf(fields=fields) if not level.values:
                 of_each = f"[Names(one, names) for one in names[{EACH!r}]]"
-                holds = "" if when is None else f" if {self.expression(when, level)}"
-                return f"[{self._record(fields, level)} for names in {of_each}{holds}]"
+                return f"[{self._record(fields, level)} for names in {of_each}]"
         raise TypeError(f"no value of one request: {value!r}")
 
     def _record(self, fields: Mapping[str, Value], level: WriterLevel) -> str:

@@ -13,10 +13,9 @@ from typing import Any
 
 import pytest
 
-from framekit.api.monitor import FrameFilter
+from framekit.api.monitor import FrameFilter, parse_filter
 from framekit.cli.main import build_parser, main
 from framekit.cli.run_verb import RunSession, RunWatch
-from framekit.cli.screen.app import parse_filter
 from framekit.cli.serve_verb import ServeSession, server_of
 from framekit.link.events import Kind, Seen
 from framekit.runfile.run_file import load_run

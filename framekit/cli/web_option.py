@@ -1,0 +1,150 @@
+"""The option `--web` of `run` and `serve`: a page that shows them in a browser, as long as they go on."""
+
+from __future__ import annotations
+
+import argparse
+import errno
+import sys
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import TYPE_CHECKING
+
+from framekit.cli.common import VerbError, WordsError, print_json
+
+if TYPE_CHECKING:
+    from framekit import AsyncServer, Seen
+    from framekit.api.monitor import LiveView
+    from framekit.api.run import OnSeen, RunCalls
+    from framekit.web.server import WebServer
+    from framekit.web.shown import Shown
+
+USUAL = "127.0.0.1:8040"
+MISSING = (
+    "the page needs starlette and uvicorn – install framekit with the extra 'web': pip install '.[web]' in its folder"
+)
+
+
+def add_web(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--web", nargs="?", const=USUAL, metavar="ADDRESS:PORT",
+        help=f"show a page in the browser, at {USUAL} unless said, port 0 for a free one; needs the extra 'web'",
+    )  # fmt: skip
+    parser.add_argument(
+        "--web-token", metavar="env:NAME|file:NAME",
+        help="where the token stands with which the page fires and writes; without it one is made and told",
+    )  # fmt: skip
+
+
+class WebPage:
+    """The page that a command line asks for, which listens already, or none. Raises WordsError, VerbError."""
+
+    def __init__(self, arguments: argparse.Namespace) -> None:
+        self.server: WebServer | None = None
+        self._json: bool = arguments.json
+        self._view: LiveView | None = None
+        if arguments.web is not None:
+            from framekit.api.monitor import FrameLog
+
+            self.server = _listening(arguments.web, arguments.web_token)
+            self.log = FrameLog()
+        elif arguments.web_token is not None:
+            raise WordsError("--web-token has no effect without --web")
+
+    def monitor(self, seen: OnSeen) -> OnSeen:
+        """Who is told what goes over the lines: `seen`, or the page that shows it instead; both for programs."""
+        if self.server is None:
+            return seen
+        shows = self.log.add
+        if not self._json:
+            return shows
+
+        def both(channel: int, what: Seen) -> None:
+            shows(channel, what)
+            seen(channel, what)
+
+        return both
+
+    @asynccontextmanager
+    async def of_run(self, run: RunCalls) -> AsyncIterator[None]:
+        """Shows a run, not yet started, meanwhile."""
+        if self.server is None:
+            yield
+            return
+        from framekit.api.run import view_of
+        from framekit.web.shown import shown_run
+
+        async with self._shows(shown_run(run, view_of(run, self.log))):
+            yield
+
+    def watch(self, devices: AsyncServer) -> None:
+        """Devices that have not been opened yet: what goes over their line is for the page, as in `monitor`."""
+        if self.server is None:
+            return
+        from framekit.api.server import view_of_devices
+
+        before = devices.watch
+        self._view = view_of_devices(devices, self.log, lambda: "open")
+        shows = devices.watch
+        if before is None or not self._json or shows is None:
+            return
+
+        def both(port: str, number: int, what: Seen) -> None:
+            shows(port, number, what)
+            before(port, number, what)
+
+        devices.watch = both
+
+    @asynccontextmanager
+    async def of_devices(self, devices: AsyncServer) -> AsyncIterator[None]:
+        """Shows devices, which have been opened, meanwhile."""
+        if self.server is None or self._view is None:
+            yield
+            return
+        from framekit.web.shown import shown_server
+
+        async with self._shows(shown_server(devices, self._view)):
+            yield
+
+    @asynccontextmanager
+    async def _shows(self, shown: Shown) -> AsyncIterator[None]:
+        assert self.server is not None
+        self.server.begin(shown)
+        self._tell(self.server)
+        try:
+            yield
+        finally:
+            await self.server.end()
+
+    def _tell(self, server: WebServer) -> None:
+        """Where the page is, and, where it was made, the token with which it fires and writes."""
+        token = server.access.token if server.access.made else ""
+        if self._json:
+            print_json({"event": "web", "url": server.url} | ({"token": token} if token else {}))
+        else:
+            print(f"page: {server.url}" + (f" – to fire and write: {server.url}#token={token}" if token else ""))
+        sys.stdout.flush()
+
+
+def _listening(place: str, token: str | None) -> WebServer:
+    """The server, which listens. Raises WordsError, VerbError."""
+    try:
+        from framekit.web.access import Access, kept_token
+        from framekit.web.server import WebServer, listening_at
+    except ModuleNotFoundError as error:
+        if (error.name or "").split(".")[0] == "framekit":
+            raise
+        raise VerbError(MISSING) from None
+    try:
+        host, port = listening_at(place)
+    except ValueError as error:
+        raise WordsError(f"--web: {error} – write a port such as 8040, or ADDRESS:PORT such as 0.0.0.0:8040") from None
+    try:
+        access = Access("" if token is None else kept_token(token))
+    except (ValueError, OSError) as error:
+        raise WordsError(f"--web-token: {error}") from None
+    try:
+        return WebServer(host, port, access)
+    except OSError as error:
+        in_use = error.errno == errno.EADDRINUSE
+        why = "the address is in use – end what is there, or give another port, such as 0 for a free one"
+        raise VerbError(f"--web {place}: {why if in_use else error.strerror or error}") from None

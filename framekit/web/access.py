@@ -1,0 +1,84 @@
+"""Who may see the page, and who may do something: names of this machine only, no other web page, and a token to act."""
+
+from __future__ import annotations
+
+import hmac
+import ipaddress
+import secrets
+import socket
+from collections.abc import Mapping
+
+from framekit.sinks.secrets import Secret
+
+SHORTEST_TOKEN = 12
+
+
+class Access:
+    """The token of one server. `made`: nobody has given one, so that it has to be told."""
+
+    def __init__(self, token: str = "") -> None:
+        """Raises ValueError for a token that is too short to be a secret."""
+        if token and len(token) < SHORTEST_TOKEN:
+            raise ValueError(f"the token has {len(token)} characters – give {SHORTEST_TOKEN} or more")
+        self.made = not token
+        self.token = token or secrets.token_urlsafe(24)
+
+    def fits(self, given: object) -> bool:
+        """Whether this is the token; how long that takes tells nothing of it."""
+        told = given if isinstance(given, str) else ""
+        return hmac.compare_digest(told.encode(errors="replace"), self.token.encode(errors="replace"))
+
+
+def kept_token(text: str) -> str:
+    """The token that stands where `env:NAME` or `file:NAME` says. Raises ValueError, OSError."""
+    kind, _, name = text.partition(":")
+    if kind not in ("env", "file") or not name:
+        raise ValueError("a token does not stand on the command line – write env:NAME or file:NAME")
+    found = Secret(kind, name).read()
+    if not found:
+        raise ValueError("there is no token – put one there")
+    return found
+
+
+def is_known_host(host: str) -> bool:
+    """Whether a Host header names this machine: by an address, as localhost, or by its own name.
+
+    A page of another name that has been made to lead here (DNS rebinding) comes with that name.
+    """
+    name = host_name(host)
+    try:
+        ipaddress.ip_address(name.removeprefix("[").removesuffix("]"))
+    except ValueError:
+        own = socket.gethostname().lower()
+        return name in ("localhost", own, f"{own}.local")
+    return True
+
+
+def host_name(host: str) -> str:
+    """A host without its port, in small letters."""
+    name, colon, port = host.lower().rpartition(":")
+    return name if colon and port.isdecimal() else host.lower()
+
+
+def is_own_origin(headers: Mapping[str, str]) -> bool:
+    """Whether a request comes from this page, or from no page: browsers say of every other page which it is."""
+    origin = headers.get("origin")
+    if origin is None:
+        return True
+    scheme, _, host = origin.partition("://")
+    return scheme in ("http", "https") and host.lower() == headers.get("host", "").lower()
+
+
+HEADERS = {
+    "Content-Security-Policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self'; base-uri 'none'; "
+        "form-action 'none'; frame-ancestors 'none'"
+    ),
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+"""What every answer says to the browser: nothing comes from elsewhere, and no script runs but the page's own."""

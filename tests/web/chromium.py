@@ -1,0 +1,112 @@
+"""Debian's Chromium for tests, driven by selenium; and a program whose page it looks at."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TypeVar
+
+import pytest
+
+webdriver = pytest.importorskip("selenium.webdriver")
+wait = pytest.importorskip("selenium.webdriver.support.wait")
+
+T = TypeVar("T")
+CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
+needs_chromium = pytest.mark.skipif(
+    CHROMIUM is None or DRIVER is None, reason="chromium and chromium-driver are not installed"
+)
+OPTIONS = (
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+    "--disable-background-networking", "--disable-component-update", "--disable-sync", "--window-size=1200,1500",
+)  # fmt: skip
+LONGEST = 30
+
+
+class Looking:
+    """A page in a browser."""
+
+    def __init__(self, driver: Any) -> None:
+        self.driver = driver
+
+    def open(self, url: str) -> None:
+        self.driver.get("about:blank")  # an address that differs behind # alone would not be loaded anew
+        self.driver.get(url)
+        self.until(lambda: self.text("#state") == "live")
+
+    def until(self, found: Callable[[], T]) -> T:
+        """What `found` gives when it is something. Raises TimeoutException."""
+        return wait.WebDriverWait(self.driver, LONGEST, 0.05, ignored_exceptions=[Exception]).until(lambda _: found())
+
+    def run(self, script: str, *given: Any) -> Any:
+        return self.driver.execute_script(script, *given)
+
+    def text(self, selector: str) -> str:
+        return str(self.run("return document.querySelector(arguments[0])?.innerText ?? ''", selector))
+
+    def rows(self, section: str) -> list[list[str]]:
+        """The rows of a table that are drawn, with their class first."""
+        script = """return [...document.querySelectorAll(`#${arguments[0]} .grid tr.row`)].filter(row => !row.hidden)
+            .map(row => [row.className, ...[...row.cells].map(cell => cell.innerText)])"""
+        return list(self.run(script, section))
+
+    def click(self, selector: str) -> None:
+        self.driver.find_element("css selector", selector).click()
+
+    def click_row(self, section: str, text: str) -> None:
+        """Clicks the first row in which a text stands."""
+        script = """const row = [...document.querySelectorAll(`#${arguments[0]} .grid tr.row`)]
+            .find(row => !row.hidden && row.innerText.includes(arguments[1]));
+            row?.cells[0].click(); return Boolean(row)"""
+        self.until(lambda: self.run(script, section, text))
+
+    def type(self, selector: str, text: str) -> None:
+        field = self.driver.find_element("css selector", selector)
+        field.clear()
+        field.send_keys(text)
+
+    def errors(self) -> list[str]:
+        """What the browser calls an error, but for connections that are gone."""
+        told = [str(line["message"]) for line in self.driver.get_log("browser") if line["level"] == "SEVERE"]
+        return [line for line in told if "favicon" not in line and "WebSocket connection" not in line]
+
+
+@contextmanager
+def browser() -> Iterator[Looking]:
+    options = webdriver.ChromeOptions()
+    options.binary_location = CHROMIUM
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    with tempfile.TemporaryDirectory() as folder:
+        for option in (*OPTIONS, f"--user-data-dir={folder}/profile"):
+            options.add_argument(option)
+        service = webdriver.ChromeService(DRIVER, log_output=os.devnull)
+        driver = webdriver.Chrome(options=options, service=service)
+        try:
+            yield Looking(driver)
+        finally:
+            driver.quit()
+
+
+@contextmanager
+def program(folder: Path, *words: str, **environment: str) -> Iterator[tuple[str, str]]:
+    """`framekit …` with a page, as long as it is looked at: where the page is, and its token."""
+    command = [sys.executable, "-m", "framekit", *words, "--web", "0", "--json"]
+    with subprocess.Popen(
+        command, cwd=folder, env=os.environ | environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as there:
+        try:
+            assert there.stdout is not None
+            told = json.loads(there.stdout.readline())
+            yield told["url"], told.get("token", "")
+        finally:
+            there.send_signal(signal.SIGINT)
+            _, trouble = there.communicate(timeout=60)
+    assert (there.returncode, trouble) == (0, "")

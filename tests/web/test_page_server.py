@@ -1,0 +1,250 @@
+"""The server of the page: its files and headers, who is let in, and how it begins and ends; over real sockets."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("starlette")
+pytest.importorskip("httpx2")
+
+from starlette.testclient import TestClient
+from starlette.websockets import WebSocketDisconnect
+from web.page_world import TOKEN, Browser, Page, async_run, written
+
+from framekit.api.monitor import FrameLog
+from framekit.api.run import view_of
+from framekit.cli.main import main
+from framekit.web import server as server_module
+from framekit.web.access import Access, is_known_host
+from framekit.web.server import PAGE, PageApp, WebServer
+from framekit.web.shown import shown_run
+
+MARKUP = re.compile(r"innerHTML|outerHTML|insertAdjacent|document\.write|eval\(|new Function|\sstyle=|\son\w+=")
+"""Ways in which a text would become more than a text."""
+HOME, LIVE = "http://127.0.0.1:8040", "ws://127.0.0.1:8040/live"
+
+
+@pytest.fixture
+def page(tmp_path: Path) -> Page:
+    found = Page(written(tmp_path))
+    found.run.run_for("2 s")
+    return found
+
+
+@pytest.fixture
+def app(page: Page) -> PageApp:
+    found = PageApp(Access(TOKEN))
+    found.board = page.board
+    return found
+
+
+def test_the_page_comes_with_its_rules(app: PageApp) -> None:
+    client = TestClient(app.app, base_url=HOME)
+    for path in ("/", "/page.js", "/parts.js", "/page.css"):
+        reply = client.get(path)
+        assert reply.status_code == 200
+        rules = reply.headers["content-security-policy"]
+        assert "default-src 'none'" in rules
+        assert "unsafe" not in rules
+        assert reply.headers["x-content-type-options"] == "nosniff"
+    assert client.get("/../server.py").status_code == 404
+    assert client.get("/nothing").headers["x-frame-options"] == "DENY"
+    assert client.post("/").status_code == 405
+
+
+def test_nothing_of_the_page_comes_from_elsewhere_or_is_markup() -> None:
+    for file in PAGE.iterdir():
+        text = file.read_text("utf-8")
+        assert "//" not in re.sub(r"^\s*//.*|(?<=;)\s+//.*|\$\{[^}]*\}://", "", text, flags=re.MULTILINE), file.name
+        assert not MARKUP.search(text), file.name
+
+
+@pytest.mark.parametrize(
+    ("host", "known"),
+    [("127.0.0.1:8040", True), ("localhost", True), ("[::1]:8040", True), ("192.168.0.9", True), ("10.0.0.1:1", True),
+     ("evil.example", False), ("127.0.0.1.evil.example:8040", False), ("", False), ("localhost.evil.example", False),
+     (f"{socket.gethostname()}:8040", True)],
+)  # fmt: skip
+def test_which_hosts_are_this_machine(host: str, known: bool) -> None:
+    assert is_known_host(host) == known
+
+
+def test_another_name_or_page_is_not_let_in(app: PageApp) -> None:
+    client = TestClient(app.app, base_url=HOME)
+    assert client.get("/", headers={"host": "evil.example"}).status_code == 403
+    assert client.get("/", headers={"origin": "http://evil.example"}).status_code == 403
+    for headers in (
+        {"origin": "http://evil.example"},
+        {"origin": "null"},
+        {"origin": "http://127.0.0.1:9"},
+        {"host": "evil.example", "origin": "http://evil.example"},
+    ):
+        with pytest.raises(WebSocketDisconnect), client.websocket_connect(LIVE, headers=headers):
+            pass
+    assert app.browsers == 0
+
+
+def test_a_browser_is_served(app: PageApp) -> None:
+    client = TestClient(app.app, base_url=HOME)
+    with client.websocket_connect(LIVE, headers={"origin": HOME}) as there:
+        browser = Browser(there.receive_json())
+        while not browser.frames:
+            browser.take([there.receive_json()])
+        assert browser.values["level"][0] == "2"
+        there.send_json({"token": TOKEN})
+        assert there.receive_json() == {"may": True}
+        there.send_json({"do": "disable 1", "id": 5})
+        assert there.receive_json() == {"done": 5}
+        assert app.browsers == 1
+    assert app.browsers == 0
+
+
+@pytest.mark.parametrize("told", ["no json", "[" * 100_000, "[]"])
+def test_nonsense_ends_the_connection_or_is_refused(app: PageApp, told: str) -> None:
+    client = TestClient(app.app, base_url=HOME)
+    with client.websocket_connect(LIVE) as there:
+        browser = Browser(there.receive_json())
+        while not browser.frames:
+            browser.take([there.receive_json()])
+        there.send_text(told)
+        try:
+            assert there.receive_json() == {"trouble": "this is no message"}
+        except WebSocketDisconnect as end:
+            assert end.code == 1008
+    assert app.browsers == 0
+
+
+def test_wrong_tokens_end_the_connection(app: PageApp, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server_module, "AFTER_WRONG", 0)
+    client = TestClient(app.app, base_url=HOME)
+    with client.websocket_connect(LIVE) as there, pytest.raises(WebSocketDisconnect):
+        for number in range(server_module.MOST_WRONG + 1):
+            there.send_json({"token": f"wrong {number}"})
+        while True:
+            there.receive_json()
+
+
+def test_no_more_browsers_than_there_is_room_for(app: PageApp) -> None:
+    app.browsers = server_module.MOST_BROWSERS
+    client = TestClient(app.app, base_url=HOME)
+    with pytest.raises(WebSocketDisconnect), client.websocket_connect(LIVE):
+        pass
+
+
+def test_a_point_is_written_over_the_line_and_refused_out_of_range(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO", "framekit")
+
+    async def drive() -> list[dict[str, object]]:
+        log = FrameLog()
+        run = async_run(written(tmp_path), log)
+        server = WebServer("127.0.0.1", 0, Access(TOKEN))
+        server.begin(shown_run(run, view_of(run, log)))
+        async with run:
+            assert server.page.board is not None
+            session = server_module.WebSession(server.page.board, server.access, "test:1")
+            while run.points["limit"].quality != "good":
+                await run.next_end()
+            told: list[dict[str, object]] = [{"token": TOKEN}]
+            told += [{"write": 2, "value": value, "id": 1} for value in ("7", "11", "warm")]
+            told += [{"write": 1, "value": "off", "id": 2}, {"write": 0, "value": "1", "id": 3}]
+            found = [await session.answer(one) or {} for one in told]
+            assert run.device("meter")["40003"] == 7
+            assert run.device("meter")["40002"] == 0
+        await server.end()
+        return found
+
+    may, *answers = asyncio.run(drive())
+    assert may == {"may": True}
+    assert [answer.get("why") for answer in answers] == [
+        None, "11 is not in 0..10, the range of limit", "'warm' is no value of limit", None,
+        "'level' can only be read – access: rw of the point allows it",
+    ]  # fmt: skip
+    assert "point limit: 5 → 7, written by the page, from test:1" in caplog.text
+    assert "point limit: 11 was refused to the page, from test:1: 11 is not in 0..10" in caplog.text
+
+
+def test_the_address_is_free_when_it_has_ended(tmp_path: Path) -> None:
+    async def drive() -> None:
+        for _ in range(2):
+            log = FrameLog()
+            run = async_run(written(tmp_path), log)
+            server = WebServer("127.0.0.1", port, Access(TOKEN))
+            server.begin(shown_run(run, view_of(run, log)))
+            reader, writer = await asyncio.open_connection("127.0.0.1", port)
+            writer.write(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+            assert b"200" in await reader.readline()
+            await server.end()
+            run.stop()
+            writer.close()
+
+    with socket.create_server(("127.0.0.1", 0)) as there:
+        port = there.getsockname()[1]
+    asyncio.run(drive())
+
+
+# ---- the command line --------------------------------------------------------------------------------------------
+
+
+def test_an_address_in_use_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as there:
+        place = f"127.0.0.1:{there.getsockname()[1]}"
+        assert main(["run", str(written(tmp_path)), "--web", place, "--for", "1s"]) == 1
+    assert capsys.readouterr().err == (
+        f"framekit run: --web {place}: the address is in use – end what is there, or give another port, such as 0 "
+        "for a free one\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--web", "here"], "--web: 'here' is no place to listen on – write a port such as 8040"),
+        (["--web-token", "env:X"], "--web-token has no effect without --web"),
+        (["--web", "0", "--web-token", "swordfish"], "a token does not stand on the command line"),
+        (["--web", "0", "--web-token", "env:NOTHING_THERE"], "NOTHING_THERE"),
+        (["--web", "0", "--web-token", "env:SHORT"], "the token has 5 characters – give 12 or more"),
+        (["--web", "0", "--virtual"], "--web is for runs in real time"),
+        (["--web", "0", "--screen"], "leave --screen out"),
+    ],
+)
+def test_what_the_command_line_says_wrongly(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, words: list[str], told: str
+) -> None:
+    monkeypatch.setenv("SHORT", "12345")
+    assert main(["run", str(written(tmp_path)), "--for", "1s", *words]) == 2
+    assert told in capsys.readouterr().err
+
+
+def test_a_missing_library_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delitem(sys.modules, "framekit.web.server")
+    monkeypatch.setitem(sys.modules, "uvicorn", None)
+    assert main(["run", str(written(tmp_path)), "--web", "0", "--for", "1s"]) == 1
+    assert "install framekit with the extra 'web'" in capsys.readouterr().err
+
+
+def test_a_run_with_its_page_ends_by_a_signal(tmp_path: Path) -> None:
+    words = [sys.executable, "-m", "framekit", "run", str(written(tmp_path)), "--web", "0", "--json"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
+        assert run.stdout is not None
+        told = json.loads(run.stdout.readline())
+        assert told["event"] == "web"
+        assert len(told["token"]) >= 32
+        address = re.match(r"http://127\.0\.0\.1:(\d+)/$", told["url"])
+        assert address is not None
+        with socket.create_connection(("127.0.0.1", int(address[1]))):
+            run.send_signal(signal.SIGINT)
+            _, trouble = run.communicate(timeout=30)
+    assert (run.returncode, trouble) == (0, "")
