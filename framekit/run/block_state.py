@@ -222,7 +222,7 @@ class BlockState:
 
     __slots__ = (
         "armed", "block", "chain", "companions", "dead", "done", "failed", "has_station", "id", "key", "lane",
-        "last_end", "last_failure", "last_outcome", "overruns", "probing", "reasons", "round", "running", "set_on",
+        "last_end", "last_failure", "overruns", "probing", "reasons", "round", "running", "set_on",
         "started", "started_at", "starts_left", "switched_on", "waiting",
     )  # fmt: skip
 
@@ -241,7 +241,6 @@ class BlockState:
         self.armed: ArmedTriggers | None = None
         self.started_at = 0
         self.last_failure: Failure | None = None
-        self.last_outcome = ""
         self.reasons: Counter[str] = Counter()
         self.last_end: int | None = None
         self.companions: tuple[BlockState, ...] = ()
@@ -269,12 +268,10 @@ class BlockState:
         self.running = False
         if failure is None:
             self.done += 1
-            self.last_outcome = ""
         else:
             self.failed += 1
             self.reasons[failure.outcome] += 1
             self.last_failure = replace(failure, at=now)
-            self.last_outcome = str(failure)
         self.last_end = now
 
     def reset(self) -> None:
@@ -282,5 +279,5 @@ class BlockState:
         self.started, self.done, self.failed, self.overruns = int(self.running), 0, 0, 0
         self.starts_left = self.block.repeat
         self.switched_on = self.block.enabled
-        self.last_failure, self.last_outcome, self.last_end = None, "", None
+        self.last_failure, self.last_end = None, None
         self.reasons.clear()

@@ -173,16 +173,6 @@ class Reference:
             lines += ["", "| key | value | what it is for |", "|---|---|---|", *self.rows(part), ""]
         return "\n".join(lines).rstrip() + "\n"
 
-    def undescribed(self) -> list[str]:
-        """Keys that the schema says nothing about."""
-        parts = self.parts.values()
-        return [
-            f"{part.name}: {key}"
-            for part in parts
-            for key, schema in part.schema["properties"].items()
-            if not self.description(schema)
-        ]
-
 
 def main() -> None:
     folder: Path = shipped_folder("schemas")

@@ -83,7 +83,7 @@ def test_a_refusal_shows_the_code_of_the_device(tmp_path: Path) -> None:
     (status,) = bench.service.status()
     assert bench.shown(0) == (0, 0x7132, 0, 10), "an address beyond the area"
     assert (status.device_code, status.reason) == (0x7132, ErrorCode.REFUSED)
-    assert bench.service.states[0].last_outcome.startswith("refused 0x7132")
+    assert str(bench.service.states[0].last_failure).startswith("refused 0x7132")
 
 
 def test_a_pulse_lasts_one_scan(tmp_path: Path) -> None:

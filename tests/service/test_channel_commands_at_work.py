@@ -126,7 +126,7 @@ def test_the_eighteenth_command_of_a_scan_is_lost(tmp_path: Path) -> None:
     at_work.run(5)
     counters = at_work.jobs.table.counters
     assert (counters.taken, counters.lost) == (18, 2)
-    assert at_work.service.states[19].last_outcome == "queue_full: the command was not taken"
+    assert str(at_work.service.states[19].last_failure) == "queue_full: the command was not taken"
 
 
 def test_another_protocol_on_the_channel(tmp_path: Path) -> None:

@@ -308,9 +308,9 @@ def test_lesson_9_a_command_that_is_not_taken_has_an_outcome_of_its_own(one: Pat
     )
     at_work = Sample(path)
     at_work.run(2005)
-    assert at_work.service.states[29].last_outcome == "queue_full: the command was not taken"
+    assert str(at_work.service.states[29].last_failure) == "queue_full: the command was not taken"
     at_work.run(100)
-    assert at_work.service.states[40].last_outcome == "queue_full: the command was not taken", (
+    assert str(at_work.service.states[40].last_failure) == "queue_full: the command was not taken", (
         "in the same scan: lost, too"
     )
 

@@ -89,7 +89,7 @@ def test_sixty_four_blocks_on_eight_protocols(tmp_path: Path) -> None:
     for number, state in service.states.items():
         counters, n = state, number % BLOCKS
         due = SECONDS * 1000 // (400 + 50 * n)
-        assert (counters.failed, counters.overruns) == (0, 0), state.last_outcome
+        assert (counters.failed, counters.overruns) == (0, 0), str(state.last_failure)
         assert counters.started in (due - 1, due), "what comes due at the very end may still wait"
         assert counters.started == counters.done + counters.failed + counters.running
     for number, line in enumerate(LINES, 1):

@@ -102,7 +102,7 @@ def check(service: RunService, peer: Peer) -> None:
     counters = service.states
     assert all((counters[number].done, counters[number].failed) == (1, 0) for number in range(6))
     assert (counters[6].done, counters[6].failed) == (0, 1), "the device has no register 49000"
-    assert service.states[6].last_outcome == "refused 0x0002: illegal data address"
+    assert str(service.states[6].last_failure) == "refused 0x0002: illegal data address"
     assert memory.read("M", "word", 140) == [0]
 
 

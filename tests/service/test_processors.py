@@ -20,7 +20,7 @@ def test_the_run_beside_them() -> None:
     service.start()
     clock.run_for(3_500_000_000)
     for state in service.states.values():
-        assert (state.failed, state.overruns) == (0, 0), state.last_outcome
+        assert (state.failed, state.overruns) == (0, 0), str(state.last_failure)
         assert state.done >= 1
     words = {100: [100, 200, 300, 65136], 110: [0, 0x42C8, 0, 0xC120], 130: [5, 6, 7], 140: [11, 22, 33], 150: [44]}
     for base, expected in words.items():

@@ -95,7 +95,7 @@ def test_a_device_that_does_not_answer_is_reported_and_stops_nobody_else(tmp_pat
     bench.service.memory.write("M", "word", 100, [5])
     bench.run_for(10 * SECOND + SECOND // 2)
     assert bench.counters(0) == (10, 0, 10)
-    assert bench.service.states[0].last_outcome == "no_reply"
+    assert str(bench.service.states[0].last_failure) == "no_reply"
     assert bench.service.memory.read("M", "word", 100, 2) == [5, 77], "nothing is stored without a reply"
     assert len([seen for channel, seen in bench.seen if channel == 1 and seen.direction == "out"]) == 20, (
         "one retry each"

@@ -22,7 +22,7 @@ def test_all_link_procedures_side_by_side() -> None:
     clock.run_for(SECONDS * 1_000_000_000)
     for state in service.states.values():
         counters = state
-        assert counters.failed == 0, f"block {state.block.number}: {state.last_outcome}"
+        assert counters.failed == 0, f"block {state.block.number}: {state.last_failure}"
         assert counters.overruns == 0
         rounds = SECONDS * (5 if state.block.channel < 5 else 1)
         assert counters.done in (rounds - 1, rounds)
