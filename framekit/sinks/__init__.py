@@ -7,6 +7,7 @@ from framekit.sinks.base import add_sink as add_sink
 from framekit.sinks.files import CsvFile, JsonLines
 from framekit.sinks.influx import Influx
 from framekit.sinks.mqtt import Mqtt
+from framekit.sinks.opcua import Opcua
 from framekit.sinks.parquet import ParquetFiles
 from framekit.sinks.postgres import Postgres
 from framekit.sinks.prometheus import Prometheus
@@ -24,5 +25,6 @@ SINKS.update(
         "sparkplug": Sparkplug,
         "influx": Influx,
         "postgres": Postgres,
+        "opcua": Opcua,
     }
 )

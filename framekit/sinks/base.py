@@ -18,15 +18,22 @@ from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 from typing import Protocol as Interface
 
-from framekit.definition.keys import Form, key, kind_schema, ref
+from framekit.definition.keys import Form, KeyReading, key, kind_schema, ref
 from framekit.definition.problems import Position
 from framekit.definition.schema import add_kind_of
+from framekit.definition.tree import Node
+from framekit.memory.views import NumberView
 from framekit.run.model import Point
-from framekit.run.points import PointValue
+from framekit.run.points import PointValue, scaled
 from framekit.run.status import RunStatus
+from framekit.transport.network import listening_at
 
 if sys.platform != "win32":
     import fcntl
+
+
+_INT64 = range(-(1 << 63), 1 << 63)
+_UINT64 = range(1 << 64)
 
 
 class Sampled(NamedTuple):
@@ -48,9 +55,40 @@ def as_record(time: str, value: PointValue, unit: str) -> dict[str, Any]:
     return data | {"quality": value.quality, **({"reason": value.reason} if value.reason else {})}
 
 
+def value_type(point: Point) -> str:
+    """What a point's values are for who wants types: string, bool, int64, uint64, decimal128(38, 0) or double."""
+    form = point.form
+    if point.names or form.type == "string":
+        return "string"
+    if form.is_float or (point.scaling is not None and not point.scaling.is_whole):
+        return "double"
+    if point.scaling is None and form.bits == 1:
+        return "bool"
+    is_signed = isinstance(form.view, NumberView) and form.view.kind == "signed"
+    ends = (-(1 << form.bits - 1), (1 << form.bits - 1) - 1) if is_signed else (0, (1 << form.bits) - 1)
+    ends = (scaled(point, ends[0]), scaled(point, ends[1]))
+    for name, numbers in (("int64", _INT64), ("uint64", _UINT64)):
+        if all(end in numbers for end in ends):
+            return name
+    return "decimal128(38, 0)" if all(abs(end) < 10**38 for end in ends) else "string"
+
+
 PERIOD = Form(ref("time"), lambda r, node: r.reader.time(node))
 FILE = Form(ref("text"), lambda r, node: r.loader.file(node))
 """A file; a relative name counts from the folder of the run."""
+
+
+def read_listening(reading: KeyReading, node: Node) -> tuple[str, int]:
+    """`PORT`, or `ADDRESS:PORT` with the address in brackets where it has colons. Raises Broken."""
+    try:
+        return listening_at(reading.reader.text(node).strip())
+    except ValueError as error:
+        todo = "write a port such as 9101, or ADDRESS:PORT such as 0.0.0.0:9101"
+        raise reading.reader.broken(node.at, str(error), todo) from None
+
+
+LISTENING = Form(ref("text"), read_listening)
+"""A port to listen on, on 127.0.0.1 unless an address stands before it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

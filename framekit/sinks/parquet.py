@@ -14,17 +14,13 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 from framekit.definition.keys import NUMBER, Form, key, words
-from framekit.memory.views import NumberView
 from framekit.run.model import Point
-from framekit.run.points import PointValue, scaled
-from framekit.sinks.base import FILE, Sink, SinkKind, good_value, not_installed
+from framekit.run.points import PointValue
+from framekit.sinks.base import FILE, Sink, SinkKind, good_value, not_installed, value_type
 from framekit.sinks.files import LinesFile, keep_newest, name_with
 
 CELLS_AT_ONCE = 500_000
 """So many values are in memory at most while a file is made."""
-
-_INT64 = range(-(1 << 63), 1 << 63)
-_UINT64 = range(1 << 64)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,24 +47,6 @@ class ParquetFiles(SinkKind):
         return ParquetSink(Path(self.parquet), self.rotate, self.keep)
 
 
-def column_type(point: Point) -> str:
-    """What a point's values are in a column: `string`, `bool`, `int64`, `uint64`, `decimal128(38, 0)` or `double`."""
-    form = point.form
-    if point.names or form.type == "string":
-        return "string"
-    if form.is_float or (point.scaling is not None and not point.scaling.is_whole):
-        return "double"
-    if point.scaling is None and form.bits == 1:
-        return "bool"
-    is_signed = isinstance(form.view, NumberView) and form.view.kind == "signed"
-    ends = (-(1 << form.bits - 1), (1 << form.bits - 1) - 1) if is_signed else (0, (1 << form.bits) - 1)
-    ends = (scaled(point, ends[0]), scaled(point, ends[1]))
-    for name, numbers in (("int64", _INT64), ("uint64", _UINT64)):
-        if all(end in numbers for end in ends):
-            return name
-    return "decimal128(38, 0)" if all(abs(end) < 10**38 for end in ends) else "string"
-
-
 class ParquetSink(LinesFile):
     """Rows wait as lines; each is the time and what has changed. A finished file is never written again."""
 
@@ -77,7 +55,7 @@ class ParquetSink(LinesFile):
         self.finished, self._most = path, keep
 
     def head(self) -> bytes:
-        columns = [(point.name, column_type(point), point.unit) for point in self._points]
+        columns = [(point.name, value_type(point), point.unit) for point in self._points]
         return json.dumps({"columns": columns}, ensure_ascii=False).encode() + b"\n"
 
     def lines(self, time: str, values: Sequence[PointValue]) -> Iterator[bytes]:

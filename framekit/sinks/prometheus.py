@@ -9,27 +9,17 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from framekit.definition.keys import Form, KeyReading, key, ref
-from framekit.definition.tree import Node
+from framekit.definition.keys import key
 from framekit.run.model import Point
 from framekit.run.points import PointValue
 from framekit.run.status import RunStatus
-from framekit.sinks.base import Host, Sampled, Sink, SinkKind, not_installed
-from framekit.transport.network import bracketed, listening_at
+from framekit.sinks.base import LISTENING, Host, Sampled, Sink, SinkKind, not_installed
+from framekit.transport.network import bracketed
 
 if TYPE_CHECKING:
     from prometheus_client import Metric
 
 log = logging.getLogger(__name__)
-
-
-def read_listening(reading: KeyReading, node: Node) -> tuple[str, int]:
-    """`PORT`, or `ADDRESS:PORT` with the address in brackets where it has colons. Raises Broken."""
-    try:
-        return listening_at(reading.reader.text(node).strip())
-    except ValueError as error:
-        todo = "write a port such as 9101, or ADDRESS:PORT such as 0.0.0.0:9101"
-        raise reading.reader.broken(node.at, str(error), todo) from None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,7 +28,7 @@ class Prometheus(SinkKind):
 
     word: ClassVar[str] = "prometheus"
     prometheus: tuple[str, int] = key(
-        "prometheus", Form(ref("text"), read_listening),
+        "prometheus", LISTENING,
         "The port on which /metrics is given, on 127.0.0.1 unless ADDRESS:PORT says another address; 0: a free one.",
     )  # fmt: skip
 

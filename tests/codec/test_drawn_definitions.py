@@ -1000,7 +1000,7 @@ def firsts(usual: int) -> range:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("first", firsts(1500))
+@pytest.mark.parametrize("first", firsts(1000))
 def test_thousands_of_definitions_hold(first: int) -> None:
     """Of any number of segments; a seed that fails is tried alone with `tried("612", ())`."""
     results, failed = [], {}

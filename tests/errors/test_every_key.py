@@ -22,7 +22,7 @@ FILES = ["oven.yaml", "oven.device.yaml", "plant.run.yaml"]
 WRONG: list[Any] = [[], {}, None, "", "-1", "nothing", "99999999", ["x"], {"x": "y"}, "1.5", [[]], "0"]
 EVERY = 401
 """The short test tries one in so many; prime, so that every kind of value has its turn."""
-LONG = int(os.environ.get("FRAMEKIT_EVERY", "17"))
+LONG = int(os.environ.get("FRAMEKIT_EVERY", "37"))
 """As many the long test."""
 
 

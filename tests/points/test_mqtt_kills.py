@@ -1,6 +1,6 @@
 """Broker, network and framekit are killed at random while points change: nothing is lost, all is in order.
 
-`python tests/points/test_mqtt_kills.py` prints figures of the long one.
+`python tests/points/test_mqtt_kills.py` tries 200 kills in 20,000 changes, and prints figures.
 """
 
 from __future__ import annotations
@@ -215,9 +215,9 @@ def test_nothing_is_lost_by_a_few_kills(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_nothing_is_lost_by_200_kills(tmp_path: Path) -> None:
-    figures = kill_at_random(tmp_path, changes=20_000, kills=200, pause=0.002, seed=int(time.time()))
-    assert figures["kept"] > 18_000
+def test_nothing_is_lost_by_50_kills(tmp_path: Path) -> None:
+    figures = kill_at_random(tmp_path, changes=5_000, kills=50, pause=0.002, seed=int(time.time()))
+    assert figures["kept"] > 4_000
 
 
 if __name__ == "__main__":

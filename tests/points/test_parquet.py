@@ -16,8 +16,8 @@ from framekit.link.typed import Typed
 from framekit.run.model import Point, Scaling
 from framekit.run.points import PointValue
 from framekit.sinks import parquet
-from framekit.sinks.base import Sampled
-from framekit.sinks.parquet import ParquetFiles, column_type
+from framekit.sinks.base import Sampled, value_type
+from framekit.sinks.parquet import ParquetFiles
 
 pq = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
 HOUR = 3_600_000_000_000
@@ -107,7 +107,7 @@ def test_no_number_is_changed(
     tmp_path: Path, unit: str, bits: int, scaling: Scaling | None, wanted: str, value: Any
 ) -> None:
     one: Point = replace(point("p"), form=Typed(unit, None, None, 1, 1, unit), scaling=scaling)
-    assert (one.form.bits, column_type(one)) == (bits, wanted)
+    assert (one.form.bits, value_type(one)) == (bits, wanted)
     taken(sink_of(tmp_path / "x.parquet"), [sample(START, {"p": value})], [one])
     found = rows_of(tmp_path / names(tmp_path)[0])[0][1]
     assert int(found) == value

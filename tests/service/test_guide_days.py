@@ -152,13 +152,8 @@ def test_example_2_mldp_two_channels_every_minute(seconds: int) -> None:
 
 
 @pytest.mark.long
-def test_example_3_modbus_remote_io_for_ten_minutes() -> None:
-    check_remote_io(600)
-
-
-@pytest.mark.long(minutes=1)
-def test_example_3_modbus_remote_io_for_an_hour() -> None:
-    check_remote_io(3600)
+def test_example_3_modbus_remote_io_for_twenty_minutes() -> None:
+    check_remote_io(1200)
 
 
 def check_remote_io(seconds: int) -> None:
@@ -186,13 +181,8 @@ def check_remote_io(seconds: int) -> None:
 
 
 @pytest.mark.long
-def test_example_4_third_party_plc_for_an_hour() -> None:
-    check_third_party(3600)
-
-
-@pytest.mark.long(minutes=1)
-def test_example_4_third_party_plc_for_six_hours() -> None:
-    check_third_party(DAY // 4)
+def test_example_4_third_party_plc_for_two_hours() -> None:
+    check_third_party(DAY // 12)
 
 
 def check_third_party(seconds: int) -> None:

@@ -18,7 +18,7 @@ from framekit.run.model import FaultRule
 ALIKE = ("modbus-rtu", "modbus-ascii", "mldp", "ge-rtu", "registers")
 """Replies that name no request. The last one is a definition of a user, on `standard`."""
 SIX = (*ALIKE, "modbus-tcp")
-MANY = int(os.environ.get("FRAMEKIT_EXCHANGES", "10000"))
+MANY = int(os.environ.get("FRAMEKIT_EXCHANGES", "4000"))
 
 LATE = FaultRule(kind="delay", time=1200 * MS, rate=1 / 200)
 GLUE = FaultRule(kind="glue", rate=1 / 100)
