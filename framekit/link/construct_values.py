@@ -13,7 +13,7 @@ from framekit.definition.expression import Expression
 from framekit.definition.model import protocol as model
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
 from framekit.link.frame_table import FrameTable, ProtocolCodec, table_of
-from framekit.link.values import FrameValue, Names, compile_expression, plain
+from framekit.link.values import FrameValue, Names, compile_expression, compile_optional, plain
 
 Compute = Callable[[Names], Any]
 MakeFrame = Callable[[str, dict[str, Any], Names], FrameValue]
@@ -55,9 +55,13 @@ class ValueCompiler:
                 return lambda names: [part(names) for part in parts]
             case RecordOf(fields=fields):
                 return self.fields(fields)
-            case EachOf(fields=fields):
-                record = self.fields(fields)
-                return lambda names: [record(Names(variable, names)) for variable in names[EACH]]
+            case EachOf(fields=fields, when=when):
+                record, holds = self.fields(fields), compile_optional(when)
+                if holds is None:
+                    return lambda names: [record(Names(variable, names)) for variable in names[EACH]]
+                return lambda names: [
+                    record(known) for variable in names[EACH] if holds(known := Names(variable, names))
+                ]
         raise TypeError(f"no value of a definition: {value!r}")
 
     def fields(self, fields: Mapping[str, Value]) -> Callable[[Names], dict[str, Any]]:

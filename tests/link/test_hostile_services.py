@@ -18,7 +18,7 @@ from framekit.definition.load import load_protocol_text
 from framekit.definition.nodes import read_text
 from framekit.definition.problems import DefinitionError
 from framekit.definition.schema import _validator
-from framekit.link.services import client, matching
+from framekit.link.services import client, matching, replies
 from framekit.link.services.server import MemoryServer
 from framekit.link.services.writing import code_of_source
 from framekit.link.values import FrameValue
@@ -38,12 +38,19 @@ frames:
   name: {group: request, body: [{const: SOH}, {field: kind, type: u8, values: names}, {field: text, type: ascii, size: 4, pad: 20}, {data: d, size: 2}, {check: crc16-modbus}]}
   named: {from: server, body: [{const: SOH ACK}, {field: kind, type: u8, values: names}, {data: d, size: 2}, {check: crc16-modbus}]}
   no: {from: server, body: [{const: NAK}, {field: code, type: u8}, {check: crc16-modbus}]}
+  many: {group: request, body: [{const: ENQ}, {count: n, type: u8, of: words}, {count: m, type: u8, of: doubles}, {repeat: words, times: n, of: [{field: area, type: u8}]}, {repeat: doubles, times: m, of: [{field: area, type: u8}]}]}
+  told: {from: server, body: [{const: EOT}, {count: n, type: u8, of: words}, {count: m, type: u8, of: doubles}, {repeat: words, times: n, of: [{data: data, size: 2}]}, {repeat: doubles, times: m, of: [{data: data, size: 4}]}]}
 areas: {D: {unit: word, size: 100, code: {word: 7}, column: "'a'"}, C: {unit: word, size: 100, code: {word: 8, bit: 9}, column: "'b'"}}
 addresses: [{form: "{area}{start:dec}"}]
 errors: {frame: no, code: code, names: names, answer: {no: {code: code}}, memory: {unknown: 1, range: 2, access: 3}}
 services:
   read:
     - {areas: [D, C], units: [word], variables: {max: 8, same: unit}, limit: {count: 1}, request: {ask: {items: {each: {area: code, at: start}}}}, reply: {back: {items: {each: {data: data}}}}}
+    - areas: [C]
+      variables: {max: 8}
+      limit: {bytes: 4}
+      request: {many: {words: {each: {area: start}, when: "bytes == 2 and unit == 'word'"}, doubles: {each: {area: start}, when: bytes == 4}}}
+      reply: {told: {words: {each: {data: data}, when: bytes == 2}, doubles: {each: {data: data}, when: bytes == 4}}}
   hello:
     - {takes: {who: {type: text, default: "'me'"}}, when: "who != 'you'", request: {name: {kind: "'one'", text: who, d: {pair: {a: 1, b: 2}}}}, reply: {named: {kind: "'two'", d: "h'01 02'"}}, gives: {kind: reply.kind, text: "'a' + text(reply.kind)"}}
 """  # noqa: E501
@@ -86,7 +93,7 @@ def sources(number: int, document: Any, monkeypatch: pytest.MonkeyPatch) -> list
         found.append(source)
         return code_of_source("def function(*_):\n    pass\n")
 
-    for module in (client, matching):
+    for module in (client, matching, replies):
         monkeypatch.setattr(module, "code_of_source", noted)
     try:
         protocol = load_protocol_text(yaml_of(document), "hostile")

@@ -68,8 +68,11 @@ def words_and_points(make: Callable[[int], Any], number: int) -> None:
 def lists_and_the_rest(make: Callable[[int], Any], number: int) -> None:
     client = make(number)
     assert client.randomread(word_devices=["D100", "TN5", "D102"], dword_devices=[]) == ([4660, 77, -2], [])
-    client.randomwrite(["D400", "D410"], [11, 22], [], [])
-    assert client.batchread_wordunits("D400", 1) + client.batchread_wordunits("D410", 1) == [11, 22]
+    both = client.randomread(word_devices=["TN5", "M96"], dword_devices=["D200", "D101"])
+    assert both == ([77, 0b11010000], [0x12345678, -131070])
+    client.randomwrite(["D400", "D410"], [11, 22], ["D401", "M320"], [-2, 0x10001])
+    assert client.batchread_wordunits("D400", 3) + client.batchread_wordunits("D410", 1) == [11, -2, -1, 22]
+    assert client.batchread_wordunits("M320", 2) == [1, 1]
     client.randomwrite_bitunits(["M50", "M60"], [1, 1])
     assert client.batchread_bitunits("M50", 11) == [1] + [0] * 9 + [1]
     assert client.read_cputype() == ("Q06UDVCPU", "0368")

@@ -514,7 +514,7 @@ def mismatch_of(value: Any, rule: Rule, name: str) -> EncodeError | None:
     kinds |= {"digits": (bytes, bytearray), "list": (list, tuple), "mapping": Mapping, "any": object}
     kinds["decimal"] = object  # what is none does not fit
     if not isinstance(value, kinds[rule.type]):
-        return EncodeError(name, f"'{name}' must be a {rule.type}, not {type(value).__name__}")
+        return EncodeError(name, f"'{name}' {other_kind(value, rule)}")
     if rule.fits is not None:
         try:
             rule.fits(value)
@@ -538,6 +538,16 @@ def mismatch_of(value: Any, rule: Rule, name: str) -> EncodeError | None:
     if rule.type == "text" and any(ord(sign) > 255 for sign in value):
         return EncodeError(name, f"'{name}' has characters that are no bytes")
     return None if rule.inside is None else mismatch_inside(value, rule.inside, name)
+
+
+def other_kind(value: Any, rule: Rule) -> str:
+    """What is said of a value that is of no kind which its rule takes."""
+    words = {"number": "a whole number", "float": "a number", "text": "text", "list": "a list", "mapping": "a mapping"}
+    wanted, found = f"must be {words.get(rule.type, 'bytes')}", type(value).__name__
+    if rule.type == "number" and found in ("float", "Decimal"):
+        fractions = "a field has fractions by scale:, decimals: or a float as its type"
+        return f"{wanted}, and {value} is a {found} – round it; {fractions}"
+    return f"{wanted}, not {found}"
 
 
 def mismatch_inside(value: Any, rules: Rules, name: str) -> EncodeError | None:

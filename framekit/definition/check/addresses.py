@@ -1,4 +1,7 @@
-"""Forms of addresses: what each says of a place, in which units it counts, and which names its results read."""
+"""Forms of addresses: what each says of a place, in which units it counts, and which names its results read.
+
+Also which units the elements of a service row may have, which follows from areas and forms.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,17 @@ import re
 from collections.abc import Iterator, Mapping
 
 from framekit.definition.expression import Attribute, Expression, Name, walk
-from framekit.definition.model.services import BASES, NUMBER_BITS, UNIT_BITS, AddressForm, Area, Maybe, Part
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.services import (
+    BASES,
+    NUMBER_BITS,
+    UNIT_BITS,
+    AddressForm,
+    Area,
+    Maybe,
+    Part,
+    ServiceRow,
+)
 from framekit.definition.model.values import Table
 from framekit.definition.problems import Problem, did_you_mean
 
@@ -155,3 +168,29 @@ def _names(
             of_area = isinstance(node, Attribute) and isinstance(node.value, Name) and node.value.name == "area"
             if of_area and isinstance(node, Attribute) and node.name not in columns | {"size"}:
                 yield Problem(node.at, f"no area has a column '{node.name}'", did_you_mean(node.name, columns))
+
+
+PAIRED = ("BADC", "CDAB")
+"""Orders that exchange words, or the bytes of each."""
+
+
+def is_odd(unit: str) -> bool:
+    """Whether a unit is `3 bytes`, say: no words."""
+    return is_unit(unit) and unit not in UNIT_BITS and int(unit.split()[0]) % 2 == 1 and unit != "1 byte"
+
+
+def units_of(protocol: Protocol, form: AddressForm) -> set[str]:
+    """The units that addresses of a form may have; none where their area says it."""
+    table = protocol.tables.get(form.units_table or "")
+    return {form.unit} if form.unit else set() if table is None else set(map(str, table.entries.values()))
+
+
+def units_in(protocol: Protocol, row: ServiceRow) -> set[str]:
+    """The units that the elements of a row may have, for some request."""
+    if row.units and all(map(is_unit, row.units)) and not {"unit"} & {*row.back, *row.back_each}:
+        return set(row.units)
+    areas = [area for name, area in protocol.areas.items() if not row.areas or name in row.areas]
+    units = {unit for area in areas for unit in (area.unit, *area.codes)}
+    others = protocol.areas.keys() - set(row.areas) if row.areas else ()
+    forms = (form for form in protocol.addresses if form.area not in others)
+    return units.union(*(units_of(protocol, form) for form in forms))

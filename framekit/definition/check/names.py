@@ -7,7 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 from framekit.definition.check.addresses import parts_in
-from framekit.definition.check.services import (
+from framekit.definition.check.requests import item_names
+from framekit.definition.check.words import (
     BUILT_IN,
     EXCHANGE,
     IN_BLOCKS,
@@ -17,7 +18,6 @@ from framekit.definition.check.services import (
     ONLY_THERE,
     asked_for,
     behind_a_refusal,
-    item_names,
     takes_something,
     without_parts,
 )
@@ -25,6 +25,7 @@ from framekit.definition.expression import (
     ENGINE_FUNCTIONS,
     Attribute,
     Call,
+    Conditional,
     Expression,
     Name,
     Node,
@@ -40,7 +41,7 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import INDEX, LAST, PREVIOUS
 from framekit.definition.model.services import ServiceRow
 from framekit.definition.model.values import Value
-from framekit.definition.problems import Position, Problem, did_you_mean
+from framekit.definition.problems import Position, Problem, did_you_mean, listed
 
 
 class NameChecker:
@@ -137,17 +138,14 @@ class NameChecker:
         for name in outside:
             rests.get(name, set()).discard(name)
         for name, one in given.items():
-            seen, new = set[str](), rests.get(name, set())
-            while new:
-                seen |= new
-                new = set().union(*(rests.get(other, ()) for other in new)) - seen
-            if one is not None and name in seen:
+            if one is not None and name in _reached(name, rests):
                 self._note(one.at, f"{kind} '{name}' rests on itself", "break the circle: give a value without it")
 
     # ---- frames -------------------------------------------------------------------------------------------
 
     def _segments(self, segments: tuple[Segment, ...], outer: Collection[str], records: tuple[str, ...] = ()) -> None:
         known = set(outer) | field_names(segments)
+        self._from_each_other(segments)
         for segment in flat(segments):
             self._expressions(without_parts(segment), known)
             self._without_a_link(without_parts(segment))
@@ -155,6 +153,27 @@ class NameChecker:
             if segment.inner_record is not None:
                 around = (*records, segment.name or "") if segment.is_record else ()
                 self._segments(segment.inner_record, known, around)
+
+    def _from_each_other(self, segments: tuple[Segment, ...]) -> None:
+        """Values that follow from each other are not known before one of them is given, which is perhaps not meant."""
+        given: dict[str, Expression] = {}
+        for segment in flat(segments):
+            for name, expression in segment.computed():
+                given.setdefault(name, expression)  # `is` goes before `build`, and that before `default`
+        reads = {
+            name: names_in(one.root) & given.keys() - {name}
+            for name, one in given.items()
+            if not any(isinstance(node, Conditional) for node in walk(one.root))  # else it may read one of two
+        }
+        reach = {name: _reached(name, reads) for name in reads}
+        told: set[str] = set()
+        for name in reads:
+            circle = [other for other in reads if other in reach[name] and name in reach[other]]
+            if circle and name not in told:
+                told |= {*circle}
+                what = f"{listed(repr(one) for one in circle)} follow from each other: one of them has to be given"
+                todo = "let one of them follow from something else, if that is not meant"
+                self.problems.append(Problem(given[name].at, what, todo, warning=True))
 
     def _from_itself(self, segment: Segment, outer: Collection[str], records: tuple[str, ...]) -> None:
         """In what computes a value, its own name means something outside, if there is such a thing."""
@@ -323,6 +342,15 @@ class NameChecker:
                 return
             fields |= field_names(self.protocol.frames[name].segments)
         self._expressions(errors, fields | EXCHANGE | {"code"})
+
+
+def _reached(name: str, reads: Mapping[str, set[str]]) -> set[str]:
+    """All that a value rests on, itself only where that is a circle."""
+    seen, new = set[str](), reads[name]
+    while new:
+        seen |= new
+        new = set().union(*(reads.get(other, ()) for other in new)) - seen
+    return seen
 
 
 def _path_of(node: Node) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator, Mapping
 from itertools import chain
 
 from framekit.definition.check.addresses import parts_in
-from framekit.definition.check.services import OFFERED
+from framekit.definition.check.words import OFFERED
 from framekit.definition.expression import Expression, Number, Text, Unary
 from framekit.definition.kinds.base import constant_number
 from framekit.definition.model.frames import parts_of

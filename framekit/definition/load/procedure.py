@@ -73,10 +73,11 @@ class ValueLoader:
         return FrameOf(name, {} if empty else self.filled(entry.value), entry.key.at)
 
     def _mapping(self, node: Mapping) -> Value:
+        if {entry.key.text for entry in node.entries} in ({"each"}, {"each", "when"}):
+            when = self.reader.maybe(self.reader.expression, node.get("when"))
+            return EachOf(self.filled(node.get("each")), node.at, when)
         if len(node.entries) == 1:
             entry = node.read_all()[0]
-            if entry.key.text == "each":
-                return EachOf(self.filled(entry.value), node.at)
             if entry.key.text in self.frames.outlines and not isinstance(entry.value, Scalar):
                 return self._frame(entry)
             if self._is_layout(entry.key.text):

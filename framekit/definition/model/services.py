@@ -6,7 +6,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from framekit.definition.expression import Expression, Text, inverse_steps, is_constant, names_in, ordered_by_need, walk
+from framekit.definition.expression import (
+    Compare,
+    Expression,
+    Logic,
+    Name,
+    Number,
+    Text,
+    inverse_steps,
+    is_constant,
+    names_in,
+    ordered_by_need,
+    walk,
+)
 from framekit.definition.keys import (
     CONDITION,
     COUNT,
@@ -497,6 +509,22 @@ COUNTING = frozenset({"count", "bytes", "data", "bits", "total"})
 def mentions_of(row: ServiceRow) -> frozenset[str]:
     """The names that a row's request and the bytes beside it read."""
     return frozenset(name for part in expressions_of([row.request, row.buffer]) for name in names_in(part.root))
+
+
+def told_by(when: Expression | None) -> dict[str, int | str] | None:
+    """What is certain of variables in a list, by `count == 2 and unit == 'word'`. None: it says more than that."""
+    if when is None:
+        return {}
+    parts = when.root.operands if isinstance(when.root, Logic) and when.root.operator == "and" else (when.root,)
+    found: dict[str, int | str] = {}
+    for part in parts:
+        if not isinstance(part, Compare) or not isinstance(part.first, Name) or len(part.rest) != 1:
+            return None
+        operator, value = part.rest[0]
+        if operator != "==" or not isinstance(value, (Number, Text)):
+            return None
+        found[part.first.name] = value.value
+    return found
 
 
 @dataclass(frozen=True, slots=True)

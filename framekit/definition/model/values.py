@@ -57,10 +57,11 @@ class RecordOf:
 
 @dataclass(frozen=True, slots=True)
 class EachOf:
-    """`{each: {field: value}}`: one record for every variable of a list request."""
+    """`{each: {field: value}}`: one record for every variable of a list request; with `when`, for those it holds of."""
 
     fields: Mapping[str, Value]
     at: Position
+    when: Expression | None = None
 
 
 Value = Expression | FrameOf | LayoutOf | ReadAs | ListOf | RecordOf | EachOf

@@ -553,6 +553,8 @@ class Client:
                 continue
             if facts.single and any(piece.count > 1 for piece in pieces):
                 continue
+            if not all(self.planner.has_list(facts, piece, names) for piece in pieces):
+                continue
             if len(pieces) > 1 and len(pieces) > facts.row.most_variables:
                 problem = ServiceError(f"'{facts.row.service}' takes at most {facts.row.most_variables} addresses")
                 continue

@@ -17,8 +17,9 @@ from framekit.codec.python.source import Source
 from framekit.codec.shown import explain
 from framekit.definition.expression import Expression, emit, is_constant, names_in, tells_setting
 from framekit.definition.model.frames import attributes_in, expressions_of, field_names, parts_of
-from framekit.definition.model.services import is_passed_over
+from framekit.definition.model.services import is_passed_over, told_by
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
+from framekit.definition.sources import fingerprint
 from framekit.link.addresses import Address, AddressError, code_of
 from framekit.link.construct_values import EACH, read_layout
 from framekit.link.events import Served
@@ -182,8 +183,8 @@ class RowWriter:
         self.inline = whole and matching.is_whole
         self.out = Source(1)
         self.level = WriterLevel()
-        self.items_found: tuple[str, WriterLevel] | None = None
-        """The variable with what the items of lists hold, and the names it has in every round."""
+        self.items_found: dict[str, tuple[str, WriterLevel, Expression | None]] = {}
+        """By `when` of the lists: the variable with what their items hold, and the names it has in every round."""
         self.back = {**self.row.back, **self.row.back_each}
         self.arguments = {argument.name for argument in self.row.takes}
         row = self.row
@@ -318,8 +319,8 @@ class RowWriter:
                     part = self.variable()
                     self.out.add(f"{part} = {actual}[{index}]")
                     self._match(item, part, level)
-            case EachOf(fields=fields):
-                self._each(fields, actual)
+            case EachOf():
+                self._each(value, actual)
 
     def _fields(
         self, fields: Mapping[str, Value], actual: str, inside: str | None, level: WriterLevel,
@@ -370,12 +371,15 @@ class RowWriter:
         if name == "data":
             level.padded = padded
 
-    def _each(self, fields: Mapping[str, Value], actual: str) -> None:
-        """One item after the other is compared; their values stand in a list of tuples, one for all lists."""
+    def _each(self, each: EachOf, actual: str) -> None:
+        """One item after the other is compared; their values stand in a list of tuples, one for all lists of the same
+        variables.
+        """
         self.unfit_if(f"not isinstance({actual}, list)")
         part, found = self.variable(), self.variable()
         header = f"for {part} in {actual}:"
-        before = self.items_found
+        variables = "" if each.when is None else fingerprint(each.when)
+        before = self.items_found.get(variables)
         level = before[1] if before is not None else WriterLevel()
         if before is not None:  # several lists speak of the same variables
             self.unfit_if(f"len({actual}) != len({before[0]})")
@@ -386,16 +390,16 @@ class RowWriter:
                 item = self.variable()
                 self.out.add(f"{item} = item_of({level.item}, {part})")
                 level.item = item
-            self._fields(fields, part, None, level, {}, frozenset())
+            self._fields(each.fields, part, None, level, {}, frozenset())
             self.out.add(f"{found}.append(({level.held}))")
-        self.items_found = found, level
+        self.items_found[variables] = found, level, each.when
 
     # ---- places -------------------------------------------------------------------------------------------
 
     def _targets(self) -> str | None:
         """Writes which places are meant; the variable with the `AreaUnit` of the only one."""
         level, out = self.level, self.out
-        if self.items_found is None:
+        if not self.items_found:
             place = self._target(level)
             if not self.inline:
                 out.add(f"reading.names.update({self.values.items(level)})")
@@ -403,11 +407,15 @@ class RowWriter:
                     self._note_target(level, place, "reading.names")
                     out.add("name_targets(reading)")
             return place
-        listed, each = self.items_found
-        with out.block(f"for {each.held or '_'} in {listed}:"):
-            place = self._target(each)
-            if place is not None:
-                self._note_target(each, place, f"Names({self.values.items(each)}, reading.names)")
+        for listed, each, when in self.items_found.values():
+            with out.block(f"for {each.held or '_'} in {listed}:"):
+                for name, value in (told_by(when) or {}).items():
+                    each.values.setdefault(name, repr(value))
+                place = self._target(each)
+                if when is not None:
+                    self.unfit_if(f"not {self.worked_out(self.values.expression(when, each))}")
+                if place is not None:
+                    self._note_target(each, place, f"Names({self.values.items(each)}, reading.names)")
         self._solve(level)
         out.add(f"set_missing(reading.names, {self.values.items(level)})")
         out.add("name_targets(reading)")

@@ -8,13 +8,14 @@ from typing import Any, NamedTuple
 from framekit.codec.python.source import INDENT, Source
 from framekit.codec.shown import explain
 from framekit.definition.expression import Expression
+from framekit.definition.model.frames import parts_of
 from framekit.definition.model.services import ReplyRow
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, RecordOf, Value
-from framekit.link.construct_values import read_layout
+from framekit.link.construct_values import EACH, read_layout
 from framekit.link.events import Outcome
 from framekit.link.packing import PackingError
 from framekit.link.services.rows import Piece, RowFacts, ServiceRows, padded_names
-from framekit.link.services.writing import code_of_source
+from framekit.link.services.writing import ValueWriter, WriterLevel, code_of_source
 from framekit.link.values import EVALUATION_ERRORS, Evaluate, FrameValue, Names, bare_name, compile_expression, present
 
 Found = list[tuple[Any, bool]]
@@ -149,11 +150,15 @@ class FindWriter:
         self.shared, self.row = shared, row
         self.out = Source(1)
         self.given: dict[str, Any] = {"present": present, "listed": listed, "read_layout": read_layout}
+        self.values = ValueWriter(shared, self.given, "names")
+        self.of_some = any(each.when is not None for each in parts_of([row.frame, row.buffer], EachOf))
+        """Whether lists are for some of the variables each: what is found is put in the order of the variables."""
+        self.place = "len(found)"
         self._variables = 0
 
     def function(self) -> Find:
         """The function itself."""
-        self.out.add("found = []")
+        self.out.add("found = {}" if self.of_some else "found = []")
         if self.row.frame is not None:
             inside = Source(self.out.depth + 1)
             self._collect(self.row.frame, "reply", False, inside)
@@ -162,7 +167,7 @@ class FindWriter:
                 self.out.lines.extend(inside.lines)
         if self.row.buffer is not None:
             self._collect(self.row.buffer, "buffer", False, self.out)
-        self.out.add("return found")
+        self.out.add("return [found[place] for place in sorted(found)]" if self.of_some else "return found")
         source = Source()
         source.add("def function(reply, buffer, names):")
         source.lines.extend(self.out.lines)
@@ -175,7 +180,8 @@ class FindWriter:
         match value:
             case Expression():
                 if bare_name(value) == "data":
-                    out.add(f"found.append(({actual}, {padded}))")
+                    pair = f"({actual}, {padded})"
+                    out.add(f"found[{self.place}] = {pair}" if self.of_some else f"found.append({pair})")
             case FrameOf(frame=frame, fields=fields):
                 padding = padded_names(self.shared.protocol.frames[frame].segments)
                 self._fields(fields, actual, padding, actual == "reply", out)
@@ -198,10 +204,19 @@ class FindWriter:
                 if inside.lines:
                     out.add(f"{''.join(f'{part}, ' for part in parts)}= listed({actual}, {len(items)})")
                     out.lines.extend(inside.lines)
-            case EachOf(fields=fields):
+            case EachOf(fields=fields, when=when):
                 part, inside = self._variable(), Source(out.depth + 1)
+                if when is None:
+                    header = f"for {part} in listed({actual}, None):"
+                else:
+                    places, self.place = self._variable(), self._variable()
+                    holds = self.values.expression(when, WriterLevel(()))
+                    known = f"[(place, Names(one, names)) for place, one in enumerate(names[{EACH!r}])]"
+                    out.add(f"{places} = [place for place, names in {known} if {holds}]")
+                    header = f"for {self.place}, {part} in zip({places}, listed({actual}, len({places}))):"
                 self._fields(fields, part, frozenset(), False, inside)
-                out.add(f"for {part} in listed({actual}, None):")
+                self.place = "len(found)"
+                out.add(header)
                 out.lines.extend(inside.lines or [INDENT * (out.depth + 1) + "pass"])
 
     def _fields(

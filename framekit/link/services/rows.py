@@ -67,19 +67,22 @@ def rows_of(protocol: Protocol, codec: ProtocolCodec) -> ServiceRows:
 class RowFacts:
     """One row. `mentions` are the names its request and the bytes beside it read; `single`: it carries one element.
 
-    `packers`: how elements of a unit stand in its data. `defaults`: of its arguments, those that rest on others last.
+    `lists`: what holds of the variables in each list of a request, where every list is for some of them. `packers`: how
+    elements of a unit stand in its data. `defaults`: of its arguments, those that rest on others last.
     """
 
     __slots__ = (
-        "defaults", "has_each", "limit_bytes", "limit_count", "mentions", "named_numbers", "packers", "refuse", "row",
-        "run", "shared", "single", "wants_address", "when",
+        "defaults", "has_each", "limit_bytes", "limit_count", "lists", "mentions", "named_numbers", "packers", "refuse",
+        "row", "run", "shared", "single", "wants_address", "when",
     )  # fmt: skip
 
     def __init__(self, row: ServiceRow, shared: ServiceRows) -> None:
         self.row = row
         self.shared = shared
         self.mentions = mentions_of(row)
-        self.has_each = any(True for _ in parts_of([row.request, row.buffer], EachOf))
+        lists = [each.when for each in parts_of([row.request, row.buffer], EachOf)]
+        self.has_each = bool(lists)
+        self.lists = [] if None in lists else [compile_expression(when) for when in lists if when is not None]
         self.when = compile_optional(row.when)
         defaults = {one.name: one.default for one in row.takes if one.default is not None}
         self.defaults = [(name, compile_expression(defaults[name])) for name in ordered_by_need(defaults)]
@@ -274,7 +277,20 @@ class Planner:
         except EVALUATION_ERRORS:
             return None
         wider, skip = aligned
-        return self._exchanges(facts, self._cut(facts, wider, offered), offered), skip * piece.address.unit_bits
+        pieces = tuple(self._cut(facts, wider, offered))
+        if not all(self.has_list(facts, one, names) for one in pieces):
+            return None
+        return self._exchanges(facts, pieces, offered), skip * piece.address.unit_bits
+
+    def has_list(self, facts: RowFacts, piece: Piece, names: Names) -> bool:
+        """Whether a request of the row has a list that these elements may be in, where its lists are for some only."""
+        if not facts.lists:
+            return True
+        offered = Names(self._offered(facts, piece, piece.address.start, piece.count), names)
+        try:
+            return any(holds(offered) for holds in facts.lists)
+        except EVALUATION_ERRORS:
+            return False
 
     def _aligned(self, facts: RowFacts, piece: Piece) -> tuple[Piece, int] | None:
         """The range widened to whole units of `align`, and how many are added in front; None for an unaligned write."""
@@ -321,10 +337,10 @@ class Planner:
         except EVALUATION_ERRORS as error:
             raise ServiceError(f"the limit of row '{facts.row.name}' cannot be worked out: {explain(error)}") from None
 
-    def _exchanges(self, facts: RowFacts, pieces: Iterator[Piece], offered: Names) -> tuple[tuple[Piece, ...], ...]:
+    def _exchanges(self, facts: RowFacts, pieces: tuple[Piece, ...], offered: Names) -> tuple[tuple[Piece, ...], ...]:
         if not facts.row.most_variables:
             return tuple((piece,) for piece in pieces)
-        return self.grouped(facts, list(pieces), offered)
+        return self.grouped(facts, pieces, offered)
 
     # ---- lists of variables -------------------------------------------------------------------------------
 
@@ -359,7 +375,7 @@ class Planner:
         total = sum(piece.count for piece in pieces)
         return [Plan(facts, exchanges, pieces[0].address.start, total, 0, sum(piece.bits for piece in pieces))]
 
-    def grouped(self, facts: RowFacts, pieces: list[Piece], offered: Names) -> tuple[tuple[Piece, ...], ...]:
+    def grouped(self, facts: RowFacts, pieces: Sequence[Piece], offered: Names) -> tuple[tuple[Piece, ...], ...]:
         """Pieces as lists that one request can carry."""
         most_bytes = None if facts.limit_bytes is None else self._limit(facts, facts.limit_bytes, offered)
         exchanges: list[list[Piece]] = []

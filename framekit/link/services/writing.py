@@ -143,9 +143,10 @@ class ValueWriter:
             case ReadAs(layout=layout, source=source):
                 codec = self.constant(self.shared.codec.layouts[layout])
                 return f"read_as({codec}, {self.value(source, level)}, {self.names(level)})"
-            case EachOf(fields=fields) if not level.values:
+            case EachOf(fields=fields, when=when) if not level.values:
                 of_each = f"[Names(one, names) for one in names[{EACH!r}]]"
-                return f"[{self._record(fields, level)} for names in {of_each}]"
+                holds = "" if when is None else f" if {self.expression(when, level)}"
+                return f"[{self._record(fields, level)} for names in {of_each}{holds}]"
         raise TypeError(f"no value of one request: {value!r}")
 
     def _record(self, fields: Mapping[str, Value], level: WriterLevel) -> str:
