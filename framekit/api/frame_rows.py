@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # every verb imports this
-    from framekit.api.monitor import FieldRow, FrameEntry
     from framekit.link.events import Seen
 
 FAULTY = ("bad", "noise", "trouble")
@@ -14,6 +14,26 @@ LONGEST_SHOWN = 64
 LONGEST_CELL = 48
 FRAME_HEAD = ("no.", "time", "ch", "", "size", "result", "frame", "bytes")
 FIELD_HEAD = ("field", "offset", "bytes", "value")
+
+
+@dataclass(frozen=True, slots=True)
+class FrameEntry:
+    """One thing seen. `number` counts all of them from 1."""
+
+    number: int
+    channel: int
+    seen: Seen
+    result: str
+
+
+@dataclass(frozen=True, slots=True)
+class FieldRow:
+    """One field of a frame: its path, where it stands and what it says."""
+
+    path: str
+    offset: int
+    data: bytes
+    value: str
 
 
 def spaced(data: bytes) -> str:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from framekit.api.errors import LineClosedError, RequestError
-from framekit.api.frame_rows import FAULTY, ascii_of
+from framekit.api.frame_rows import FAULTY, FieldRow, FrameEntry, ascii_of
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.codec.plain import PlainValues
 from framekit.definition.model.protocol import Protocol
@@ -56,16 +56,6 @@ def result_of(protocol: Protocol, seen: Seen, role: str | None = None) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class FrameEntry:
-    """One thing seen. `number` counts all of them from 1."""
-
-    number: int
-    channel: int
-    seen: Seen
-    result: str
-
-
-@dataclass(frozen=True, slots=True)
 class FrameFilter:
     """Which entries are wanted; empty wants all. `text` is searched in names, reasons, hex pairs and ASCII."""
 
@@ -103,16 +93,6 @@ def parse_filter(text: str, bad_only: bool) -> FrameFilter:
         else:
             rest.append(word)
     return FrameFilter(channel, frame, bad_only, " ".join(rest))
-
-
-@dataclass(frozen=True, slots=True)
-class FieldRow:
-    """One field of a frame: its path, where it stands and what it says."""
-
-    path: str
-    offset: int
-    data: bytes
-    value: str
 
 
 class FrameLog:

@@ -10,7 +10,7 @@ import asyncio
 import hmac
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from asyncua import Server, ua
 from asyncua.crypto.permission_rules import User, UserRole
@@ -21,9 +21,7 @@ from asyncua.server.user_managers import UserManager
 from framekit.run.model import Point
 from framekit.run.points import PointValue, unscaled
 from framekit.sinks.base import Host, value_type
-
-if TYPE_CHECKING:
-    from framekit.sinks.opcua import Opcua
+from framekit.sinks.secrets import Secret
 
 LONGEST_WRITE = 60
 """So many seconds a client waits at most until its value is written."""
@@ -47,10 +45,27 @@ _SAFE = (
 )
 
 
+class ServerSettings(Protocol):
+    """What the keys of the sink say of its server; empty is not given."""
+
+    @property
+    def opcua(self) -> tuple[str, int]: ...
+    @property
+    def target(self) -> str: ...
+    @property
+    def certificate(self) -> str: ...
+    @property
+    def private_key(self) -> str: ...
+    @property
+    def user(self) -> str: ...
+    @property
+    def password(self) -> Secret | None: ...
+
+
 class PointServer:
     """A server with a folder for the run, in which each point is a variable whose id is its name."""
 
-    def __init__(self, kind: Opcua, host: Host, points: Sequence[Point]) -> None:
+    def __init__(self, kind: ServerSettings, host: Host, points: Sequence[Point]) -> None:
         self.kind, self.host = kind, host
         self.points = {point.name: point for point in points}
         self.ids: Mapping[ua.NodeId, Point] = {}
@@ -201,7 +216,7 @@ class _Reader(UserManager):
 class _OneUser(UserManager):
     """One user, with a password. Raises OSError, ValueError where the password cannot be had."""
 
-    def __init__(self, kind: Opcua) -> None:
+    def __init__(self, kind: ServerSettings) -> None:
         assert kind.password is not None
         self.name, self._password = kind.user, kind.password.read()
 

@@ -14,7 +14,7 @@ from framekit.api.points import RunPoints
 from framekit.run.points import PointValue
 
 
-class Row(NamedTuple):
+class ShownRow(NamedTuple):
     """Cells of text; `state`: one word that the page may show by a colour."""
 
     state: str
@@ -27,9 +27,9 @@ class ChangingRows:
 
     round: int = 0
     keys_round: int = 0
-    _rows: dict[str, tuple[int, Row]] = field(default_factory=dict)
+    _rows: dict[str, tuple[int, ShownRow]] = field(default_factory=dict)
 
-    def put(self, rows: Mapping[str, Row]) -> None:
+    def put(self, rows: Mapping[str, ShownRow]) -> None:
         """The rows as they are now, in their order."""
         self.round += 1
         before = self._rows
@@ -45,7 +45,7 @@ class ChangingRows:
     def keys(self) -> list[str]:
         return list(self._rows)
 
-    def since(self, number: int) -> dict[str, Row]:
+    def since(self, number: int) -> dict[str, ShownRow]:
         """The rows that have changed after a round."""
         return {key: row for key, (seen, row) in self._rows.items() if seen > number}
 

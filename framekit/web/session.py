@@ -13,8 +13,8 @@ from typing import Any
 
 from framekit import __version__
 from framekit.api.errors import FramekitError, RequestError
-from framekit.api.frame_rows import field_row, frame_row
-from framekit.api.monitor import FrameEntry, FrameFilter, parse_filter
+from framekit.api.frame_rows import FrameEntry, field_row, frame_row
+from framekit.api.monitor import FrameFilter, parse_filter
 from framekit.api.points import RunPoint
 from framekit.api.rows import POINT_HEAD
 from framekit.codec.plain import PlainValues

@@ -25,9 +25,9 @@ from framekit.api.rows import (
 from framekit.api.run import RunCalls
 from framekit.api.server import AsyncServer
 from framekit.run.model import POINTS_SET
-from framekit.web.changes import Row
+from framekit.web.changes import ShownRow
 
-Rows = Mapping[str, Row]
+Rows = Mapping[str, ShownRow]
 
 
 class ShownTable(NamedTuple):
@@ -69,19 +69,21 @@ def shown_run(run: RunCalls, view: LiveView) -> Shown:
         jobs = () if status.jobs is None else status.jobs.slots
         return {
             "channels": {
-                str(one.number): Row("" if one.state == "open" else "lost", (*channel_row(one), load_now(one.number)))
+                str(one.number): ShownRow(
+                    "" if one.state == "open" else "lost", (*channel_row(one), load_now(one.number))
+                )
                 for one in status.channels
             },
             "stations": {
-                f"{one.channel} {one.station}": Row("lost" if one.dead else "", station_row(one))
+                f"{one.channel} {one.station}": ShownRow("lost" if one.dead else "", station_row(one))
                 for one in status.stations
             },
             "blocks": {
-                one.label: Row(block_state(one), block_row(one)) for one in status.blocks if one.set != POINTS_SET
+                one.label: ShownRow(block_state(one), block_row(one)) for one in status.blocks if one.set != POINTS_SET
             },
-            "jobs": {str(one.slot): Row("", job_row(one)) for one in jobs if one.kind},
+            "jobs": {str(one.slot): ShownRow("", job_row(one)) for one in jobs if one.kind},
             "sinks": {
-                str(number): Row("lost" if one.problem else "", sink_row(one))
+                str(number): ShownRow("lost" if one.problem else "", sink_row(one))
                 for number, one in enumerate(status.sinks)
             },
         }
@@ -108,8 +110,8 @@ def shown_server(server: AsyncServer, view: LiveView) -> Shown:
         for number, one in enumerate(server.status(), 1):
             why = ", ".join(f"{count} × {reason}" for reason, count in sorted(one.reasons.items()))
             cells = (one.device.name, one.device.protocol.name, one.device.station or "-")
-            devices[str(number)] = Row("", (*cells, str(one.services), str(one.errors), why or "-"))
-        errors = {reason: Row("", (reason, str(count))) for reason, count in sorted(server.line_errors.items())}
+            devices[str(number)] = ShownRow("", (*cells, str(one.services), str(one.errors), why or "-"))
+        errors = {reason: ShownRow("", (reason, str(count))) for reason, count in sorted(server.line_errors.items())}
         return {"devices": devices, "line": errors}
 
     tables = (

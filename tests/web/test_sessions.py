@@ -13,7 +13,7 @@ pytest.importorskip("starlette")
 from web.page_world import TOKEN, Browser, Page, written
 
 from framekit.web import session as session_module
-from framekit.web.changes import ChangingRows, PointHistory, Row
+from framekit.web.changes import ChangingRows, PointHistory, ShownRow
 
 
 @pytest.fixture
@@ -169,7 +169,7 @@ def test_what_is_told_is_json(page: Page) -> None:
 
 def test_rows_that_go_and_come() -> None:
     rows = ChangingRows()
-    one, two = Row("", ("1",)), Row("", ("2",))
+    one, two = ShownRow("", ("1",)), ShownRow("", ("2",))
     rows.put({"a": one, "b": two})
     assert rows.since(0) == {"a": one, "b": two}
     rows.put({"a": one, "b": one})

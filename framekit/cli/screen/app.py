@@ -19,7 +19,8 @@ from framekit.cli.common import VerbError
 from framekit.definition.problems import plural
 
 if TYPE_CHECKING:
-    from framekit.api.monitor import FrameEntry, LineOf, LiveView
+    from framekit.api.frame_rows import FrameEntry
+    from framekit.api.monitor import LineOf, LiveView
     from framekit.cli.screen.session import LiveSession
 
 
