@@ -297,7 +297,10 @@ class LineOf:
 
 
 class LiveView:
-    """What a display shows of `lines`. `now` tells the time, `blocks` how the blocks are doing, where there are any."""
+    """What a display shows of `lines`. `now` tells the time, `blocks` how the blocks are doing, where there are any.
+
+    `points`: the values as they are now, as rows of text.
+    """
 
     def __init__(
         self,
@@ -305,11 +308,13 @@ class LiveView:
         now: Callable[[], int],
         lines: Mapping[int, LineOf],
         blocks: Callable[[], list[BlockStatus]] = list,
+        points: Callable[[], list[tuple[str, ...]]] = list,
     ) -> None:
         self.log = log
         self.now = now
         self.lines = lines
         self.blocks = blocks
+        self.points = points
         self.began = now()
 
     @property

@@ -89,9 +89,9 @@ def station_row(one: StationStatus) -> tuple[str, ...]:
     return str(one.channel), str(shown(one.station)), state, str(one.blocks), str(one.done), str(one.failed)
 
 
-def point_rows(points: RunPoints) -> list[tuple[str, str, str, str]]:
+def point_rows(points: RunPoints) -> list[tuple[str, ...]]:
     """The points as they are now: value, unit, quality."""
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for value in points.now():
         shown = "-" if value.value is None else str(value.value)
         quality = value.quality + (f", {value.reason}" if value.reason else "")

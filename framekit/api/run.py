@@ -14,6 +14,7 @@ from framekit.api.loop_thread import LoopStoppedError, LoopThread, Stopping
 from framekit.api.memory import Do, Memory
 from framekit.api.monitor import FrameLog, LineOf, LiveView
 from framekit.api.points import RunPoints
+from framekit.api.rows import point_rows
 from framekit.codec.shown import explain
 from framekit.definition.problems import DefinitionError
 from framekit.definition.times import parse_time
@@ -442,7 +443,7 @@ def view_of(run: RunCalls, log: FrameLog) -> LiveView:
     for number in lines:
         know(number)
     run.on_channel = came
-    return LiveView(log, lambda: run.now, lines, lambda: run.blocks)
+    return LiveView(log, lambda: run.now, lines, lambda: run.blocks, lambda: point_rows(run.points))
 
 
 async def leave(service: RunService) -> None:

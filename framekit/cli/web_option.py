@@ -26,13 +26,20 @@ MISSING = (
 
 def add_web(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--web", nargs="?", const=USUAL, metavar="ADDRESS:PORT",
+        "--web", nargs="?", const=USUAL, metavar="ADDRESS:PORT", type=_no_file,
         help=f"show a page in the browser, at {USUAL} unless said, port 0 for a free one; needs the extra 'web'",
     )  # fmt: skip
     parser.add_argument(
         "--web-token", metavar="env:NAME|file:NAME",
         help="where the token stands with which the page fires and writes; without it one is made and told",
     )  # fmt: skip
+
+
+def _no_file(text: str) -> str:
+    """What stands behind `--web`, which takes a file that was meant as the run. Raises ArgumentTypeError."""
+    if text.endswith((".yaml", ".yml")):
+        raise argparse.ArgumentTypeError(f"'{text}' is no place to listen on – write files before --web")
+    return text
 
 
 class WebPage:

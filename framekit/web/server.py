@@ -144,28 +144,33 @@ class Browser:
 
     async def _answer(self, told: Any) -> None:
         wrong = self.session.wrong_tokens
-        try:
-            answer = await self.session.answer(told)
-        except ValueError as error:
-            answer = {"trouble": str(error)}
-        if self.session.wrong_tokens > wrong:
-            await asyncio.sleep(AFTER_WRONG)
-        if answer is not None:
-            await self._send(answer)
+        with self._while_there():
+            try:
+                answer = await self.session.answer(told)
+            except ValueError as error:
+                answer = {"trouble": str(error)}
+            if self.session.wrong_tokens > wrong:
+                await asyncio.sleep(AFTER_WRONG)
+            if answer is not None:
+                await self._send(answer)
 
     async def _show(self) -> None:
-        try:
+        with self._while_there():
             await self._send(self.session.hello())
             while True:
                 for message in self.session.news():
                     await self._send(message)
                 await asyncio.sleep(VALUES_EVERY)
-        except (WebSocketDisconnect, RuntimeError):
-            return
+
+    @contextlib.contextmanager
+    def _while_there(self) -> Iterator[None]:
+        """What ends because the browser has gone, or takes nothing, is no trouble."""
+        try:
+            yield
+        except (WebSocketDisconnect, RuntimeError, TimeoutError) as error:
+            log.info("web: %s has gone: %s", self.session.who, error)
         except Exception:
-            log.exception("web: %s is not shown any more", self.session.who)
-        with contextlib.suppress(RuntimeError, WebSocketDisconnect):
-            await self.socket.close(1011)
+            log.exception("web: %s is not served any more", self.session.who)
 
     async def _send(self, message: dict[str, Any]) -> None:
         async with asyncio.timeout(LONGEST_SEND):
@@ -220,5 +225,8 @@ class WebServer:
 
 async def _remember(board: WebBoard) -> None:
     while True:
-        board.remember(time.time())
+        try:
+            board.remember(time.time())
+        except Exception:
+            log.exception("web: the values are not remembered")
         await asyncio.sleep(HISTORY_EVERY)

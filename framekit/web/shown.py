@@ -28,6 +28,8 @@ from framekit.run.model import POINTS_SET
 from framekit.web.changes import ShownRow
 
 Rows = Mapping[str, ShownRow]
+STATES = {"open": "", "closed": "off", "switched off": "off"}
+"""How channels are shown that are as they should be; the state of all others says what is wrong."""
 
 
 class ShownTable(NamedTuple):
@@ -69,9 +71,7 @@ def shown_run(run: RunCalls, view: LiveView) -> Shown:
         jobs = () if status.jobs is None else status.jobs.slots
         return {
             "channels": {
-                str(one.number): ShownRow(
-                    "" if one.state == "open" else "lost", (*channel_row(one), load_now(one.number))
-                )
+                str(one.number): ShownRow(STATES.get(one.state, "lost"), (*channel_row(one), load_now(one.number)))
                 for one in status.channels
             },
             "stations": {

@@ -22,11 +22,13 @@ from web.page_world import TOKEN, Browser, Page, async_run, written
 
 from framekit.api.monitor import FrameLog
 from framekit.api.run import view_of
+from framekit.api.server import aserve, view_of_devices
 from framekit.cli.main import main
 from framekit.web import server as server_module
 from framekit.web.access import Access, is_known_host
 from framekit.web.server import PAGE, PageApp, WebServer
-from framekit.web.shown import shown_run
+from framekit.web.session import WebBoard
+from framekit.web.shown import shown_run, shown_server
 
 MARKUP = re.compile(r"innerHTML|outerHTML|insertAdjacent|document\.write|eval\(|new Function|\sstyle=|\son\w+=")
 """Ways in which a text would become more than a text."""
@@ -174,6 +176,38 @@ def test_a_point_is_written_over_the_line_and_refused_out_of_range(
     assert "point limit: 11 was refused to the page, from test:1: 11 is not in 0..10" in caplog.text
 
 
+def test_values_of_a_device_are_shown_and_set(tmp_path: Path) -> None:
+    async def drive() -> None:
+        device = written(tmp_path).with_name("meter.device.yaml")
+        devices = aserve(device, "tcp://127.0.0.1:0")
+        view = view_of_devices(devices, FrameLog(), lambda: "open")
+        async with devices:
+            session = server_module.WebSession(WebBoard(shown_server(devices, view)), Access(TOKEN), "test:1")
+            browser = Browser(session.hello())
+            browser.take(session.news())
+            assert list(browser.values) == browser.points == ["40001", "40002", "40003"]
+            assert browser.values["40003"][:2] == ["5", "good"]
+            assert browser.tables["devices"]["1"][1][:2] == ("meter", "modbus-tcp")
+            assert await session.answer({"write": 2, "value": "6", "id": 1}) == {
+                "done": 1,
+                "why": "only with the token",
+            }
+            await session.answer({"token": TOKEN})
+            assert await session.answer({"write": 2, "value": "6", "id": 2}) == {"done": 2}
+            assert devices.memory["40003"] == 6
+            devices.memory["40002"] = 9
+            await asyncio.sleep(0)
+            assert await session.answer({"do": "fire 1", "id": 3}) == {
+                "done": 3, "why": "'fire 1' is nothing that the page does",
+            }  # fmt: skip
+            too_large = await session.answer({"write": 2, "value": "65536", "id": 4})
+            assert too_large is not None
+            assert "65536" in too_large["why"]
+            assert [value.value for value in devices.points[0].now()][1:] == [9, 6]
+
+    asyncio.run(drive())
+
+
 def test_the_address_is_free_when_it_has_ended(tmp_path: Path) -> None:
     async def drive() -> None:
         for _ in range(2):
@@ -224,6 +258,16 @@ def test_what_the_command_line_says_wrongly(
     monkeypatch.setenv("SHORT", "12345")
     assert main(["run", str(written(tmp_path)), "--for", "1s", *words]) == 2
     assert told in capsys.readouterr().err
+
+
+def test_a_run_behind_the_option_is_no_place(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(["run", "--web", "plant.run.yaml"])
+    assert end.value.code == 2
+    assert (
+        "argument --web: 'plant.run.yaml' is no place to listen on – write files before --web"
+        in capsys.readouterr().err
+    )
 
 
 def test_a_missing_library_is_one_line(

@@ -47,7 +47,7 @@ def test_a_browser_gets_everything_and_then_what_has_changed(page: Page) -> None
     page.run.enable_channel(1, False)
     page.run.run_for("1 s")
     browser.take(session.news())
-    assert browser.tables["channels"]["1"][0] == "lost"
+    assert browser.tables["channels"]["1"][0] == "off"
 
 
 def test_a_slow_browser_loses_what_came_in_between_and_has_the_same_picture(page: Page) -> None:

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, ClassVar
 
 from rich.text import Text
 from textual.app import App, ComposeResult
 from textual.binding import Binding
+from textual.coordinate import Coordinate
 from textual.widgets import DataTable, Footer, Header, Input, Static
 
 from framekit.api.frame_rows import FIELD_HEAD, FRAME_HEAD, field_row, frame_row
 from framekit.api.monitor import parse_filter
-from framekit.api.rows import BLOCK_HEAD, block_row
+from framekit.api.rows import BLOCK_HEAD, POINT_HEAD, block_row
 from framekit.api.run import COMMANDS
 from framekit.cli.common import VerbError
 from framekit.definition.problems import plural
@@ -40,7 +41,7 @@ class MonitorApp(App[None]):
 
     CSS = """
     #channels { height: auto; padding: 0 1; }
-    #blocks { height: auto; max-height: 30%; }
+    #blocks, #points { height: auto; max-height: 25%; }
     #frames { height: 1fr; }
     #about { height: 1; padding: 0 1; }
     #fields { height: auto; max-height: 35%; }
@@ -71,6 +72,7 @@ class MonitorApp(App[None]):
         self._last = time.monotonic_ns()
         self.channels = Static(id="channels", markup=False)
         self.blocks: DataTable[Text] = DataTable(id="blocks", show_cursor=False)
+        self.points: DataTable[Text] = DataTable(id="points", show_cursor=False)
         self.frames: DataTable[Text] = DataTable(id="frames", cursor_type="row")
         self.about = Static(id="about", markup=False)
         self.fields: DataTable[Text] = DataTable(id="fields", show_cursor=False)
@@ -81,12 +83,13 @@ class MonitorApp(App[None]):
 
     def compose(self) -> ComposeResult:
         yield Header()
-        yield from (self.channels, self.blocks, self.frames, self.about, self.fields)
+        yield from (self.channels, self.blocks, self.points, self.frames, self.about, self.fields)
         yield from (self.filter_entry, self.command_entry)
         yield Footer()
 
     def on_mount(self) -> None:
         self.blocks.add_columns(*BLOCK_HEAD)
+        self.points.add_columns(*POINT_HEAD)
         self.frames.add_columns(*FRAME_HEAD)
         self.fields.add_columns(*FIELD_HEAD)
         self.frames.focus()
@@ -97,6 +100,7 @@ class MonitorApp(App[None]):
             self.exit()
             return
         self.blocks.display = bool(self.view.blocks())
+        self.points.display = bool(self.view.points())
         self._last = time.monotonic_ns()
         self.set_interval(DRAW_EVERY, self.go_on)
 
@@ -142,6 +146,7 @@ class MonitorApp(App[None]):
         self.blocks.clear()
         for block in self.view.blocks():
             self.blocks.add_row(*_as_it_is(block_row(block)))
+        _fill(self.points, self.view.points())
 
     def _in_force(self) -> str:
         modes = ["paused"] if self.paused else []
@@ -252,6 +257,19 @@ class MonitorApp(App[None]):
         self.filter_entry.display = False
         self.frames.focus()
         self.refill()
+
+
+def _fill(table: DataTable[Text], rows: Sequence[Sequence[str]]) -> None:
+    """The rows, always as many: cells that are others now are drawn anew, and the place where it stands stays."""
+    if table.row_count != len(rows):
+        table.clear()
+        for row in rows:
+            table.add_row(*_as_it_is(row))
+        return
+    for number, row in enumerate(rows):
+        for column, (cell, before) in enumerate(zip(row, table.get_row_at(number), strict=True)):
+            if before.plain != cell:
+                table.update_cell_at(Coordinate(number, column), Text(cell, no_wrap=True, end=""), update_width=True)
 
 
 def _as_it_is(cells: Iterable[str]) -> Iterator[Text]:

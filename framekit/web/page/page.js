@@ -6,7 +6,6 @@ const at = id => document.getElementById(id);
 const tables = new Map();   // by name: {grid, rows: Map, filter, section}
 const points = [];          // {key, state, cells, numbers, asked, place …}
 const frames = [];
-const answers = new Map();
 let pointGrid = null, frameGrid = null, socket = null, may = false, paused = false, chosen = null, history = null;
 let controls = false, dirty = new Set(), number = 0, drawn = [], arrived = 0;
 
@@ -16,7 +15,7 @@ function connect() {
   socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live`);
   socket.onopen = () => { state("live"); if (token()) say({ token: token() }); ask(); };
   socket.onmessage = event => take(JSON.parse(event.data));
-  socket.onclose = () => { state("connection lost", true); lost(); setTimeout(connect, 1000); };
+  socket.onclose = () => { state("connection lost", true); allow(false); setTimeout(connect, 1000); };
 }
 
 function say(what) {
@@ -25,17 +24,11 @@ function say(what) {
 
 function act(what) {
   say({ ...what, id: ++number });
-  answers.set(number, JSON.stringify(what));
 }
 
 function state(text, away = false) {
   at("state").textContent = text;
   at("state").className = away ? "away" : "";
-}
-
-function lost() {
-  answers.clear();
-  allow(false);
 }
 
 function ask() {
@@ -51,7 +44,7 @@ const takers = {
   fields: takeFields,
   history: takeHistory,
   may: what => { allow(what.may); tell(what.may ? "" : "this is not the token"); if (!what.may) forget(); },
-  done: what => { answers.delete(what.done); tell(what.why ? `refused: ${what.why}` : "done"); },
+  done: what => tell(what.why ? `refused: ${what.why}` : "done"),
   trouble: what => tell(what.trouble),
 };
 
@@ -74,13 +67,14 @@ function changed(grid) {
 function draw() {
   const grids = [...dirty];
   for (const grid of grids) grid.draw();
-  if (dirty.has(pointGrid)) drawPoint();
+  if (dirty.has(pointGrid)) { counted(); drawPoint(); }
   dirty.clear();
   const from = arrived;
   requestAnimationFrame(() => {
     drawn.push(performance.now() - from);
     if (drawn.length > DRAWN) drawn.shift();
     document.body.dataset.drawn = Math.max(...drawn).toFixed(1);
+    document.body.dataset.mean = (drawn.reduce((sum, one) => sum + one) / drawn.length).toFixed(1);
   });
 }
 
@@ -98,7 +92,7 @@ function begin(what) {
   what.points.forEach(([name, unit, place, about, writable, range, words], key) => points.push(
     { key, state: "stale", cells: [name, "-", unit, "", place], numbers: [], name, about, writable, range, words }));
   pointGrid ??= new Grid(at("points").querySelector(".grid"), [...what.pointHead, "place"],
-    { picked: choosePoint, spark: spark });
+    { picked: choosePoint, spark: true });
   at("points").hidden = !points.length;
   frameGrid ??= new Grid(at("frames").querySelector(".grid"),
     ["no.", "time", "ch", "", "size", "result", "frame", "bytes", "fields"], { picked: key => say({ frame: Number(key) }) });
@@ -158,7 +152,6 @@ function takeValues(what) {
     point.state = quality === "good" ? "" : quality;
     point.number = number;
   }
-  counted();
   changed(pointGrid);
 }
 
@@ -171,12 +164,7 @@ function counted() {
 function choose() {
   const wanted = at("points").querySelector(".filter").value.toLowerCase();
   pointGrid.rows = wanted ? points.filter(point => point.name.toLowerCase().includes(wanted)) : points;
-  counted();
   changed(pointGrid);
-}
-
-function spark(canvas, point) {
-  sparkline(canvas, point.numbers);
 }
 
 function second() {
@@ -184,6 +172,7 @@ function second() {
   for (const point of points) {
     point.numbers.push(point.number ?? null);
     if (point.numbers.length > MINUTE) point.numbers.shift();
+    point.drawn = false;
   }
   const fresh = (pointGrid.shown ?? []).filter(point => !point.asked).slice(0, 64);
   if (fresh.length) {
@@ -193,6 +182,7 @@ function second() {
   if (history && chosen !== null) {
     history[0].push(Date.now() / 1000);
     history[1].push(points[chosen].number ?? null);
+    history.drawn = false;
     if (history[0].length > 3600) history.forEach(list => list.shift());
   }
   changed(pointGrid);
@@ -214,6 +204,7 @@ function takeHistory(what) {
   for (const [key, [times, numbers]] of Object.entries(what.history)) {
     points[key].numbers = numbers.slice(-MINUTE);
     points[key].asked = true;
+    points[key].drawn = false;
     if (Number(key) === chosen && !history) history = [times, numbers];
   }
   changed(pointGrid);
@@ -227,7 +218,10 @@ function drawPoint() {
   at("point").querySelector("h3").textContent =
     [name, `${value} ${unit}`.trim(), quality, place, point.about].filter(Boolean).join(" · ");
   at("write").hidden = !(may && point.writable);
-  if (history) plot(at("point").querySelector("canvas"), history[0], history[1]);
+  if (history && !history.drawn) {
+    history.drawn = true;
+    plot(at("point").querySelector("canvas"), history[0], history[1]);
+  }
 }
 
 // ---- frames

@@ -4,8 +4,8 @@
 const ROW = 22, TALLEST = 304, WIDEST = 48, WIDEST_LAST = 100;
 
 export class Grid {
-  // Rows {key, state, cells, numbers?}; `spark`: a last column draws the numbers. `picked` is told which row was clicked.
-  constructor(place, head, { picked = null, spark = null } = {}) {
+  // Rows {key, state, cells, numbers, drawn}; `spark`: a last column draws the numbers, where `drawn` is not set. `picked` is told which row was clicked.
+  constructor(place, head, { picked = null, spark = false } = {}) {
     this.place = place;
     this.rows = [];
     this.picked = picked;
@@ -81,7 +81,11 @@ export class Grid {
         line.cells[at].title = text.length > WIDEST ? text : "";
       }
     });
-    if (line.canvas) this.spark(line.canvas, what);
+    if (line.canvas && (line.what !== what || !what.drawn)) {
+      what.drawn = true;
+      sparkline(line.canvas, what.numbers);
+    }
+    line.what = what;
   }
 
   click(row) {
@@ -120,12 +124,15 @@ function trace(pen, xs, numbers, [low, high], height) {
   pen.stroke();
 }
 
+let color = null;
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { color = null; });
+
 export function sparkline(canvas, numbers) {
   const pen = canvas.getContext("2d");
   pen.clearRect(0, 0, canvas.width, canvas.height);
   const range = bounds(numbers);
   if (!range) return;
-  pen.strokeStyle = getComputedStyle(canvas).color;
+  pen.strokeStyle = color ??= getComputedStyle(document.body).color;
   const step = canvas.width / 60, start = canvas.width - step * numbers.length;
   trace(pen, at => start + at * step, numbers, range, canvas.height);
 }
@@ -133,7 +140,7 @@ export function sparkline(canvas, numbers) {
 export function plot(canvas, times, numbers) {
   canvas.width = canvas.clientWidth || 900;
   const pen = canvas.getContext("2d"), { width, height } = canvas;
-  pen.fillStyle = pen.strokeStyle = getComputedStyle(canvas).color;
+  pen.fillStyle = pen.strokeStyle = color ??= getComputedStyle(document.body).color;
   pen.font = "12px ui-monospace, monospace";
   const range = bounds(numbers);
   if (!range) { pen.fillText("no good values yet", 10, 20); return; }

@@ -44,14 +44,16 @@ class Stepped(RunSession):
         super().step(duration)
 
 
-def arguments(*words: str) -> argparse.Namespace:
-    return build_parser("run").parse_args(["run", str(PLC), "--virtual", "--screen", *words])
+def arguments(*words: str, run: Path = PLC) -> argparse.Namespace:
+    return build_parser("run").parse_args(["run", str(run), "--virtual", "--screen", *words])
 
 
-def driven(test: Callable[[MonitorApp, Stepped, Pilot[None]], Coroutine[Any, Any, None]], *words: str) -> Stepped:
+def driven(
+    test: Callable[[MonitorApp, Stepped, Pilot[None]], Coroutine[Any, Any, None]], *words: str, run: Path = PLC
+) -> Stepped:
     """Runs `test` on the app with a run in it."""
-    given = arguments(*words)
-    session = Stepped(load_run(PLC), RunWatch(given), virtual=True, duration=None, controlled=given.control)
+    given = arguments(*words, run=run)
+    session = Stepped(load_run(run), RunWatch(given), virtual=True, duration=None, controlled=given.control)
 
     async def drive() -> None:
         app = MonitorApp(session)
@@ -92,6 +94,44 @@ def test_frames_blocks_and_load_of_a_run() -> None:
     session = driven(test)
     assert session.run is not None
     assert not session.run.running
+
+
+POINTS = """run: meter
+channels:
+  1: {port: "sim:meter.device.yaml", protocol: modbus-tcp, station: 1}
+points:
+  level: {channel: 1, address: "40001", unit: "[mm]", every: 1s}
+  limit: {channel: 1, address: "40002", every: 1s}
+"""
+METER = """device: meter
+protocol: modbus-tcp
+station: 1
+memory: {set: {"40002": [7]}}
+behave: {"40001": {counter: 1}}
+"""
+
+
+def test_points_with_value_unit_and_quality(tmp_path: Path) -> None:
+    (tmp_path / "meter.device.yaml").write_text(METER, "utf-8")
+    (tmp_path / "meter.run.yaml").write_text(POINTS, "utf-8")
+
+    def rows(app: MonitorApp) -> list[list[str]]:
+        return [[str(cell) for cell in app.points.get_row_at(row)] for row in range(app.points.row_count)]
+
+    async def test(app: MonitorApp, session: Stepped, pilot: Pilot[None]) -> None:
+        session.forward(SECOND // 2)
+        app.draw_status()
+        before = rows(app)
+        assert [row[0] for row in before] == ["level", "limit"]
+        assert before[1] == ["limit", "7", "", "good"]
+        session.forward(10 * SECOND)
+        app.draw_status()
+        after = rows(app)
+        assert int(after[0][1]) == int(before[0][1]) + 10
+        assert after[0][2:] == ["[mm]", "good"]
+        assert app.points.display
+
+    driven(test, run=tmp_path / "meter.run.yaml")
 
 
 def test_pause_and_going_on() -> None:
