@@ -7,11 +7,17 @@ It knows no areas and no frames. Guide: services.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from decimal import Decimal
+from functools import cache
+from math import isfinite, isinf
 from struct import Struct
+from typing import Any
 
 from framekit.codec.support import span, swap
-from framekit.definition.model.services import Packing
+from framekit.definition.model.services import NUMBER_BITS, Packing
 from framekit.memory.memory import UNSIGNED_CODES, MemoryValueError, ordered, pack_bits, unit_bits, unpack_bits
+from framekit.memory.views import NumberView, view_of
 
 _POINT_EACH = ("byte_each", "digit_each")
 """Forms with a byte for each bit."""
@@ -173,6 +179,71 @@ def memory_of(values: Sequence[int], unit: str) -> bytes:
         if not isinstance(value, int) or not least <= value <= most:
             raise PackingError(f"{value!r} does not fit into a {unit}: 0 to {most}")
     return b"".join([(value & most).to_bytes(bits // 8, "little") for value in values])
+
+
+def numbers_of(memory: bytes, unit: str, type_: str | None, count: int) -> list[Any]:
+    """Elements in memory's form as numbers of the type that they usually hold, without sign where that is none.
+
+    Raises PackingError for digits that are none.
+    """
+    view = _view_of(unit, type_)
+    if view is None:
+        return values_of(memory, unit, count)
+    try:
+        numbers = view.read(memory)
+    except MemoryValueError as error:
+        raise PackingError(str(error)) from None
+    return [_shortest(number) for number in numbers] if type_ == "float32" else list(numbers)
+
+
+def memory_of_numbers(numbers: Sequence[Any], unit: str, type_: str | None) -> bytes:
+    """The reverse of `numbers_of`; fractions stand in floating-point numbers only. Raises PackingError."""
+    view = _view_of(unit, type_)
+    if view is None:
+        return memory_of([_whole(number, unit) for number in numbers], unit)
+    as_held = _float if view.kind == "float" else _whole
+    try:
+        return view.write([as_held(number, view.type) for number in numbers])
+    except MemoryValueError as error:
+        raise PackingError(str(error)) from None
+
+
+_FLOAT = Struct("<f")
+
+
+def _shortest(number: float) -> float:
+    """The number with the fewest digits that is the same in 32 bits: 12.3, not 12.300000190734863."""
+    short = (float(f"{number:.{digits}g}") for digits in range(6, 9))
+    return next((one for one in short if _FLOAT.pack(one) == _FLOAT.pack(number)), number)
+
+
+def _float(number: Any, kind: str) -> float:
+    """A number as a float. Raises PackingError for what is none, or too large."""
+    if isinstance(number, float):
+        return number
+    if isinstance(number, (int, Decimal)):
+        with suppress(OverflowError):
+            if not isinf(found := float(number)):
+                return found
+    raise PackingError("a value is not there" if number is None else f"{number} does not fit into a {kind}")
+
+
+def _whole(number: Any, kind: str) -> int:
+    """A number without its empty fraction. Raises PackingError for one that has more than that."""
+    if isinstance(number, int):
+        return number
+    if isinstance(number, (Decimal, float)) and isfinite(number) and number == int(number):
+        return int(number)
+    raise PackingError("a value is not there" if number is None else f"{number} is no whole number, as a {kind} is")
+
+
+@cache
+def _view_of(unit: str, type_: str | None) -> NumberView | None:
+    """The numbers of a type that are as wide as the elements of this unit."""
+    if type_ is None or NUMBER_BITS.get(type_) != unit_bits(unit):
+        return None
+    view = view_of(type_)
+    return view if isinstance(view, NumberView) else None
 
 
 def _packed(bits: Sequence[int]) -> bytes:

@@ -39,7 +39,7 @@ from framekit.definition.model.frames import WIRE, Frame, expressions_of, field_
 from framekit.definition.model.procedure import Action, Row, Sequence, Step, Target
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import INDEX, LAST, PREVIOUS
-from framekit.definition.model.services import ServiceRow
+from framekit.definition.model.services import AS_NUMBERS, ServiceRow
 from framekit.definition.model.values import Value
 from framekit.definition.problems import Position, Problem, did_you_mean, listed
 
@@ -268,7 +268,8 @@ class NameChecker:
     # ---- services -----------------------------------------------------------------------------------------
 
     def _service(self, row: ServiceRow) -> None:
-        local = set(EXCHANGE | OFFERED) | {argument.name for argument in row.takes}
+        offered = OFFERED if row.service in ("read", "write") else OFFERED - AS_NUMBERS
+        local = set(EXCHANGE | offered) | {argument.name for argument in row.takes}
         if row.service in ("read", "write") or row.most_variables:
             local |= {name for form in self.protocol.addresses for name in form.results}
             local |= {part.name for form in self.protocol.addresses for part in parts_in(form)}

@@ -28,6 +28,7 @@ from framekit.definition.model.procedure import Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Field
 from framekit.definition.model.services import (
+    AS_NUMBERS,
     COUNTED_STRING,
     COUNTING,
     NOT_COMPARED,
@@ -91,7 +92,8 @@ def _missing(made: FrameOf, frame: Frame) -> Iterator[Problem]:
     missing = [name for name in names_needed(frame.segments) if name not in made.fields and name not in frame.echo]
     if missing:
         what = f"nothing gives {listed(repr(name) for name in missing)} of '{made.frame}'"
-        todo = ", ".join(f"{name}: {name if name in (*NOT_COMPARED, *OFFERED) else '…'}" for name in missing)
+        known = {*NOT_COMPARED, *OFFERED} - AS_NUMBERS  # fields of these names mostly hold data
+        todo = ", ".join(f"{name}: {name if name in known else '…'}" for name in missing)
         yield Problem(made.at, what, f"add {todo}")
 
 
@@ -196,9 +198,9 @@ def _data(row: ServiceRow) -> Iterator[Problem]:
         return
     holder = [row.reply, row.gives] if row.service == "read" else [row.request, row.buffer]
     named = {name for expression in expressions_of(holder) for name in names_in(expression.root)}
-    if row.service == "read" and "data" not in named and not row.gives:
+    if row.service == "read" and not named & {"data", *AS_NUMBERS} and not row.gives:
         yield Problem(row.at, "nothing says where the data of the reply stand", "add reply: {frame: {field: data}}")
-    if row.service == "write" and not named & {"data", "bits"}:
+    if row.service == "write" and not named & {"data", "bits", *AS_NUMBERS}:
         yield Problem(row.at, "nothing of what is written goes with the request", "give a field of it: data")
 
 
@@ -213,7 +215,7 @@ def _lists(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
             value = made.fields[name]
             if isinstance(value, Expression) and isinstance(value.root, Name) and value.root.name == "data":
                 what = f"'data' is bytes, and '{name}' of '{frame.name}' is a list"
-                yield Problem(value.root.at, what, f"write data: {name} with a size in place of the list")
+                yield Problem(value.root.at, what, f"write values, or data: {name} with a size in place of the list")
 
 
 def _sides(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
@@ -300,6 +302,7 @@ def _names_places(row: ServiceRow) -> bool:
         "data",
         "bits",
         "code",
+        *AS_NUMBERS,
     }
 
 

@@ -148,6 +148,8 @@ class KindChecker:
             todo = "multiply it by a unit, such as 1 ms, or make it a time"
         elif wanted == "number" and found == "time":
             todo = "write it without a unit"
+        elif wanted == "number" and expression.root == Name(expression.root.at, "data") and "values" in self.names:
+            todo = "write value, which is the element as a number"
         elif wanted == "number" and found == "bytes" and not isinstance(expression.root, Bytes):
             todo = _NUMBER_OF_BYTES
         elif wanted == "number" and found == "text" and not isinstance(expression.root, Text):
@@ -481,7 +483,7 @@ def kind_of_state(variable: StateVariable) -> Kind:
 
 _OFFERED: dict[str, Kind] = {
     "start": "number", "count": "number", "bytes": "number", "first": "number", "done": "number", "total": "number",
-    "element_bytes": "number", "data": "bytes", "bits": "list", "text": "text",
+    "element_bytes": "number", "data": "bytes", "bits": "list", "value": "number", "values": "list", "text": "text",
 }  # fmt: skip
 _BUILT_IN: dict[str, Kind] = {"role": "text", "now": "time", "buffer": "bytes", "reply_buffer": "bytes"}
 

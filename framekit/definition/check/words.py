@@ -26,8 +26,8 @@ ONLY_THERE = {
 """Words that have a value only in some places."""
 
 OFFERED = frozenset({
-    "area", "unit", "code", "start", "count", "bytes", "data", "bits", "text", "first", "done", "total",
-    "element_bytes", "own_bytes", "spans", "old", "key", "entry",
+    "area", "unit", "code", "start", "count", "bytes", "data", "bits", "value", "values", "text", "first", "done",
+    "total", "element_bytes", "own_bytes", "spans", "old", "key", "entry",
 })  # fmt: skip
 IN_BLOCKS = frozenset({
     "result", "reply", "buffer", "data", "block", "outcome", "cause", "code", "ok", "refused", "status",

@@ -502,7 +502,9 @@ class ServiceRow:
         return {node.value for node in nodes if isinstance(node, Text)}
 
 
-COUNTING = frozenset({"count", "bytes", "data", "bits", "total"})
+AS_NUMBERS = frozenset({"value", "values"})
+"""Names of the elements as numbers, in rows of read and write."""
+COUNTING = frozenset({"count", "bytes", "data", "bits", "values", "total"})
 """Names that say how many elements are meant: a row that sends none of them means one."""
 
 

@@ -52,11 +52,12 @@ class AreaUnit:
 
     `read` and `write` want places that `check` has passed. `most`: elements that can be read without a check, 0 where
     that is not known before; these begin at bit `offset` of `there`. `build` gives the bytes of an area that is made of
-    state. `is_plain`: its bytes are those of the memory, in that order.
+    state. `is_plain`: its bytes are those of the memory, in that order. `type`: what its elements usually hold.
     """
 
     __slots__ = (
-        "_device", "_order", "area", "bits", "build", "is_plain", "memory", "most", "name", "offset", "there", "unit",
+        "_device", "_order", "area", "bits", "build", "is_plain", "memory", "most", "name", "offset", "there", "type",
+        "unit",
     )  # fmt: skip
 
     def __init__(
@@ -64,6 +65,7 @@ class AreaUnit:
         build: Callable[[Names], bytes] | None = None,
     ) -> None:  # fmt: skip
         self.name = None if model is None else model.name
+        self.type = None if model is None or unit != model.unit else model.type
         self.area = model
         self.memory = memory
         self.unit = unit

@@ -17,13 +17,13 @@ from framekit.codec.python.source import Source
 from framekit.codec.shown import explain
 from framekit.definition.expression import Expression, emit, is_constant, names_in, tells_setting
 from framekit.definition.model.frames import attributes_in, expressions_of, field_names, parts_of
-from framekit.definition.model.services import is_passed_over, told_by
+from framekit.definition.model.services import AS_NUMBERS, is_passed_over, told_by
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
 from framekit.definition.sources import fingerprint
 from framekit.link.addresses import Address, AddressError, code_of
 from framekit.link.construct_values import EACH, read_layout
 from framekit.link.events import Served
-from framekit.link.packing import PackingError, memory_of, values_of
+from framekit.link.packing import PackingError, memory_of, memory_of_numbers, numbers_of, values_of
 from framekit.link.services.areas import AreaUnit, Codes, DeviceAreas
 from framekit.link.services.rows import RowFacts, padded_names
 from framekit.link.services.writing import ValueWriter, WriterLevel, Written, code_of_source
@@ -539,6 +539,9 @@ class RowWriter:
         start, data = values["start"], values.get("data")
         if "count" not in values and data is None and "bits" in self.back:
             self.let(level, "count", f"len({values['bits']})")
+        numbers = self._numbers_sent(level) if data is None and self.row.service == "write" else None
+        if "count" not in values and numbers is not None:
+            self.let(level, "count", f"len({numbers})")
         if "count" not in values:
             size = values.get("bytes") or (None if data is None else f"len({data})")
             self.let(level, "count", "1" if size is None else f"{packer}.count_in({start}, int({size}))")
@@ -559,6 +562,9 @@ class RowWriter:
             level.memory = self.variable()
             self.out.add(f"{level.memory} = memory_of({values['bits']}, 'bit')")
             self.let(level, "data", f"{packer}.to_data({level.memory}, {start}, {count})")
+        elif numbers is not None:
+            level.memory = self.variable()
+            self.out.add(f"{level.memory} = numbers_there({numbers}, {count}, {place})")
         else:
             return
         if self.inline and "bits" not in self.mentioned:
@@ -568,6 +574,12 @@ class RowWriter:
         elif unit is None:
             otherwise = values.get("bits", "None")
             self.let(level, "bits", f"values_of({level.memory}, 'bit', {count}) if {place}.bits == 1 else {otherwise}")
+
+    def _numbers_sent(self, level: WriterLevel) -> str | None:
+        """The list of the elements that a write brings as numbers, where it does."""
+        if "values" in level.values:
+            return level.values["values"]
+        return f"[{level.values['value']}]" if "value" in level.values else None
 
     # ---- work and reply -----------------------------------------------------------------------------------
 
@@ -585,6 +597,11 @@ class RowWriter:
         if row.service == "read":
             data = "b''" if place is None else self._read(place)
             level.values["data"] = data
+            if place is not None and self.mentioned & AS_NUMBERS:
+                count = level.values["count"]
+                numbers = self.let(level, "values", f"numbers_of({level.memory}, {place}.unit, {place}.type, {count})")
+                if "value" in self.mentioned:
+                    self.let(level, "value", f"the_only({numbers})")
             if "bytes" in self.mentioned:
                 self.let(level, "bytes", f"len({data})")
         elif row.service == "write" and place is not None:
@@ -615,6 +632,7 @@ class RowWriter:
         level = self.level
         start, count = level.values["start"], level.values["count"]
         fixed, memory, data = self.given.get(place), self.variable(), self.variable()
+        level.memory = memory
         if not isinstance(fixed, AreaUnit):
             names = f"{place}.build and {self.values.names(level)}"
             self.out.add(f"{memory} = {place}.read({start}, {count}, {names})")
@@ -669,6 +687,20 @@ def layout_read(decode: Callable[..., dict[str, Any]], data: Any, names: Names, 
         return read_layout(decode, data, names) if padded else decode(data, names)
     except EVALUATION_ERRORS as error:
         raise DamagedBufferError(error if isinstance(error, ValueError) else ValueError(explain(error))) from None
+
+
+def numbers_there(numbers: Any, count: int, there: AreaUnit) -> bytes:
+    """Numbers of a request in memory's form. Raises PackingError."""
+    if not isinstance(numbers, list) or len(numbers) != count:
+        raise PackingError(f"{count} values are wanted, not {len(numbers) if isinstance(numbers, list) else numbers!r}")
+    return memory_of_numbers(numbers, there.unit, there.type)
+
+
+def the_only(numbers: list[Any]) -> Any:
+    """The number of one element. Raises PackingError for more of them."""
+    if len(numbers) != 1:
+        raise PackingError(f"value is one element, and {len(numbers)} are asked for")
+    return numbers[0]
 
 
 def cannot_be(there: AreaUnit, start: int, count: int) -> None:
@@ -730,10 +762,13 @@ _RUNTIME: dict[str, Any] = {
     "memory_of": memory_of,
     "name_targets": name_targets,
     "no_data": no_data,
+    "numbers_of": numbers_of,
+    "numbers_there": numbers_there,
     "part_of": part_of,
     "quotient": quotient,
     "same_number": same_number,
     "set_missing": set_missing,
+    "the_only": the_only,
     "values_of": values_of,
     "wrong_place": wrong_place,
 }

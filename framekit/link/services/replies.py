@@ -9,11 +9,11 @@ from framekit.codec.python.source import INDENT, Source
 from framekit.codec.shown import explain
 from framekit.definition.expression import Expression
 from framekit.definition.model.frames import parts_of
-from framekit.definition.model.services import ReplyRow
+from framekit.definition.model.services import AS_NUMBERS, ReplyRow
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, RecordOf, Value
 from framekit.link.construct_values import EACH, read_layout
 from framekit.link.events import Outcome
-from framekit.link.packing import PackingError
+from framekit.link.packing import PackingError, memory_of_numbers
 from framekit.link.services.rows import Piece, RowFacts, ServiceRows, padded_names
 from framekit.link.services.writing import ValueWriter, WriterLevel, code_of_source
 from framekit.link.values import EVALUATION_ERRORS, Evaluate, FrameValue, Names, bare_name, compile_expression, present
@@ -103,6 +103,9 @@ class ReplyReader:
                 for number, (data, padded) in enumerate(found):
                     address, count = pieces[number].address, pieces[number].count
                     packer, start = self.facts.packers[address.unit], address.start
+                    if type(data) is list:
+                        brought.append(_of_numbers(data, pieces[number]))
+                        continue
                     if type(data) is not bytes:
                         raise UnfitReplyError(f"the reply has {data!r} where data should stand")
                     if padded:
@@ -139,15 +142,17 @@ class ReplyReader:
         finds = self._finds.get(name)
         if finds is None:
             rows = [row for row in self.facts.row.reply if row.frame is None or row.frame.frame == name]
-            finds = self._finds[name] = tuple(FindWriter(self.shared, row).function() for row in rows)
+            finds = self._finds[name] = tuple(
+                FindWriter(self.shared, row, self.facts.row.service in ("read", "write")).function() for row in rows
+            )
         return finds
 
 
 class FindWriter:
-    """Writes the function that finds the data in one form of a reply."""
+    """Writes the function that finds the data in a form of reply. `is_transfer`: `value` and `values` are data too."""
 
-    def __init__(self, shared: ServiceRows, row: ReplyRow) -> None:
-        self.shared, self.row = shared, row
+    def __init__(self, shared: ServiceRows, row: ReplyRow, is_transfer: bool) -> None:
+        self.shared, self.row, self.is_transfer = shared, row, is_transfer
         self.out = Source(1)
         self.given: dict[str, Any] = {"present": present, "listed": listed, "read_layout": read_layout}
         self.values = ValueWriter(shared, self.given, "names")
@@ -179,8 +184,9 @@ class FindWriter:
     def _collect(self, value: Value, actual: str, padded: bool, out: Source) -> None:
         match value:
             case Expression():
-                if bare_name(value) == "data":
-                    pair = f"({actual}, {padded})"
+                name = bare_name(value)
+                if name == "data" or (self.is_transfer and name in AS_NUMBERS):
+                    pair = f"({f'[{actual}]' if name == 'value' else actual}, {padded and name == 'data'})"
                     out.add(f"found[{self.place}] = {pair}" if self.of_some else f"found.append({pair})")
             case FrameOf(frame=frame, fields=fields):
                 padding = padded_names(self.shared.protocol.frames[frame].segments)
@@ -236,6 +242,13 @@ class FindWriter:
     def _variable(self) -> str:
         self._variables += 1
         return f"v{self._variables}"
+
+
+def _of_numbers(numbers: list[Any], piece: Piece) -> bytes:
+    """Numbers of a reply in memory's form. Raises UnfitReplyError and PackingError."""
+    if len(numbers) != piece.count:
+        raise UnfitReplyError(f"the reply has {len(numbers)} values, not {piece.count}")
+    return memory_of_numbers(numbers, piece.address.unit, piece.address.type)
 
 
 def listed(actual: Any, count: int | None) -> list[Any]:

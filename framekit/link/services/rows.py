@@ -17,12 +17,12 @@ from framekit.definition.model.frames import everything, parts_of
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import Argument
 from framekit.definition.model.segments import Data, Segment
-from framekit.definition.model.services import COUNTING, Area, Refusal, ServiceRow, mentions_of
+from framekit.definition.model.services import AS_NUMBERS, COUNTING, Area, Refusal, ServiceRow, mentions_of
 from framekit.definition.model.values import EachOf, FrameOf
 from framekit.definition.problems import did_you_mean, listed
 from framekit.link.addresses import Address, AddressGrammar, code_of
 from framekit.link.frame_table import ProtocolCodec, made_once, table_of
-from framekit.link.packing import Packers, cut_memory, in_unit, values_of
+from framekit.link.packing import Packers, cut_memory, in_unit, numbers_of, values_of
 from framekit.link.values import EVALUATION_ERRORS, Evaluate, Names, bare_name, compile_expression, compile_optional
 from framekit.link.variables import ParameterError, given_value
 from framekit.memory.memory import unit_bits
@@ -404,6 +404,9 @@ class Planner:
             found["data"] = facts.packers[address.unit].to_data(piece.data, address.start, piece.count)
             if address.unit == "bit":
                 found["bits"] = values_of(piece.data, "bit", piece.count)
+            if facts.mentions & AS_NUMBERS and facts.row.service == "write":
+                found["values"] = numbers_of(piece.data, address.unit, address.type, piece.count)
+                found["value"] = found["values"][0]
         return found
 
 

@@ -14,11 +14,15 @@ from functools import partial
 from typing import Any, Protocol, TypeVar
 
 from framekit.codec.shown import explain, refusal_text
+from framekit.definition.expression import names_in
 from framekit.definition.model import protocol as model
+from framekit.definition.model.frames import expressions_of
+from framekit.definition.model.services import AS_NUMBERS
 from framekit.definition.model.values import Value
 from framekit.link.construct_values import EACH, compile_value
 from framekit.link.events import Served
 from framekit.link.frame_table import ProtocolCodec
+from framekit.link.packing import numbers_of
 from framekit.link.services.areas import Codes, DeviceAreas, codes_of
 from framekit.link.services.matching import (
     DamagedBufferError,
@@ -110,6 +114,8 @@ class ServedRow:
         self.work = None if row.serve is None else Work(row.serve, facts, areas, codes)
         self.start_block = start_block
         self.transfers = row.service in ("read", "write") and (self.work is None or not self.work.moves_data)
+        told = {name for part in expressions_of([row.reply]) for name in names_in(part.root)}
+        self.tells_numbers = self.transfers and not told.isdisjoint(AS_NUMBERS)
         self.replies = [
             (
                 compile_optional(reply.when),
@@ -154,6 +160,9 @@ class ServedRow:
         found = []
         for target in reading.targets:
             memory = target.unit.read(target.start, target.count, reading.names)
+            if self.tells_numbers:
+                numbers = numbers_of(memory, target.unit.unit, target.unit.type, target.count)
+                target.names.update(values=numbers, value=numbers[0])
             found.append(self.facts.packers[target.unit.unit].to_data(memory, target.start, target.count))
         return found
 

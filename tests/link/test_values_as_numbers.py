@@ -1,0 +1,148 @@
+# ruff: noqa: E501 - definitions in YAML
+"""Elements as numbers in rows of read and write: registers in digits, decimal text, scaled numbers, lists of them."""
+
+from __future__ import annotations
+
+from decimal import Decimal
+from random import Random
+from struct import pack
+from typing import Any
+
+import pytest
+from link.service_loop import Loop
+
+from framekit.definition.load import load_protocol_text
+from framekit.definition.problems import DefinitionError
+from framekit.link.packing import PackingError, memory_of_numbers, numbers_of
+from framekit.link.services.client import TransferResult
+
+PROTOCOL = """
+protocol: numbers
+order: big
+station: {type: none}
+groups:
+  request: {from: client, head: [{const: 02}, {field: kind, type: ascii, size: 1}], tail: [{const: 03}]}
+  reply: {from: server, head: [{const: 06}], tail: [{const: 03}]}
+layouts:
+  many: [{count: n, type: dec, size: 2, of: list}, {repeat: list, times: n, of: decimal, size: 6}]
+frames:
+  READ: {group: request, where: {kind: R}, body: [{field: area, type: ascii, size: 1}, {field: at, type: dec, size: 3}]}
+  WRITE: {group: request, where: {kind: W}, body: [{field: area, type: ascii, size: 1}, {field: at, type: dec, size: 3}, {field: v, type: decimal, size: 8, decimals: 1, sign: always}]}
+  VALUE: {group: reply, body: [{const: 31}, {field: v, type: decimal, size: 8, decimals: 1, sign: always}]}
+  READ_MANY: {group: request, where: {kind: M}, body: [{field: at, type: dec, size: 3}, {field: n, type: dec, size: 2}]}
+  WRITE_MANY: {group: request, where: {kind: N}, body: [{field: at, type: dec, size: 3}, {include: many}]}
+  VALUES: {group: reply, body: [{const: 32}, {include: many}]}
+  READ_LIST: {group: request, where: {kind: L}, body: [{count: n, type: dec, size: 2, of: items}, {repeat: items, times: n, of: [{field: at, type: dec, size: 3}]}]}
+  WRITE_LIST: {group: request, where: {kind: K}, body: [{count: n, type: dec, size: 2, of: items}, {repeat: items, times: n, of: [{field: at, type: dec, size: 3}, {field: v, type: dec, size: 5}]}]}
+  LIST: {group: reply, body: [{const: 33}, {count: n, type: dec, size: 2, of: items}, {repeat: items, times: n, of: [{field: v, type: dec, size: 5}]}]}
+  DONE: {group: reply, body: [{const: 30}]}
+  NO: {group: reply, body: [{const: 45}, {field: code, type: u8}]}
+errors: {frame: NO, code: code, answer: {NO: {code: code}}, memory: {unknown: 1, range: 2, access: 3, value: 4, no_service: 5}}
+areas:
+  T: {unit: dword, size: 100, code: T, type: float32}
+  I: {unit: word, size: 100, code: I, type: int16}
+  B: {unit: word, size: 100, code: B, type: bcd16}
+  D: {unit: word, size: 100, code: D}
+  X: {unit: bit, size: 100, code: X}
+addresses: [{form: "{area}{start:dec}"}]
+services:
+  read:
+    - {areas: [T, I, B, X], limit: {count: 1}, request: {READ: {area: code, at: start}}, reply: {VALUE: {v: value}}}
+    - {areas: [D], limit: {count: 4}, request: {READ_MANY: {at: start, n: count}}, reply: {VALUES: {list: values}}}
+    - {areas: [D], variables: {max: 3}, limit: {count: 1}, request: {READ_LIST: {items: {each: {at: start}}}}, reply: {LIST: {items: {each: {v: value}}}}}
+  write:
+    - {areas: [T, I, B, X], limit: {count: 1}, request: {WRITE: {area: code, at: start, v: value}}, reply: {DONE: {}}}
+    - {areas: [D], limit: {count: 4}, request: {WRITE_MANY: {at: start, list: values}}, reply: {DONE: {}}}
+    - {areas: [D], variables: {max: 3}, limit: {count: 1}, request: {WRITE_LIST: {items: {each: {at: start, v: value}}}}, reply: {DONE: {}}}
+"""
+
+
+def test_a_register_in_decimal_text() -> None:
+    loop = Loop(PROTOCOL)
+    assert loop.do("write", "I7", [-12 & 0xFFFF]).ok and loop.do("read", "I7").values == [0xFFF4]
+    assert [wire for wire, _, _ in loop.log] == [b"\2WI007-00012.0\3", b"\2RI007\3"]
+    assert loop.log[1][1] == b"\0061-00012.0\3"
+    number = pack("<f", 12.3)
+    assert loop.do("write", "T1", [int.from_bytes(number, "little")]).ok
+    assert loop.memory.read("T", "dword", 1, 1) == [int.from_bytes(number, "little")]
+    assert loop.do("read", "T1").data == number and loop.log[-1][1] == b"\0061+00012.3\3"
+    assert loop.do("write", "B2", [0x1234]).ok and loop.log[-1][0] == b"\2WB002+01234.0\3"
+    assert loop.do("read", "B2").values == [0x1234]
+    assert loop.do("write", "X3", [1]).ok and loop.do("read", "X3").values == [1]
+
+
+def test_lists_of_registers() -> None:
+    loop, random = Loop(PROTOCOL), Random(3)
+    values = [random.randrange(10000) for _ in range(10)]
+    assert loop.do("write", "D5", values).ok and loop.do("read", "D5", count=10).values == values
+    assert len(loop.log) == 6 and loop.log[0][0].startswith(b"\2N00504")
+    assert loop.do("read_variables", ["D5", "D9", "D7", "D14"]).values == [values[at] for at in (0, 4, 2, 9)]
+    assert loop.log[6][0] == b"\2L03005009007\3"
+    assert loop.do("write_variables", ["D20", "D22"], [7, 65535]).ok
+    assert loop.log[-1][0] == b"\2K020200000702265535\3"
+    assert loop.memory.read("D", "word", 20, 3) == [7, 0, 65535]
+
+
+def test_what_does_not_fit_is_refused_on_both_sides() -> None:
+    loop = Loop(PROTOCOL)
+    assert loop.answer(b"\2WI007+00012.5\3") == b"\006E\4\3"  # a fraction in a whole number
+    assert loop.answer(b"\2WI007+40000.0\3") == b"\006E\4\3"
+    assert loop.answer(b"\2WX007+00002.0\3") == b"\006E\4\3"
+    assert loop.answer(b"\2WI100+00001.0\3") == b"\006E\2\3"
+    assert loop.memory.read("I", "word", 7, 1) == [0]
+
+    def damaged(value: Any) -> TransferResult:
+        def change(reply: Any) -> Any:
+            reply.fields["v" if "v" in reply.fields else "list"] = value
+            return reply
+
+        loop.damage = change
+        return loop.do("read", "D0", count=2) if isinstance(value, list) else loop.do("read", "I0")
+
+    for value, cause in (
+        (Decimal("0.5"), "0.5 is no whole number, as a int16 is"),
+        (40000, "40000 does not fit into"),
+        (None, "a value is not there"),
+    ):
+        result = damaged(value)
+        assert (result.ok, result.outcome) == (False, "unfit_reply") and cause in result.cause
+    assert "the reply has 3 values, not 2" in damaged([1, 2, 3]).cause
+    assert damaged([1, 70000]).outcome == "unfit_reply"
+
+
+def test_numbers_and_memory() -> None:
+    random = Random(5)
+    for unit, kind, numbers in (
+        ("word", None, (0, 65535)), ("word", "int16", (-32768, 32767)), ("dword", "int32", (-1, 5)), ("word", "bcd16", (0, 9999)),
+        ("dword", "float32", (12.3, -0.1, 3.4028235e38, float("inf"))), ("lword", "float64", (0.1,)), ("bit", None, (0, 1, 1)),
+        ("dword", "int16", (4294967295,)), ("6 bytes", None, (1 << 47,)),
+    ):  # fmt: skip
+        memory = memory_of_numbers(numbers, unit, kind)
+        assert numbers_of(memory, unit, kind, len(numbers)) == list(numbers)
+    for _ in range(2000):
+        memory = random.randbytes(4)
+        if memory[3] & 0x7F != 0x7F or memory[2] < 0x80:  # no NaN
+            assert memory_of_numbers(numbers_of(memory, "dword", "float32", 1), "dword", "float32") == memory
+    with pytest.raises(PackingError):
+        numbers_of(b"\x0a\0", "word", "bcd16", 1)
+    for wrong in (float("nan"), "5", None, Decimal("0.1")):
+        with pytest.raises(PackingError):
+            memory_of_numbers([wrong], "word", None)
+    for too_large in ("5", None, Decimal("1e40"), Decimal("1e400"), 10**39, 1 << 2040):
+        with pytest.raises(PackingError):
+            memory_of_numbers([too_large], "dword", "float32")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("{VALUE: {v: value}}", "{VALUE: {v: data}}", "a number is wanted here, 'data' is bytes – write value, which is the element as a number"),
+        ("{VALUE: {v: value}}", "{VALUE: {v: values}}", "a number is wanted here, 'values' is a list"),
+        ("{VALUES: {list: values}}", "{VALUES: {list: data}}", "'data' is bytes, and 'list' of 'VALUES' is a list – write values, or data: list with a size"),
+        ("{VALUE: {v: value}}", "{VALUE: {v: start}}", "nothing says where the data of the reply stand"),
+    ],
+)  # fmt: skip
+def test_check_tells_what_to_write(old: str, new: str, message: str) -> None:
+    assert old in PROTOCOL
+    with pytest.raises(DefinitionError, match=message):
+        load_protocol_text(PROTOCOL.replace(old, new, 1), "numbers")
