@@ -41,7 +41,7 @@ def run(rounds: int) -> list[Row]:
         frames = [cut[index] for index in range(len(cut))]
         assert list(map(_told, BatchDecoder(codec, FRAME).decode(cut))) == [_told(_one(codec, data)) for data in frames]
         both = Path(folder) / "both.pcap"
-        both.write_bytes(b"".join(_requests_and_replies(codec)))
+        both.write_bytes(b"".join(requests_and_replies(codec, SHOWN)))
         found = compare_once(
             {
                 "shown": lambda: _show(both),
@@ -75,11 +75,11 @@ def _write(path: Path, codec: Codec) -> None:
             file.write(records.of(LineEvent("data", number * 1_000_000, "in", choose.choice(made))))
 
 
-def _requests_and_replies(codec: Codec) -> Iterator[bytes]:
-    """A client polls: its requests go out, the replies come in."""
+def requests_and_replies(codec: Codec, frames: int) -> Iterator[bytes]:
+    """The pieces of a capture: a client polls, its requests go out, the replies come in."""
     choose, records = random.Random(3), PcapRecords(0)
     yield GLOBAL_HEADER
-    for number in range(SHOWN // 2):
+    for number in range(frames // 2):
         station, count = choose.randrange(1, 5), choose.randrange(1, 20)
         asked = {"station": station, "pdu": {"read_holding": {"address": 1, "count": count}}}
         told = {"station": station, "pdu": {"read_holding_reply": {"values": choose.randbytes(2 * count)}}}

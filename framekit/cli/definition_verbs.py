@@ -12,8 +12,10 @@ import re
 import sys
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from contextlib import closing
 from datetime import UTC, datetime
 from functools import lru_cache
+from glob import glob
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -267,8 +269,18 @@ def add_capture_arguments(parser: argparse.ArgumentParser, bytes_: argparse.Acti
     """What decoding a capture takes beside PROTOCOL, --set and --json, in the place of `bytes_`."""
     parser.add_argument(
         "--capture", metavar="FILE", type=Path, action=_Instead, instead_of=bytes_,
-        help="decode a capture (pcap or JSON lines) instead",
+        help="decode a capture (pcap or JSON lines) instead; with --to also several: 'DIR/*.pcap'",
     )  # fmt: skip
+    parser.add_argument(
+        "--to", metavar="OUT.parquet", type=Path,
+        help="write rows to a table, a folder with a Parquet file for each capture, and print the counts only",
+    )  # fmt: skip
+    parser.add_argument("--jobs", metavar="N", type=int, help="with --to: so many processes; default: one a core")
+    parser.add_argument(
+        "--engine",
+        metavar="dask://HOST:PORT",
+        help="with --to: the workers of this cluster decode, which see the same files",
+    )
     parser.add_argument(
         "--client", choices=("in", "out"), default="out",
         help="direction of the client's frames in a capture that has both; default: out",
@@ -282,8 +294,15 @@ def decode_capture(protocol: Protocol, arguments: argparse.Namespace) -> int:
     from framekit.api.monitor import decoder, result_of
     from framekit.codec.plain import PlainValues
 
+    if arguments.to is not None:
+        return _archive(protocol, arguments)
+    for option in ("jobs", "engine"):
+        if getattr(arguments, option) is not None:
+            raise WordsError(f"--{option} has no effect without --to – add --to OUT.parquet, or remove it")
     wanted, plain = filter_of(arguments), PlainValues(protocol)
     counts: Counter[str] = Counter()
+    if _matching(arguments.capture):
+        raise WordsError(f"{arguments.capture}: a pattern needs --to OUT.parquet – add it, or name one file")
     path, line = existing(arguments.capture), line_of(protocol, arguments)
     given = assignments(arguments.set)
     try:
@@ -302,10 +321,62 @@ def decode_capture(protocol: Protocol, arguments: argparse.Namespace) -> int:
     except ValueError as error:
         raise VerbError(str(error)) from None
     if found.is_cut:
-        print(f"{arguments.capture}: the last record is not whole – its writer was stopped", file=sys.stderr)
+        print(f"{arguments.capture}: {_CUT}", file=sys.stderr)
     if not arguments.json:
-        print(f"{plural(counts['frame'], 'frame')}, {counts['bad']} bad, {counts['noise']} times noise")
+        print(_counted(counts))
     return 1 if counts["bad"] or counts["noise"] else 0
+
+
+def _matching(pattern: Path) -> list[Path]:
+    """The files that a pattern means, in order; none where it is a file itself."""
+    return [] if pattern.exists() else [Path(one) for one in sorted(glob(str(pattern)))]
+
+
+_CUT = "the last record is not whole – its writer was stopped"
+
+
+def _counted(counts: Mapping[str, int]) -> str:
+    return (
+        f"{plural(counts.get('frame', 0), 'frame')}, {counts.get('bad', 0)} bad, {counts.get('noise', 0)} times noise"
+    )
+
+
+def _archive(protocol: Protocol, arguments: argparse.Namespace) -> int:
+    """Decodes captures to a table, with a line for each as it ends.
+
+    1 when one has a bad frame or noise, or could not be read. Raises VerbError.
+    """
+    from framekit.api.archive import archive
+
+    if arguments.ascii:
+        raise WordsError("--ascii has no effect with --to – remove it")
+    if arguments.jobs is not None and (arguments.jobs < 1 or arguments.engine is not None):
+        raise WordsError("--jobs is a number of processes on this machine, 1 or more – remove it or --engine")
+    if not arguments.to.suffix == ".parquet":
+        raise WordsError(f"--to {arguments.to}: write a name that ends in .parquet")
+    captures = _matching(arguments.capture) or [existing(arguments.capture)]
+    total: Counter[str] = Counter()
+    rows, is_wrong, is_one = 0, False, len(captures) == 1
+    with in_words(), closing(
+        archive(
+            captures, arguments.protocol, arguments.to, params=assignments(arguments.set),
+            line=line_of(protocol, arguments), client=arguments.client, wanted=filter_of(arguments),
+            jobs=arguments.jobs, engine=arguments.engine or "",
+        )
+    ) as found:  # fmt: skip
+        for one in found:
+            total.update(one.counts)
+            rows += one.rows
+            is_wrong |= bool(one.problem or one.counts.get("bad") or one.counts.get("noise"))
+            for problem in filter(None, (one.problem, _CUT if one.is_cut else "")):
+                print(problem if one.capture in problem else f"{one.capture}: {problem}", file=sys.stderr)
+            if arguments.json:
+                print_json({"capture": one.capture, "rows": one.rows, **one.counts})
+            elif not is_one:
+                print(f"{Path(one.capture).name}: {_counted(one.counts)}", flush=True)
+    if not arguments.json:
+        print(f"{arguments.to}: {plural(rows, 'row')} of {plural(len(captures), 'capture')}; {_counted(total)}")
+    return 1 if is_wrong else 0
 
 
 def _text(plain: PlainValues, channel: int, seen: Seen, as_ascii: bool) -> str:

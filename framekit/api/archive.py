@@ -1,0 +1,249 @@
+"""Captures to an archive: many captures decoded side by side, each to a Parquet file of one table.
+
+A table is a folder, as pandas, DuckDB, Polars and Spark read it. It appears under its name when it is whole. Each
+capture is work of its own, done by the processes of this machine or by the workers of a cluster, with the same rows.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+from collections import Counter
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, field
+from multiprocessing import get_context
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from framekit.api.errors import RequestError
+from framekit.api.monitor import FrameFilter, decoder, result_of
+from framekit.codec.plain import PlainValues
+from framekit.definition.load import load_protocol
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.times import LineFormat
+from framekit.link.events import Seen
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+ROWS_AT_ONCE = 50_000
+"""So many rows of a capture are in memory at most."""
+
+CLUSTER = "dask://"
+
+
+@dataclass(frozen=True, slots=True)
+class Work:
+    """A capture to be decoded, as it is sent to another process: `protocol` by name or file, `target` its
+    Parquet file."""
+
+    protocol: str
+    folder: str
+    capture: str
+    target: str
+    params: Mapping[str, Any]
+    line: LineFormat | None
+    client: Literal["in", "out"]
+    wanted: FrameFilter
+
+
+@dataclass(frozen=True, slots=True)
+class Decoded:
+    """What became of a capture. `counts`: of `frame`, `bad`, `noise`. `problem`: why it was not read to its end."""
+
+    capture: str
+    rows: int = 0
+    counts: Mapping[str, int] = field(default_factory=dict)
+    is_cut: bool = False
+    problem: str = ""
+
+
+def archive(
+    captures: Sequence[Path],
+    protocol: str,
+    target: Path,
+    *,
+    params: Mapping[str, Any] | None = None,
+    line: LineFormat | None = None,
+    client: Literal["in", "out"] = "out",
+    wanted: FrameFilter | None = None,
+    jobs: int | None = None,
+    engine: str = "",
+) -> Generator[Decoded, None, None]:
+    """Decodes captures with a protocol (name or file) to the folder `target`; what became of each, as it ends.
+
+    `jobs`: processes, one for each core without it. `engine`: `dask://HOST:PORT`, a cluster whose workers see the same
+    files. `target` has the rows of all captures that could be read, also of those broken off, once the last has been
+    given. Raises RequestError where that cannot begin, OSError for files.
+    """
+    _ready(captures, target)
+    part = target.with_name(f"{target.name}.part")
+    shutil.rmtree(part, ignore_errors=True)
+    part.mkdir(parents=True)
+    try:
+        here, whole = str(Path.cwd()), part.absolute()
+        targets = [str(whole / f"{number:05}-{path.stem}.parquet") for number, path in enumerate(captures, 1)]
+        works = [
+            Work(protocol, here, str(path.absolute()), its, params or {}, line, client, wanted or FrameFilter())
+            for path, its in zip(captures, targets, strict=True)
+        ]
+        jobs = min(jobs or os.cpu_count() or 1, len(works))
+        with _cluster(engine) if engine else _processes(jobs) if jobs > 1 else nullcontext(_here) as results:
+            yield from results(works)
+        part.rename(target)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def _ready(captures: Sequence[Path], target: Path) -> None:
+    if not captures:
+        raise RequestError("there is no such capture – check its name and folder")
+    if target.exists():
+        raise RequestError(f"{target} is there already – remove it, or name another")
+    try:
+        import pyarrow as pa  # noqa: F401 – whether it is there
+    except ImportError:
+        raise RequestError("an archive needs the library pyarrow – pip install 'framekit[parquet]'") from None
+
+
+Results = Callable[[Sequence[Work]], Iterator[Decoded]]
+
+
+def _here(works: Sequence[Work]) -> Iterator[Decoded]:
+    """This process."""
+    return map(decode_to, works)
+
+
+@contextmanager
+def _processes(jobs: int) -> Iterator[Results]:
+    """Processes of this machine, which start afresh: a thread of this one may hold locks."""
+    with ProcessPoolExecutor(jobs, get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_DFL)) as pool:
+
+        def results(works: Sequence[Work]) -> Iterator[Decoded]:
+            try:
+                for future in as_completed([pool.submit(decode_to, work) for work in works]):
+                    yield future.result()
+            except BrokenProcessPool:
+                raise RequestError("a process that decoded was ended from outside – try fewer with --jobs") from None
+
+        try:
+            yield results
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def _cluster(engine: str) -> Iterator[Results]:
+    """The workers of a cluster of dask. Raises RequestError."""
+    place = engine.removeprefix(CLUSTER)
+    if not engine.startswith(CLUSTER) or not place:
+        raise RequestError(f"'{engine}' is no engine – write dask://HOST:PORT")
+    try:
+        from distributed import Client
+        from distributed import as_completed as completed
+    except ImportError:
+        raise RequestError(f"{engine} needs the library distributed – pip install 'framekit[dask]'") from None
+    try:
+        client: Any = Client(f"tcp://{place}", timeout=10, set_as_default=False)  # type: ignore[no-untyped-call]
+    except (OSError, ValueError) as error:
+        raise RequestError(f"{engine} does not answer: {error}") from None
+    with client, client.as_current():
+
+        def results(works: Sequence[Work]) -> Iterator[Decoded]:
+            for future in completed(client.map(decode_to, works, pure=False)):  # type: ignore[no-untyped-call]
+                yield future.result()
+
+        yield results
+
+
+# ---- one capture ------------------------------------------------------------------------------------------------
+
+
+def decode_to(work: Work) -> Decoded:
+    """Decodes one capture to its Parquet file, in whatever process. Raises OSError for the file that it writes."""
+    from pyarrow import parquet
+
+    counts: Counter[str] = Counter()
+    rows, is_cut, problem = 0, False, ""
+    with parquet.ParquetWriter(work.target, _schema(), compression="zstd") as writer:
+        try:
+            protocol = load_protocol(work.protocol, Path(work.folder))
+            found = decoder(Path(work.capture), protocol, line=work.line, params=work.params, client=work.client)
+            table = _Rows(protocol, Path(work.capture).name)
+            try:
+                for channel, seen in found.seen():
+                    if seen.kind != "noise" or not seen.reason:  # what a bad frame left is part of that
+                        counts[seen.kind] += 1
+                    if work.wanted.takes(channel, seen):
+                        table.add(channel, seen)
+                        if table.count == ROWS_AT_ONCE:
+                            rows += table.count
+                            writer.write_batch(table.taken())
+            finally:
+                rows += table.count
+                writer.write_batch(table.taken())
+            is_cut = found.is_cut
+        except (ValueError, OSError) as error:
+            problem = str(error)
+    return Decoded(work.capture, rows, dict(counts), is_cut, problem)
+
+
+_AS_JSON = json.JSONEncoder(ensure_ascii=False).encode
+
+COLUMNS = {
+    "capture": "names", "time": "time", "channel": "number", "direction": "names", "event": "names", "frame": "names",
+    "result": "names", "size": "number", "bytes": "bytes", "fields": "text", "reason": "text", "segment": "text",
+    "offset": "number",
+}  # fmt: skip
+"""The columns of an archive. `fields` is an object of JSON; `offset` and `segment` tell where a bad frame is wrong."""
+
+
+def _schema() -> pa.Schema:
+    import pyarrow as pa
+
+    types = {
+        "names": pa.dictionary(pa.int32(), pa.string()), "time": pa.timestamp("ns", "UTC"), "number": pa.int32(),
+        "bytes": pa.binary(), "text": pa.string(),
+    }  # fmt: skip
+    return pa.schema([(name, types[kind]) for name, kind in COLUMNS.items()])
+
+
+class _Rows:
+    """Rows that wait to be written."""
+
+    def __init__(self, protocol: Protocol, capture: str) -> None:
+        self._protocol, self._plain = protocol, PlainValues(protocol)
+        self._capture = capture
+        self._rows: list[tuple[Any, ...]] = []
+
+    @property
+    def count(self) -> int:
+        return len(self._rows)
+
+    def add(self, channel: int, seen: Seen) -> None:
+        """Takes one thing seen."""
+        fields = self._plain.to_plain(seen.frame, seen.fields)
+        is_bad = seen.kind == "bad"
+        self._rows.append(
+            (
+                self._capture, seen.at, channel, seen.direction, seen.kind, seen.frame or None,
+                result_of(self._protocol, seen) or None, len(seen.raw), seen.raw, _AS_JSON(fields) if fields else None,
+                seen.reason or None, (seen.segment or None) if is_bad else None, seen.place if is_bad else None,
+            )
+        )  # fmt: skip
+
+    def taken(self) -> pa.RecordBatch:
+        """The rows as a batch of columns; none are left."""
+        import pyarrow as pa
+
+        schema = _schema()
+        columns = list(zip(*self._rows, strict=True)) or [()] * len(schema)
+        self._rows = []
+        return pa.record_batch(
+            [pa.array(column, one.type) for column, one in zip(columns, schema, strict=True)], schema=schema
+        )
