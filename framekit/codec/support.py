@@ -225,7 +225,7 @@ def parse_hex_little(digits: bytes | bytearray) -> int:
 
 def build_dec(value: int, places: int) -> bytes:
     """Decimal digits, highest first. Raises ValueError if the value is negative or too large."""
-    digits = b"%0*d" % (places, value)
+    digits = b"%0*d" % (places, value | 0)
     if value < 0 or len(digits) > places:
         raise Unfit(f"{value} does not fit into {places} decimal digits")
     return digits

@@ -187,3 +187,15 @@ def test_its_frames() -> None:
     assert codec.decode("told", data)["value"] == Decimal("12.5")
     with pytest.raises(EncodeError, match="more than 1 decimals"):
         codec.encode("told", {"station": 1, "value": 12.55})
+
+
+@pytest.mark.parametrize("given", [2.5, Decimal("2.5"), Decimal(2)])
+def test_a_whole_number_is_not_cut_off_in_silence(given: object) -> None:
+    _, codec = compiled(OVEN)
+    message = (
+        f"'station' must be a whole number, and {given} is a {type(given).__name__} – round it; a field has fractions"
+    )
+    with pytest.raises(EncodeError, match=message):
+        codec.encode("told", {"station": given, "value": 1})
+    with pytest.raises(EncodeError, match="'station' must be a whole number, not str"):
+        codec.encode("told", {"station": "2", "value": 1})
