@@ -103,7 +103,7 @@ class RunPoint:
         try:
             return number_of(text)
         except ValueError:
-            raise RequestError(f"'{text}' is no value of {self.name}") from None
+            raise RequestError(f"{text!r} is no value of {self.name}") from None
 
     async def changed(self, *, timeout: float | None = None) -> PointValue:
         """What it is after its next change of value or quality; in the run's own loop.

@@ -46,6 +46,8 @@ MOST_CONNECTIONS = 64
 LARGEST_MESSAGE = 16_384
 MOST_ACTIONS = 8
 """Browsers and connections at once, bytes of a message, and what one browser may have under way."""
+MESSAGE_EVERY = 0.02
+"""Seconds that the next message of a browser waits."""
 HISTORY_EVERY = 1.0
 AFTER_WRONG = 1.0
 MOST_WRONG = 3
@@ -130,6 +132,7 @@ class Browser:
                 action.add_done_callback(self._actions.discard)
                 if self.session.wrong_tokens >= MOST_WRONG:
                     break
+                await asyncio.sleep(MESSAGE_EVERY)
         except WebSocketDisconnect:
             return
         except (ValueError, KeyError, RecursionError):

@@ -229,9 +229,9 @@ class WebSession:
         def carry_out() -> None:
             words = _text(line)
             if control is None or words.split()[:1] not in (["fire"], ["enable"], ["disable"]):
-                raise RequestError(f"'{words}' is nothing that the page does")
+                raise RequestError(f"{words!r} is nothing that the page does")
             control(words)
-            log.info("web: %s, by %s", words, self.who)
+            log.info("web: %r, by %s", words, self.who)
 
         return self._tried(told, carry_out)
 

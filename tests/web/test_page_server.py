@@ -135,6 +135,41 @@ def test_wrong_tokens_end_the_connection(app: PageApp, monkeypatch: pytest.Monke
             there.receive_json()
 
 
+class Stuck:
+    """The socket of a browser that takes nothing."""
+
+    def __init__(self) -> None:
+        self.tried = 0
+
+    async def send_text(self, text: str) -> None:
+        self.tried += 1
+        await asyncio.Event().wait()
+
+
+def test_a_browser_that_takes_nothing_is_given_up_and_holds_nobody_up(
+    page: Page, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def drive() -> Browser:
+        stuck = Stuck()
+        showing = asyncio.ensure_future(server_module.Browser(stuck, page.session())._show())  # type: ignore[arg-type]
+        await asyncio.sleep(0)
+        session = page.session()
+        other = Browser(session.hello())
+        for _ in range(3):
+            page.run.run_for("1 s")
+            other.take(session.news())
+        assert not showing.done()
+        assert stuck.tried == 1  # one message waits, and no other is made
+        showing.cancel()
+        monkeypatch.setattr(server_module, "LONGEST_SEND", 0)
+        await server_module.Browser(stuck, page.session())._show()  # type: ignore[arg-type]
+        return other
+
+    caplog.set_level("INFO", "framekit.web")
+    assert asyncio.run(drive()).values["level"][0] == "5"
+    assert [record.exc_info for record in caplog.records] == [None]
+
+
 def test_no_more_browsers_than_there_is_room_for(app: PageApp) -> None:
     app.browsers = server_module.MOST_BROWSERS
     client = TestClient(app.app, base_url=HOME)
