@@ -95,7 +95,7 @@ function begin(what) {
     { picked: choosePoint, spark: true });
   at("points").hidden = !points.length;
   frameGrid ??= new Grid(at("frames").querySelector(".grid"),
-    ["no.", "time", "ch", "", "size", "result", "frame", "bytes", "fields"], { picked: key => say({ frame: Number(key) }) });
+    ["no.", "time", "ch", "", "size", "result", "frame", "bytes", "fields"], { picked: key => say({ frame: Number(key) }), follows: true });
   choose();
 }
 
@@ -228,15 +228,13 @@ function drawPoint() {
 
 function takeFrames(what) {
   if (what.anew) frames.length = 0;
-  const follows = frameGrid.atEnd || what.anew;
+  if (what.anew) frameGrid.follows = true;
   for (const cells of what.frames) frames.push({ key: cells[0], state: cells[6].startsWith("! ") ? "bad" : "", cells });
   if (frames.length > KEPT) frames.splice(0, frames.length - KEPT);
   const [good, bad, noise] = what.counts;
   at("frames").querySelector(".count").textContent = `${good} good, ${bad} bad, ${noise} times noise`
     + (what.missed ? `; ${what.missed} more than are shown` : "");
   frameGrid.rows = frames;
-  frameGrid.draw();
-  if (follows) frameGrid.follow();
   changed(frameGrid);
 }
 

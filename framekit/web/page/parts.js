@@ -4,12 +4,14 @@
 const ROW = 22, TALLEST = 304, WIDEST = 48, WIDEST_LAST = 100;
 
 export class Grid {
+  // `follows`: it stays at its last row, until the user scrolls away from there.
   // Rows {key, state, cells, numbers, drawn}; `spark`: a last column draws the numbers, where `drawn` is not set. `picked` is told which row was clicked.
-  constructor(place, head, { picked = null, spark = false } = {}) {
+  constructor(place, head, { picked = null, spark = false, follows = undefined } = {}) {
     this.place = place;
     this.rows = [];
     this.picked = picked;
     this.spark = spark;
+    this.follows = follows;
     this.chosen = null;
     this.pool = [];
     this.widths = head.map(text => text.length);
@@ -22,7 +24,7 @@ export class Grid {
     this.after = element("tr", element("tbody", table)).appendChild(document.createElement("td"));
     this.before.style.height = this.after.style.height = "0";
     this.measure(head);
-    place.addEventListener("scroll", () => this.draw());
+    place.addEventListener("scroll", () => this.moved());
     this.body.addEventListener("click", event => this.click(event.target.closest("tr")));
   }
 
@@ -39,23 +41,24 @@ export class Grid {
     if (wider && this.spark) this.columns.at(-1).style.width = "17ch";
   }
 
-  follow() {
-    this.place.scrollTop = this.place.scrollHeight;
-  }
-
-  get atEnd() {
-    return this.place.scrollTop + this.place.clientHeight >= this.place.scrollHeight - ROW;
+  moved() {
+    const followed = this.follows;
+    if (followed !== undefined)
+      this.follows = this.place.scrollTop + this.place.clientHeight >= this.place.scrollHeight - ROW;
+    if (!(followed && this.follows)) this.draw();
   }
 
   draw() {
     const count = Math.ceil(Math.max(this.place.clientHeight, TALLEST) / ROW) + 1;
-    const first = Math.max(0, Math.min(Math.floor(this.place.scrollTop / ROW), this.rows.length - count));
+    const top = this.follows ? Infinity : Math.floor(this.place.scrollTop / ROW);
+    const first = Math.max(0, Math.min(top, this.rows.length - count));
     const last = Math.min(this.rows.length, first + count);
     size(this.before, first * ROW);
     size(this.after, (this.rows.length - last) * ROW);
     this.shown = this.rows.slice(first, last);
     while (this.pool.length < this.shown.length) this.pool.push(this.line());
     this.pool.forEach((line, at) => this.fill(line, this.shown[at]));
+    if (this.follows) this.place.scrollTop = ROW * (this.rows.length + 1);
   }
 
   line() {
