@@ -16,6 +16,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
+from importlib import import_module
 from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -38,7 +39,7 @@ CLUSTER = "dask://"
 
 
 @dataclass(frozen=True, slots=True)
-class Work:
+class CaptureWork:
     """A capture to be decoded, as it is sent to another process: `protocol` by name or file, `target` its
     Parquet file."""
 
@@ -89,7 +90,7 @@ def archive(
         here, whole = str(Path.cwd()), part.absolute()
         targets = [str(whole / f"{number:05}-{path.stem}.parquet") for number, path in enumerate(captures, 1)]
         works = [
-            Work(protocol, here, str(path.absolute()), its, params or {}, line, client, wanted or FrameFilter())
+            CaptureWork(protocol, here, str(path.absolute()), its, params or {}, line, client, wanted or FrameFilter())
             for path, its in zip(captures, targets, strict=True)
         ]
         jobs = min(jobs or os.cpu_count() or 1, len(works))
@@ -111,10 +112,10 @@ def _ready(captures: Sequence[Path], target: Path) -> None:
         raise RequestError("an archive needs the library pyarrow – pip install 'framekit[parquet]'") from None
 
 
-Results = Callable[[Sequence[Work]], Iterator[Decoded]]
+Results = Callable[[Sequence[CaptureWork]], Iterator[Decoded]]
 
 
-def _here(works: Sequence[Work]) -> Iterator[Decoded]:
+def _here(works: Sequence[CaptureWork]) -> Iterator[Decoded]:
     """This process."""
     return map(decode_to, works)
 
@@ -124,7 +125,7 @@ def _processes(jobs: int) -> Iterator[Results]:
     """Processes of this machine, which start afresh: a thread of this one may hold locks."""
     with ProcessPoolExecutor(jobs, get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_DFL)) as pool:
 
-        def results(works: Sequence[Work]) -> Iterator[Decoded]:
+        def results(works: Sequence[CaptureWork]) -> Iterator[Decoded]:
             try:
                 for future in as_completed([pool.submit(decode_to, work) for work in works]):
                     yield future.result()
@@ -144,18 +145,17 @@ def _cluster(engine: str) -> Iterator[Results]:
     if not engine.startswith(CLUSTER) or not place:
         raise RequestError(f"'{engine}' is no engine – write dask://HOST:PORT")
     try:
-        from distributed import Client
-        from distributed import as_completed as completed
+        distributed: Any = import_module("distributed")
     except ImportError:
         raise RequestError(f"{engine} needs the library distributed – pip install 'framekit[dask]'") from None
     try:
-        client: Any = Client(f"tcp://{place}", timeout=10, set_as_default=False)  # type: ignore[no-untyped-call]
+        client = distributed.Client(f"tcp://{place}", timeout=10, set_as_default=False)
     except (OSError, ValueError) as error:
         raise RequestError(f"{engine} does not answer: {error}") from None
     with client, client.as_current():
 
-        def results(works: Sequence[Work]) -> Iterator[Decoded]:
-            for future in completed(client.map(decode_to, works, pure=False)):  # type: ignore[no-untyped-call]
+        def results(works: Sequence[CaptureWork]) -> Iterator[Decoded]:
+            for future in distributed.as_completed(client.map(decode_to, works, pure=False)):
                 yield future.result()
 
         yield results
@@ -164,7 +164,7 @@ def _cluster(engine: str) -> Iterator[Results]:
 # ---- one capture ------------------------------------------------------------------------------------------------
 
 
-def decode_to(work: Work) -> Decoded:
+def decode_to(work: CaptureWork) -> Decoded:
     """Decodes one capture to its Parquet file, in whatever process. Raises OSError for the file that it writes."""
     from pyarrow import parquet
 

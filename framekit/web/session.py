@@ -18,6 +18,7 @@ from framekit.api.monitor import FrameFilter, parse_filter
 from framekit.api.points import RunPoint
 from framekit.api.rows import POINT_HEAD
 from framekit.codec.plain import PlainValues
+from framekit.codec.shown import explain
 from framekit.web.access import Access
 from framekit.web.changes import ChangingRows, ChangingValues, PointHistory, value_cells
 from framekit.web.shown import Shown
@@ -81,7 +82,7 @@ class WebBoard:
         try:
             fields = plain.to_plain(entry.seen.frame, entry.seen.fields)
         except Exception as error:  # a frame may be anything
-            return f"({error})"
+            return f"({explain(error)})"
         text = ", ".join(f"{name}={_flat(value)}" for name, value in fields.items())
         return text if len(text) <= LONGEST_TEXT else text[:LONGEST_TEXT] + " …"
 

@@ -48,7 +48,8 @@ def _carry_out_page(
                 if command == "mosquitto":  # the broker that a page needs, as long as the page
                     programs.enter_context(broker(folder, ports))
                 else:
-                    assert_shown(carry_out(command, capsys), expected, f"{where}: {command}")
+                    found = [with_free_ports(line, ports) for line in carry_out(command, capsys)]
+                    assert_shown(found, expected, f"{where}: {command}")
         elif snippet.file is not None:
             (folder / snippet.file).write_text(snippet.text, "utf-8")
         elif snippet.kind == "python":
