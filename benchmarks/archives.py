@@ -45,6 +45,7 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=200_000)
     parser.add_argument("--captures", type=int, default=8)
     parser.add_argument("--cluster", action="store_true", help="also a cluster of two workers on this machine")
+    parser.add_argument("--cluster-only", action="store_true", help="nothing but that, for as many frames as one likes")
     words = parser.parse_args()
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
@@ -61,10 +62,11 @@ def main() -> None:
             done = sum(one.counts["frame"] for one in archive(paths, "modbus-rtu", target, **how))
             assert done == words.frames // words.captures * words.captures, done
 
-        one = timed("one process", lambda target: decoded(target, jobs=1))
-        every = timed("each core", decoded)
-        print(f"{one / every:.2f} times faster")
-        if words.cluster:
+        if not words.cluster_only:
+            one = timed("one process", lambda target: decoded(target, jobs=1))
+            every = timed("each core", decoded)
+            print(f"{one / every:.2f} times faster")
+        if words.cluster or words.cluster_only:
             from distributed import LocalCluster
 
             with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
@@ -72,7 +74,7 @@ def main() -> None:
                 timed("cluster", lambda target: decoded(target, engine=engine))
         again = folder / "again"
         again.mkdir()
-        seconds = written_again(folder / "one process.parquet", again) / 1e9
+        seconds = written_again(folder / f"{'cluster' if words.cluster_only else 'one process'}.parquet", again) / 1e9
         print(f"{'writing only':12} {seconds:8.1f} s  {words.frames / seconds:10,.0f} frames a second")
 
 

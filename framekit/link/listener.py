@@ -17,7 +17,7 @@ from framekit.link.events import CharacterFault, Kind, LinkCounters, Monitor, Se
 from framekit.link.frame_table import ProtocolCodec, announce, table_of
 from framekit.link.receiver import Receiver
 from framekit.link.scope import LinkFunctions, Scope
-from framekit.link.values import EVALUATION_ERRORS, FrameValue, Names, plain
+from framekit.link.values import EVALUATION_ERRORS, FrameValue, Names
 
 Direction = Literal["in", "out", ""]
 Side = Literal["client", "server"]
@@ -105,10 +105,11 @@ class Listener:
     ) -> None:
         """Bytes came, the last of them at `now`."""
         wires = self._wire(direction)
-        began = max(self.scope.now, now - self.scope.line.chars(len(data)))
+        scope = self.scope
+        began = max(scope.now, now - scope.line.chars(len(data)))
         if self.deadline <= began:
             self.tick(began)
-        self.scope.now = max(self.scope.now, now)
+        scope.now = max(scope.now, now)
         wires.receiver.append(data, now, faults)
         self._take(wires)
 
@@ -148,7 +149,10 @@ class Listener:
     @property
     def deadline(self) -> int:
         """When `tick` is to be called although nothing came."""
-        return min((min(wires.receiver.deadline, wires.cut_at) for wires in self._wires.values()), default=NEVER)
+        due = NEVER
+        for wires in self._wires.values():
+            due = min(due, wires.receiver.deadline, wires.cut_at)
+        return due
 
     # ---- what comes of it ---------------------------------------------------------------------------------
 
@@ -177,10 +181,9 @@ class Listener:
                 self._next_side = "server" if side == "client" else "client"
             reason = "" if value.refusal is None else f"refused with {code_text(value.refusal)}"
             self._announce(value)
-            fields = {name: plain(item) for name, item in value.fields.items()}
             self.monitor(
                 Seen(
-                    wires.direction, "frame", at, found.raw, value.frame, fields, reason,
+                    wires.direction, "frame", at, found.raw, value.frame, value.fields, reason,
                     started_at=found.started_at,
                 )
             )  # fmt: skip
