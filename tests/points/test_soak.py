@@ -1,7 +1,8 @@
 """A run of 8 channels with every kind of sink, over real ports, while broker and database are killed: do all add up?
 
-`python tests/points/test_soak.py --minutes 30` takes that long and prints figures. Each point counts in its device; what the
-run told of its points has to stand in each history, to the value, in order, and each once where the sink can see to it.
+`python tests/points/test_soak.py --minutes 30` takes that long and prints figures. Each point counts in its device. What
+the run told of its points has to stand in each history, to the value, in order, and each once where the sink can see
+to it.
 """
 
 from __future__ import annotations
@@ -275,7 +276,7 @@ def test_all_histories_add_up(tmp_path: Path) -> None:
 if __name__ == "__main__":
     words = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     words.add_argument("--minutes", type=float, default=30)
-    words.add_argument("--pause", type=float, default=60, help="seconds between one killing and the next")
+    words.add_argument("--pause", type=float, default=25, help="seconds between one killing and the next")
     given = words.parse_args()
     with tempfile.TemporaryDirectory() as place:
         began = time.monotonic()
