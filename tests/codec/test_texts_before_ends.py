@@ -21,6 +21,9 @@ BODIES = {
     "record": "[{include: words, as: r}, {field: b, type: ascii, size: 1}, {check: sum8}]",
     "sure": "[{field: a, type: ascii, end: [20, 2C]}, {const: 2C}, {field: b, type: ascii, end: [0A]}, {const: LF}]",
     "header": "[{check: sum8, over: [a, b]}, {field: a, type: ascii, end: [20]}, {field: b, type: ascii, size: 2}]",
+    "list": "[{repeat: l, times: 2, of: [{field: a, type: ascii, end: [20, 2C]}, {field: b, type: ascii, size: 1}]}, {const: LF}]",
+    "behind": "[{repeat: l, times: 2, separator: 2C, of: [{field: a, type: ascii, end: [20, 2C]}]}, {field: b, type: ascii, size: 1}]",
+    "case": "[{field: n, type: u8}, {choose: n, cases: {0: [{field: a, type: ascii, end: [20, 2C]}], 1: [{field: a, type: ascii, end: [2C]}, {const: 2C}]}}, {field: b, type: ascii, size: 1}]",
 }  # fmt: skip
 TEXTS = ("", "x", "xy", " ", " x", ",", ",y", "x,", "y ")
 
@@ -28,6 +31,12 @@ TEXTS = ("", "x", "xy", " ", " x", ",", ",y", "x,", "y ")
 def values(name: str) -> list[dict[str, Any]]:
     if name == "record":
         return [{"r": {"k": k, "a": a}, "b": b} for k, a, b in product((1,), TEXTS, TEXTS)]
+    if name == "list":
+        return [
+            {"l": [{"a": a, "b": b}, {"a": c, "b": d}]} for a, b, c, d in product(TEXTS[:5], " x", TEXTS[:5], " ,y")
+        ]
+    if name == "behind":
+        return [{"l": [{"a": "x"}, {"a": a}], "b": b} for a, b in product(TEXTS, TEXTS)]
     names = [one for one in "nabc" if f"field: {one}," in BODIES[name]]
     return [
         {one: value for one, value in zip(names, found, strict=True) if value is not None}

@@ -22,7 +22,7 @@ from construct_oracle.names import Names
 from construct_oracle.sizes import KnownSizes
 from construct_oracle.state import Reading, Region, Writing
 from framekit.codec.evaluate import MissingName
-from framekit.definition.model.frames import Frame, in_place_of_records
+from framekit.definition.model.frames import Frame, everything, in_place_of_records
 from framekit.definition.model.segments import Const, Segment
 
 
@@ -203,9 +203,10 @@ class FrameConstruct(Construct):
 
     @property
     def open_texts(self) -> list[Segment]:
-        """Texts that end before one of several bytes, and are followed by other segments of the frame."""
+        """Texts that end before one of several bytes, and are followed by other segments, or stand in others."""
         behind = [one for one in in_place_of_records(self.frame.segments) if one.takes_bytes]
-        return [one for one in behind[:-1] if one.number_type is not None and one.number_type.stops]
+        inside = [one for one in everything(self.frame.segments) if one not in behind]
+        return [one for one in (*behind[:-1], *inside) if one.number_type is not None and one.number_type.stops]
 
     def _write_sections(self, filling: Filling, stream: BytesIO, context: Container, path: str) -> None:
         self.head._build(filling, stream, context, path)

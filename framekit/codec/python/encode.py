@@ -147,10 +147,36 @@ def write_encoder(
         write_docstring(out, f"Build the {kind} `{name}`. Raises EncodeError.", summary(segments))
         with out.block("try:"):
             out.extend(writer.out)
-            out.add(f"return {as_bytes(text, segments)}")
+            built, texts = as_bytes(text, segments), texts_inside(segments) if frame is not None else {}
+            if texts:
+                read_back = module.function("read_back")
+                built = f"{read_back}({built}, values, decode_{identifier}, ctx, {literal(tuple(texts.items()))})"
+            out.add(f"return {built}")
         with out.block("except MISMATCHES as error:"):
             out.add(f"raise {module.function('encode_error')}(values, {rules}, error) from None")
     return out
+
+
+def texts_inside(segments: Iterable[Segment]) -> dict[tuple[str, ...], str]:
+    """Texts in lists, cases and the like that end before one of several bytes: the path, and the bytes in words.
+
+    What follows such a text is known when the frame is built. Where nothing stands around it `region` sees to that.
+    """
+    found: dict[tuple[str, ...], bytes] = {}
+
+    def look(segments: Iterable[Segment], path: tuple[str, ...], is_inside: bool) -> None:
+        for segment in segments:
+            of = segment.of if isinstance(segment, Repeat) else segment.number_type
+            here = (*path, segment.name or "")
+            if isinstance(of, FieldType) and of.stops and (is_inside or isinstance(segment, Repeat)):
+                found[here] = found.get(here, b"") + of.stops
+            if segment.inner_record is not None:
+                look(segment.inner_record, here, True)
+            for block in segment.blocks if segment.inner_record is None else ():
+                look(block, path, True)
+
+    look(segments, (), False)
+    return {path: " or ".join(f"{one:02X}" for one in dict.fromkeys(stops)) for path, stops in found.items()}
 
 
 def tail_of(module: Module, frame: Frame | None) -> tuple[Const, int | Segment] | None:

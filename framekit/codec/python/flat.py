@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from framekit.codec.python import forms
-from framekit.codec.python.encode import EncodeWriter, Given, as_bytes, tail_of
+from framekit.codec.python.encode import EncodeWriter, Given, as_bytes, tail_of, texts_inside
 from framekit.codec.python.expressions import ExpressionWriter, Scope, default_text
 from framekit.codec.python.facts import is_fixed, names_read
 from framekit.codec.python.fused import counting, is_plain, names_of, renamed
@@ -227,6 +227,8 @@ class FlatWriter(EncodeWriter):
         self.worked_out = {one.key for one in parameters.all if one.default == LEFT_OUT}
         words = {*module.words(), *dir(builtins), "hexlify", "unhexlify"} - {"format", "id", "type"}
         if any(name in words or name != name.lower() for name in self.keywords.values()):
+            raise NotPlain
+        if texts_inside(self.segments):  # they are read back once the frame is built
             raise NotPlain
         if any(isinstance(one, Value) and one.name in self.keywords and one.build is None for one in self.segments):
             raise NotPlain

@@ -7,6 +7,7 @@ They may use each other, standard imports and the names every generated module h
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from decimal import Decimal
 from struct import Struct
 from typing import Any, NamedTuple
 
@@ -465,6 +466,34 @@ def encode_error(values: Any, rules: Rules, error: Exception) -> EncodeError:
         return EncodeError("", name if " " in name else f"'{name}' is needed to build this frame: give it in ctx")
     why = str(error) if isinstance(error, Unfit) else "what is computed from them cannot be worked out or sent"
     return EncodeError("", f"the values do not fit into this frame: {why}")
+
+
+def read_back(data: bytes, values: Any, decode: Callable[..., Any], ctx: Any, texts: Any) -> bytes:
+    """The bytes of a frame in which texts end before one of several bytes, and others stand around these texts.
+
+    `texts`: the path of each, and the bytes in words. Raises EncodeError where one would be read with another end.
+    """
+    try:
+        found = decode(data, ctx)
+    except FrameError:
+        found = {}
+    for path, stops in texts:
+        if not is_read_back(values, found, path):
+            field = ".".join(path)
+            raise EncodeError(field, f"{field!r} ends before {stops}, and something else follows it")
+    return data
+
+
+def is_read_back(given: Any, found: Any, path: Any) -> bool:
+    """Whether what is given at a path is what has been found there; also where nothing is given."""
+    if isinstance(given, (list, tuple)) and isinstance(found, list) and path:
+        return len(given) == len(found) and all(map(is_read_back, given, found, [path] * len(given)))
+    if not path:
+        if isinstance(given, str) or isinstance(found, (str, list)):
+            return bool(given == found)
+        return bool(Decimal(str(given)) == Decimal(str(found)))
+    name, rest = path[0], path[1:]
+    return name not in given or (name in found and is_read_back(given[name], found[name], rest))
 
 
 def path_of(name: Any, rules: Rules) -> str | None:
