@@ -285,10 +285,15 @@ def without_collecting() -> Iterator[None]:
         gc.unfreeze()
 
 
-async def until(ended: asyncio.Event, duration: int | None) -> None:
-    """Waits for the event, or until the time (ns) is over."""
-    with contextlib.suppress(TimeoutError):
-        await asyncio.wait_for(ended.wait(), None if duration is None else duration / 1e9)
+async def until(duration: int | None, *events: asyncio.Event) -> None:
+    """Waits for one of the events, or until the time (ns) is over."""
+    waiting = [asyncio.ensure_future(event.wait()) for event in events]
+    try:
+        limit = None if duration is None else duration / 1e9
+        await asyncio.wait(waiting, timeout=limit, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for one in waiting:
+            one.cancel()
 
 
 @contextlib.contextmanager

@@ -119,7 +119,7 @@ async def _listen(protocol: Protocol, arguments: argparse.Namespace, printer: _P
     printer.began = time.monotonic_ns()
     monitor.start()
     try:
-        await until(ended, duration)
+        await until(duration, ended)
     finally:
         monitor.stop()
     if states and "open" not in states:

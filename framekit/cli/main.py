@@ -29,6 +29,7 @@ VERBS = {
     "call": "run another service of a device",
     "commreq": "explain or carry out command blocks",
     "run": "carry out a run file",
+    "fleet": "list the runs that tell a broker how they are, and roll run files out",
     "serve": "answer requests on a port, with memory",
     "monitor": "listen to a line between others",
     "replay": "send the bytes of a capture again",

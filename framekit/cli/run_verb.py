@@ -8,7 +8,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
@@ -32,6 +32,7 @@ from framekit.cli.screen.session import LiveSession
 from framekit.cli.web_option import WebPage, add_web
 
 if TYPE_CHECKING:
+    from framekit.api.gateway import Gateway
     from framekit.api.monitor import LiveView
     from framekit.api.run import AsyncRun, OnSeen, RunCalls, RunModel, VirtualRun
     from framekit.cli.run_output import RunOutput
@@ -93,21 +94,31 @@ def run_run(arguments: argparse.Namespace) -> int:
         raise WordsError("--watch tells its edits in lines – leave --screen out")
     watched = Watched(arguments.run, content_of(arguments.run)) if arguments.watch else None
     loaded = load_run(arguments.run)
-    loads, doubts = loads_of(loaded)
+    if loaded.fleet is not None and arguments.screen:
+        raise WordsError("--screen is not for runs of a fleet – leave it out, or the key fleet")
+    if loaded.fleet is not None and loaded.fleet.token is not None and arguments.capture is not None:
+        raise WordsError("--capture is not for runs that files are rolled out to – leave it out, or the fleet's token")
     if arguments.screen:
         session = RunSession(loaded, watch, virtual=arguments.virtual, duration=duration, controlled=arguments.control)
         return show(session)
-    output = JsonOutput(loaded, loads) if arguments.json else TextOutput(loaded, loads)
-    output.as_ascii = arguments.ascii
-    for line in told_once((*loaded.warnings, *doubts)):
-        output.warning(line)
+
+    def make_output(model: RunModel) -> RunOutput:
+        loads, doubts = loads_of(model)
+        output = JsonOutput(model, loads) if arguments.json else TextOutput(model, loads)
+        output.as_ascii = arguments.ascii
+        for line in told_once((*model.warnings, *doubts)):
+            output.warning(line)
+        return output
+
+    output = make_output(loaded)
+    if loaded.fleet is not None and arguments.virtual:
+        output.warning("on simulated time the run is no part of its fleet")
     try:
         if arguments.virtual:
             assert duration is not None
             problems = _virtual(loaded, output, watch, duration)
         else:
-            page = WebPage(arguments)
-            problems = asyncio.run(_real(loaded, output, watch, duration, watched, arguments.control, page))
+            problems = asyncio.run(_real(arguments, watch, watched, make_output, output, loaded, duration))
     except BrokenPipeError:
         raise
     except OSError as error:
@@ -139,41 +150,98 @@ def _virtual(loaded: RunModel, output: RunOutput, watch: RunWatch, duration: int
 
 
 async def _real(
-    loaded: RunModel,
-    output: RunOutput,
-    watch: RunWatch,
-    duration: int | None,
-    watched: Watched | None,
-    controlled: bool,
-    page: WebPage,
-) -> list[str]:
-    """Runs until the time is over, or SIGINT or SIGTERM asks to stop; what could not be kept or captured.
+    arguments: argparse.Namespace, watch: RunWatch, watched: Watched | None,
+    make_output: Callable[[RunModel], RunOutput], output: RunOutput, loaded: RunModel, duration: int | None,
+) -> list[str]:  # fmt: skip
+    return await RealRun(arguments, watch, watched, make_output, output).carry_out(loaded, duration)
 
-    `watched` is the file whose changes count, `page` may show it.
-    """
-    from framekit.api.run import AsyncRun
 
-    ended = asyncio.Event()
-    on_stop(ended.set)
-    unread = Unread(asyncio.get_running_loop(), ended.set)
-    run = output.at_work = made(AsyncRun, loaded, page.monitor(output.seen), watch)
-    watch.begin(run)
-    async with page.of_run(run):
-        with without_collecting():
-            run.start()
-            if controlled:
-                control(run, output, ended.set)
-            watching = None if watched is None else asyncio.ensure_future(_watch_file(watched, run, output))
-            try:
-                await until(ended, duration)
-            finally:
-                if watching is not None:
-                    watching.cancel()
-                if unread.error is None:
-                    watch.at_end()
-                await run.finish()
-    unread.check()
-    return _summary(run, output)
+class RealRun:
+    """A run file in real time, as the command line asks for it: one run, or one after the other where files are
+    rolled out to it."""
+
+    def __init__(
+        self, arguments: argparse.Namespace, watch: RunWatch, watched: Watched | None,
+        make_output: Callable[[RunModel], RunOutput], output: RunOutput,
+    ) -> None:  # fmt: skip
+        self.path: Path = arguments.run
+        self.watch, self.watched = watch, watched
+        self._arguments = arguments
+        self._make_output, self._output = make_output, output
+        self._ended = asyncio.Event()
+        self._gateway: Gateway | None = None
+
+    async def carry_out(self, loaded: RunModel, duration: int | None) -> list[str]:
+        """Runs until the time is over, or SIGINT or SIGTERM asks to stop; what could not be kept or captured."""
+        on_stop(self._ended.set)
+        unread = Unread(asyncio.get_running_loop(), self._ended.set)
+        loop = asyncio.get_running_loop()
+        until_then = None if duration is None else loop.time() + duration / 1e9
+        with self._in_fleet(loaded):
+            page = WebPage(self._arguments)
+            while True:
+                problems = await self._one(loaded, page, unread, until_then)
+                gateway = self._gateway
+                if gateway is None or gateway.next_run is None or unread.error is not None:
+                    break
+                loaded, page = gateway.next_run, WebPage(self._arguments)
+                self._output = self._make_output(loaded)
+        unread.check()
+        return problems
+
+    def _in_fleet(self, loaded: RunModel) -> AbstractContextManager[object]:
+        """The place of the run in its fleet, if it has one. Raises VerbError."""
+        if loaded.fleet is None:
+            return nullcontext()
+        from framekit.api.errors import RequestError
+        from framekit.api.gateway import Gateway
+
+        try:
+            self._gateway = Gateway(self.path, loaded)
+        except RequestError as error:
+            raise VerbError(str(error)) from None
+        return self._gateway
+
+    def _begun(self, loaded: RunModel, page: WebPage) -> AsyncRun:
+        """The run, not started. One that a rolled file says, and that cannot be, is the one of before."""
+        from framekit.api.run import AsyncRun, reasons
+
+        gateway = self._gateway
+        try:
+            return made(AsyncRun, loaded, page.monitor(self._output.seen), self.watch)
+        except (ValueError, VerbError) as error:
+            if gateway is None or gateway.next_run is None:
+                raise
+            before = gateway.has_failed(reasons(error) if isinstance(error, ValueError) else [str(error)])
+            self._output = self._make_output(before)
+            return made(AsyncRun, before, page.monitor(self._output.seen), self.watch)
+
+    async def _one(self, loaded: RunModel, page: WebPage, unread: Unread, until_then: float | None) -> list[str]:
+        gateway, loop = self._gateway, asyncio.get_running_loop()
+        run = self._begun(loaded, page)
+        output = self._output
+        output.at_work = run
+        self.watch.begin(run)
+        if gateway is not None:
+            gateway.begins(run)
+        async with page.of_run(run):
+            with without_collecting():
+                run.start()
+                if gateway is not None:
+                    gateway.has_begun()
+                if self._arguments.control:
+                    control(run, output, self._ended.set)
+                watching = None if self.watched is None else loop.create_task(_watch_file(self.watched, run, output))
+                try:
+                    left = None if until_then is None else max(0, round((until_then - loop.time()) * 1e9))
+                    await until(left, self._ended, *([] if gateway is None else [gateway.over]))
+                finally:
+                    if watching is not None:
+                        watching.cancel()
+                    if unread.error is None:
+                        self.watch.at_end()
+                    await run.finish()
+        return [] if unread.error is not None else _summary(run, output)
 
 
 async def _watch_file(watched: Watched, run: RunCalls, output: RunOutput) -> None:

@@ -151,7 +151,7 @@ async def _serve(
             output.ready()
             _show_status(output, every, ended)
             with without_collecting():
-                await until(ended, duration)
+                await until(duration, ended)
             ended.set()
             output.summary()
     finally:

@@ -81,6 +81,8 @@ def _refusals(old: RunModel, new: RunModel) -> Iterator[Problem]:
         yield Problem(new.at, "the points of a run that goes on stay as they are, and these are others", RESTART)
     if fingerprint(old.sinks) != fingerprint(new.sinks):
         yield Problem(new.at, "where the values of a run go cannot change while it goes on", RESTART)
+    if fingerprint(old.fleet) != fingerprint(new.fleet):
+        yield Problem(new.at, "the fleet of a run that goes on stays as it is, and this is another one", RESTART)
     if old.status != new.status:
         yield Problem(new.at, "whether blocks have words in memory cannot change while the run goes on", RESTART)
     if fingerprint(old.jobs) != fingerprint(new.jobs):

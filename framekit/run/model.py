@@ -559,6 +559,7 @@ class RunModel:
 
     `status`: whether blocks have their words in memory, where the memory profile has places for them. `points_words`:
     how much memory the points of channels take. `sinks`: where values go, each a `SinkKind` of the layer above.
+    `files`: those that sinks and the state have (absolute paths). `fleet`: which one it is of, if any.
     """
 
     name: str
@@ -575,6 +576,8 @@ class RunModel:
     points: tuple[Point, ...] = ()
     points_words: int = 0
     sinks: tuple[Any, ...] = ()
+    files: tuple[str, ...] = ()
+    fleet: Any = None
     warnings: tuple[Problem, ...]
     at: Position
 

@@ -44,15 +44,16 @@ from framekit.run.own_memory import AnyAddresses, addresses_of, stored_by
 from framekit.runfile.blocks import BlockLoader
 from framekit.runfile.channels import ChannelLoader
 from framekit.runfile.devices import check_profile, start_values
+from framekit.runfile.fleet import read_fleet
 from framekit.runfile.job_profiles import load_job_profile
 from framekit.runfile.points import PointsLoader
 from framekit.runfile.sinks import SinksLoader
 from framekit.runfile.transfers import OwnPlaces
 
 
-def load_run(path: Path) -> RunModel:
-    """The run in a file. Raises DefinitionError with everything that is wrong."""
-    reading = read_run(path)
+def load_run(path: Path, text: str | None = None) -> RunModel:
+    """The run in a file; `text` counts instead of its content. Raises DefinitionError with everything that is wrong."""
+    reading = read_run(path, text)
     if reading.run is None:
         raise DefinitionError(reading.problems)
     return reading.run
@@ -66,10 +67,10 @@ class RunReading(NamedTuple):
     problems: list[Problem]
 
 
-def read_run(path: Path) -> RunReading:
-    """As much of the run in a file as can be read."""
+def read_run(path: Path, text: str | None = None) -> RunReading:
+    """As much of the run in a file as can be read; `text` counts instead of its content."""
     reader = Reader()
-    documents = Documents(reader)
+    documents = Documents(reader, None if text is None else {path.resolve(): text})
     run, loader = None, None
     with suppress(Broken):
         loader = RunLoader(reader, path, documents.root(path, "run"))
@@ -122,6 +123,7 @@ class RunLoader:
         if profile is None:
             raise Broken("memory")
         self._look_at(found, channels, profile, status)
+        sinks = SinksLoader(self.reader, self.path, named, "" if state is None else state.file)
         return RunModel(
             name=self._text("run"),
             about=self._text("about"),
@@ -131,8 +133,10 @@ class RunLoader:
             blocks=(*found, *reads),
             sets=sets,
             points=named,
-            sinks=SinksLoader(self.reader, self.path, named, "" if state is None else state.file).load(
-                self.root.get("sinks")
+            sinks=sinks.load(self.root.get("sinks")),
+            files=tuple(sinks.taken),
+            fleet=self.reader.maybe(
+                lambda node: read_fleet(self.reader, node, self.path.parent), self.root.get("fleet")
             ),
             points_words=points_words,
             folder=str(self.path.parent),

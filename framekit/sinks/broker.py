@@ -52,13 +52,20 @@ class Place:
         return host if self.port is None else f"{host}:{self.port}"
 
 
-def read_place(reading: KeyReading, node: Node) -> Place:
-    """`HOST`, `HOST:PORT` or `[IPv6]:PORT`. Raises Broken."""
-    text = reading.reader.text(node).strip()
-    match = _BROKER.fullmatch(text)
+def place_of(text: str) -> Place:
+    """`HOST`, `HOST:PORT` or `[IPv6]:PORT`. Raises ValueError."""
+    match = _BROKER.fullmatch(text.strip())
     if match is None or (match["port"] is not None and not 0 < int(match["port"]) < 65536):
-        raise reading.reader.broken(node.at, f"'{text}' is no address of a broker", "write HOST or HOST:PORT")
+        raise ValueError(f"'{text.strip()}' is no address of a broker")
     return Place(match["six"] or match["host"], None if match["port"] is None else int(match["port"]))
+
+
+def read_place(reading: KeyReading, node: Node) -> Place:
+    """The place that a node says. Raises Broken."""
+    try:
+        return place_of(reading.reader.text(node))
+    except ValueError as error:
+        raise reading.reader.broken(node.at, str(error), "write HOST or HOST:PORT") from None
 
 
 PLACE = Form(ref("text"), read_place)
@@ -77,37 +84,80 @@ def read_tls(reading: KeyReading, node: Node) -> str | None:
     return str(path)
 
 
+class BrokerAccess(NamedTuple):
+    """How a client comes to a broker. `tls`: '' for the certificates of the system, else a file of them."""
+
+    place: Place
+    user: str = ""
+    password: Secret | None = None
+    tls: str | None = None
+
+    def __str__(self) -> str:
+        return str(self.place)
+
+    def client(self, name: str, *, reconnects: bool = False) -> Client:
+        """A client of this name, not connected yet. Raises OSError, ValueError."""
+        from paho.mqtt.client import Client
+        from paho.mqtt.enums import CallbackAPIVersion
+
+        client = Client(
+            CallbackAPIVersion.VERSION2, client_id=name, clean_session=True, reconnect_on_failure=reconnects
+        )
+        client.connect_timeout = LONGEST_CONNECT
+        client.max_inflight_messages_set(0)  # as many as are sent at once
+        if self.user:
+            client.username_pw_set(self.user, None if self.password is None else self.password.read())
+        if self.tls is not None:
+            client.tls_set(ca_certs=self.tls or None)
+        return client
+
+    @property
+    def at(self) -> tuple[str, int]:
+        """Host and port."""
+        return self.place.host, self.place.port or (PORT if self.tls is None else TLS_PORT)
+
+
+TLS = Form(ref("text"), read_tls)
+USER_DOC = "The user's name at the broker."
+PASSWORD_DOC = (
+    "Where the password stands: env:NAME, a variable of the environment, or file:NAME, a file beside the run."
+)
+TLS_DOC = (
+    "yes: encrypted, and the broker's certificate is checked against those of the system; or a file of certificates "
+    "(PEM) to check it against."
+)
+"""What the keys of all that come to a broker say."""
+
+
+def mistakes_of_access(access: BrokerAccess, extra: str) -> Iterator[tuple[str, str, str]]:
+    """What the keys of a broker say wrongly; `extra`: the one that brings the library."""
+    yield from not_installed("paho-mqtt", "paho.mqtt.client", extra)
+    if access.password is not None and not access.user:
+        yield "password", "a password without a user has no effect", "add user:"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BrokerSink(NetworkSink):
-    """What all sinks say that send to an MQTT broker. `tls`: '' for the system's certificates, else a file of them."""
+    """What all sinks say that send to an MQTT broker."""
 
-    user: str = key("user", TEXT, "The user's name at the broker.", default="")
-    password: Secret | None = key(
-        "password", SECRET,
-        "Where the password stands: env:NAME, a variable of the environment, or file:NAME, a file beside the run.",
-        default=None,
-    )  # fmt: skip
-    tls: str | None = key(
-        "tls", Form(ref("text"), read_tls),
-        "yes: encrypted, and the broker's certificate is checked against those of the system; or a file of "
-        "certificates (PEM) to check it against.", default=None,
-    )  # fmt: skip
+    user: str = key("user", TEXT, USER_DOC, default="")
+    password: Secret | None = key("password", SECRET, PASSWORD_DOC, default=None)
+    tls: str | None = key("tls", TLS, TLS_DOC, default=None)
     client: str = key(
         "client", TEXT, "The name of the client at the broker, which no other client may have; default: one made of "
         "the names of the run, the machine and the store.", default="",
     )  # fmt: skip
 
     @property
+    def access(self) -> BrokerAccess:
+        """How it comes to the broker."""
+        return BrokerAccess(self.place, self.user, self.password, self.tls)
+
+    @property
     def place(self) -> Place:
         """Where the broker is, with its port."""
         place: Place = getattr(self, self.word)
         return place if place.port is not None else replace(place, port=PORT if self.tls is None else TLS_PORT)
-
-    def mistakes_of_broker(self) -> Iterator[tuple[str, str, str]]:
-        """What the keys of the broker say wrongly."""
-        yield from not_installed("paho-mqtt", "paho.mqtt.client", self.word)
-        if self.password is not None and not self.user:
-            yield "password", "a password without a user has no effect", "add user:"
 
     def client_name(self, run: str) -> str:
         """The same at every start, and another for every sink."""
@@ -146,24 +196,13 @@ class BrokerConnection:
 
     def open(self, run: str, will: Message | None) -> None:
         """Connects; `will` is what the broker publishes when this is cut off. Raises OSError, ValueError."""
-        from paho.mqtt.client import Client
-        from paho.mqtt.enums import CallbackAPIVersion
-
         kind, place = self.kind, self.kind.place
-        client = Client(
-            CallbackAPIVersion.VERSION2, client_id=kind.client_name(run), clean_session=True, reconnect_on_failure=False
-        )
-        client.connect_timeout = LONGEST_CONNECT
-        client.max_inflight_messages_set(0)  # as many as are sent at once
+        client = kind.access.client(kind.client_name(run))
         client.on_connect = self._connected
         client.on_disconnect = self._disconnected
         client.on_publish = self._published
         client.on_subscribe = self._has_subscribed
         client.on_message = self._message
-        if kind.user:
-            client.username_pw_set(kind.user, None if kind.password is None else kind.password.read())
-        if kind.tls is not None:
-            client.tls_set(ca_certs=kind.tls or None)
         if will is not None:
             client.will_set(will.topic, will.payload, qos=will.qos, retain=will.retain)
         self._client, self._state, self._problem = client, "connecting", ""

@@ -55,7 +55,7 @@ def read_server(reading: KeyReading, node: Node) -> ServerAddress:
     except ValueError:
         found, port = urlsplit(""), None
     if found.username is not None or found.password is not None:
-        raise reading.reader.broken(node.at, "a password does not stand in a run file", "use user: and password:")
+        raise reading.reader.broken(node.at, "a secret does not stand in a run file", "use user: and password:")
     if found.scheme not in ("http", "https") or not found.hostname or found.query or found.fragment:
         raise reading.reader.broken(node.at, f"'{text}' is no address of a server", "write it like http://HOST:8086")
     return ServerAddress(found.scheme == "https", found.hostname, port, found.path.rstrip("/"))

@@ -19,7 +19,17 @@ from framekit.definition.tree import Node
 from framekit.run.model import Point
 from framekit.run.points import PointValue, iso_time
 from framekit.sinks.base import Host, Sampled, Sink, as_record, fits, good_value
-from framekit.sinks.broker import LARGEST_COMMAND, PLACE, BrokerConnection, BrokerSink, Command, Message, Place, lost_of
+from framekit.sinks.broker import (
+    LARGEST_COMMAND,
+    PLACE,
+    BrokerConnection,
+    BrokerSink,
+    Command,
+    Message,
+    Place,
+    lost_of,
+    mistakes_of_access,
+)
 
 MOST_MESSAGES = 1_000
 """So many messages are sent before the broker has to have confirmed them, unless one sample has more."""
@@ -80,7 +90,7 @@ class Mqtt(BrokerSink):
     )  # fmt: skip
 
     def mistakes(self, points: Sequence[Point]) -> Iterator[tuple[str, str, str]]:
-        yield from self.mistakes_of_broker()
+        yield from mistakes_of_access(self.access, self.word)
         if "{point}" not in self.topic:
             yield "topic", "all points would have one topic", "write {point} into it"
         if "{point}" in self.status:

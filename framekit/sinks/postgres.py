@@ -48,7 +48,7 @@ def read_database(reading: KeyReading, node: Node) -> str:
     except ValueError:
         is_address = has_user = has_secret = False
     if has_secret:
-        raise reading.reader.broken(node.at, "a password does not stand in a run file", "use user: and password:")
+        raise reading.reader.broken(node.at, "a secret does not stand in a run file", "use user: and password:")
     if has_user:
         raise reading.reader.broken(node.at, "the user's name has a key of its own", "use user:")
     if not is_address:

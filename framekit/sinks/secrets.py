@@ -27,11 +27,20 @@ class Secret:
         return Path(self.name).read_text("utf-8").rstrip("\r\n")
 
 
+def secret_named(text: str, what: str) -> Secret:
+    """`env:NAME` or `file:NAME`, as a command line says it; `what` messages call it. Raises ValueError, without the
+    text: it may be the secret itself."""
+    kind, _, name = text.strip().partition(":")
+    if kind not in ("env", "file") or not name.strip():
+        raise ValueError(f"a {what} does not stand on the command line – write env:NAME or file:NAME")
+    return Secret(kind, name.strip())
+
+
 def read_secret(reading: KeyReading, node: Node) -> Secret:
     """`env:NAME` or `file:NAME`. Raises Broken, without the text: it may be a password."""
     kind, _, name = reading.reader.text(node).strip().partition(":")
     if kind not in ("env", "file") or not name.strip():
-        what = "a password does not stand in a run file"
+        what = "a secret does not stand in a run file"
         raise reading.reader.broken(node.at, what, "write env:NAME for the environment, or file:NAME")
     return Secret(kind, name.strip() if kind == "env" else str(reading.loader.folder / name.strip()))
 

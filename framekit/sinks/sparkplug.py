@@ -18,7 +18,16 @@ from framekit.definition.tree import Node
 from framekit.run.model import Point
 from framekit.run.points import PointValue
 from framekit.sinks.base import Host, Sampled, Sink, good_value, not_installed
-from framekit.sinks.broker import PLACE, BrokerConnection, BrokerSink, Command, Message, Place, lost_of
+from framekit.sinks.broker import (
+    PLACE,
+    BrokerConnection,
+    BrokerSink,
+    Command,
+    Message,
+    Place,
+    lost_of,
+    mistakes_of_access,
+)
 from framekit.sinks.sparkplug_messages import BAD, BOOLEAN, DOUBLE, GOOD, INT64, STALE, STRING, Metric, decoded, encoded
 
 log = logging.getLogger(__name__)
@@ -57,7 +66,7 @@ class Sparkplug(BrokerSink):
     )  # fmt: skip
 
     def mistakes(self, points: Sequence[Point]) -> Iterator[tuple[str, str, str]]:
-        yield from self.mistakes_of_broker()
+        yield from mistakes_of_access(self.access, self.word)
         yield from not_installed("protobuf", "google.protobuf", "sparkplug")
         if self.commands and not any(point.is_writable for point in points):
             yield "commands", "'commands' has no effect: no point can be written", "give one access: rw, or remove it"

@@ -8,7 +8,7 @@ import secrets
 import socket
 from collections.abc import Mapping
 
-from framekit.sinks.secrets import Secret
+from framekit.sinks.secrets import secret_named
 
 SHORTEST_TOKEN = 12
 
@@ -31,10 +31,7 @@ class Access:
 
 def kept_token(text: str) -> str:
     """The token that stands where `env:NAME` or `file:NAME` says. Raises ValueError, OSError."""
-    kind, _, name = text.partition(":")
-    if kind not in ("env", "file") or not name:
-        raise ValueError("a token does not stand on the command line – write env:NAME or file:NAME")
-    found = Secret(kind, name).read()
+    found = secret_named(text, "token").read()
     if not found:
         raise ValueError("there is no token – put one there")
     return found

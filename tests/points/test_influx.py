@@ -178,7 +178,7 @@ def test_texts_are_read_as_they_were() -> None:
     [
         ("influx: http://a:8086", "it does not say where values go"),
         ("influx: ftp://a, database: b", "'ftp://a' is no address of a server"),
-        ('influx: "http://u:s3cret@a", database: b', "a password does not stand in a run file"),
+        ('influx: "http://u:s3cret@a", database: b', "a secret does not stand in a run file"),
         ("influx: http://a, database: b, token: env:T", "'token' has no effect without bucket"),
         ("influx: http://a, database: b, bucket: c", "keep one"),
     ],

@@ -196,7 +196,7 @@ def test_tls_with_user_and_password(
         (", password: env:P", "a password without a user has no effect – add user:"),
         (
             ", user: a, password: s3cret",
-            "a password does not stand in a run file – write env:NAME for the environment, or file:NAME",
+            "a secret does not stand in a run file – write env:NAME for the environment, or file:NAME",
         ),
         (", topic: a/b", "all points would have one topic – write {point} into it"),
         (', topic: "a/{pint}"', "'{pint}' is no part of a topic – known: {run}, {point}"),

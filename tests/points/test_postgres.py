@@ -170,8 +170,8 @@ def test_a_run_fills_a_table(server: Server, tmp_path: Path) -> None:
     [
         ("{postgres: localhost}", "'localhost' names no database – write it like postgresql://HOST/DATABASE"),
         ("{postgres: 'postgresql://me@h/d'}", "the user's name has a key of its own – use user:"),
-        ("{postgres: postgres://h/d?Password=x}", "a password does not stand in a run file – use user: and password:"),
-        ("{postgres: 'postgresql://me:pw@h/d'}", "a password does not stand in a run file – use user: and password:"),
+        ("{postgres: postgres://h/d?Password=x}", "a secret does not stand in a run file – use user: and password:"),
+        ("{postgres: 'postgresql://me:pw@h/d'}", "a secret does not stand in a run file – use user: and password:"),
         ("{postgres: postgresql://h/d, table: a.b.c}", "'a.b.c' is no name of a table – write table, or schema.table"),
         ("{postgres: postgres://h/d, password: env:P}",
          "'password' has no effect without user – add user:, or remove it"),

@@ -14,7 +14,7 @@ from pathlib import Path, PurePosixPath
 from typing import TypeVar
 
 from framekit.definition.load.reader import Broken, Reader
-from framekit.definition.nodes import Entry, Mapping, Node, Scalar, is_cut, read_nodes, unread
+from framekit.definition.nodes import Entry, Mapping, Node, Scalar, is_cut, read_nodes, read_text, unread
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
 from framekit.definition.schema import Kind, validate, wrong_kind
 from framekit.definition.sources import definition_folders, find_definition
@@ -60,10 +60,12 @@ class Documents:
     """Reads the files of one load, each once, with their problems noted in `reader`.
 
     `found`: the names by which files referred to others, the folders they were looked for in, and what was found.
+    `texts`: what counts instead of the content of these files.
     """
 
-    def __init__(self, reader: Reader) -> None:
+    def __init__(self, reader: Reader, texts: MappingOf[Path, str] | None = None) -> None:
         self.reader = reader
+        self.texts = texts or {}
         self.roots: dict[Path, Mapping] = {}
         self.under_way: list[Path] = []
         self.schema_problems: set[Problem] = set()
@@ -77,7 +79,8 @@ class Documents:
         if path not in self.roots:
             doubles: list[Problem] = []
             try:
-                node = read_nodes(path, doubles)
+                text = self.texts.get(path)
+                node = read_nodes(path, doubles) if text is None else read_text(text, str(path), doubles)
             except DefinitionError as error:
                 self.reader.problems.extend(error.problems)
                 raise Broken(str(path)) from None

@@ -1,0 +1,265 @@
+"""Fleets: the gateways that tell a broker how they are, and run files rolled out to them.
+
+Each gateway has five topics `GROUP/GATEWAY/…`. `online` (1 or 0, the latter also as the broker's last will), `birth`
+and `health` are retained; `roll` takes a run file, `rolled` gives the answer. A rolled file is signed: HMAC-SHA256 with
+the token over everything it says and a number that the gateway's birth tells and that counts once. So the token never
+goes over the network, and what was heard there cannot be sent again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import json
+import secrets
+import threading
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+from framekit.api.errors import RequestError
+from framekit.sinks.broker import KEEPALIVE, LONGEST_CONNECT, BrokerAccess
+
+if TYPE_CHECKING:
+    from paho.mqtt.client import Client
+
+LARGEST_FILE = 1 << 20
+"""Bytes of a run file that is rolled out."""
+LARGEST_MESSAGE = 3 * LARGEST_FILE
+"""Bytes of a message: JSON writes some characters as several."""
+ONLINE, BIRTH, HEALTH, ROLL, ROLLED = "online", "birth", "health", "roll", "rolled"
+YES, NO = b"1", b"0"
+
+
+def topic(group: str, name: str, what: str) -> str:
+    """The topic of a gateway for one of these things."""
+    return f"{group}/{name}/{what}"
+
+
+def digest_of(content: bytes) -> str:
+    """What tells one content of a run file from another: 12 hex digits."""
+    return hashlib.sha256(content).hexdigest()[:12]
+
+
+def signature(token: str, group: str, name: str, number: str, identity: str, file: bytes) -> str:
+    """What only those can say of a rolled file who know the token."""
+    parts = (group.encode(), name.encode(), number.encode(), identity.encode(), hashlib.sha256(file).digest())
+    said = b"".join(len(part).to_bytes(4, "big") + part for part in parts)
+    return hmac.new(token.encode(), said, hashlib.sha256).hexdigest()
+
+
+def as_message(data: Mapping[str, Any]) -> bytes:
+    """Data as it is published."""
+    return json.dumps(data, ensure_ascii=False, allow_nan=False).encode(errors="backslashreplace")
+
+
+def from_message(payload: bytes) -> dict[str, Any]:
+    """What others have published; nothing where that is no object of JSON."""
+    try:
+        found = json.loads(payload) if len(payload) <= LARGEST_MESSAGE else None
+    except (ValueError, RecursionError):
+        found = None
+    return found if isinstance(found, dict) else {}
+
+
+@dataclass(slots=True)
+class Member:
+    """A gateway as the broker tells of it. `birth` and `health` are what it said last, also when it is down."""
+
+    name: str
+    online: bool = False
+    birth: dict[str, Any] = field(default_factory=dict)
+    health: dict[str, Any] = field(default_factory=dict)
+
+    def said(self, key: str) -> str:
+        """A text of its birth; '' if there is none."""
+        found = self.birth.get(key)
+        return found if isinstance(found, str) else ""
+
+    @property
+    def takes_files(self) -> bool:
+        """Whether run files may be rolled out to it."""
+        return bool(self.said("number"))
+
+    @property
+    def troubles(self) -> list[str]:
+        """What is not as it should be, in words; the names of what it is about come from the gateway."""
+        found = []
+        for key, words in TROUBLES:
+            some = self.health.get(key)
+            if isinstance(some, list) and some:
+                found.append(f"{words} {', '.join(str(one) for one in some[:MOST_NAMED])}" + _others(some))
+        return found
+
+
+TROUBLES = (
+    ("down", "not open: channel"),
+    ("failing", "failing: block"),
+    ("bad", "not good: point"),
+    ("sinks", "sink"),
+    ("problems", "problem:"),
+)
+"""What a gateway says of its health: lists of what is not all right, and how that is told."""
+MOST_NAMED = 3
+
+
+def _others(some: list[Any]) -> str:
+    return f" and {len(some) - MOST_NAMED} more" if len(some) > MOST_NAMED else ""
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What became of a file that was rolled out to a gateway: `how` it was applied, or the problems."""
+
+    gateway: str
+    ok: bool
+    how: str = ""
+    problems: tuple[str, ...] = ()
+
+
+class Fleet:
+    """The gateways of a group at a broker; `with` or `close` ends it. Threads may share it.
+
+    `changed(name)` is called in a thread of its own for everything that a gateway tells. Raises RequestError where the
+    broker cannot be reached or refuses, and without the library.
+    """
+
+    def __init__(self, access: BrokerAccess, group: str, changed: Callable[[str], None] = lambda name: None) -> None:
+        self.access, self.group = access, group
+        self.members: dict[str, Member] = {}
+        self._changed = changed
+        self._state = threading.Condition()
+        self._reason = ""
+        self._connected = self._echoed = False
+        self._answers: dict[tuple[str, str], dict[str, Any]] = {}
+        self._own = f"{group}/-{secrets.token_hex(8)}"  # no gateway has a topic of two parts
+        self._client = self._open()
+
+    def _open(self) -> Client:
+        try:
+            client = self.access.client(f"framekit-fleet-{secrets.token_hex(8)}", reconnects=True)
+        except ModuleNotFoundError:
+            raise RequestError("fleets need the library paho-mqtt – pip install 'framekit[mqtt]'") from None
+        except (OSError, ValueError) as error:
+            raise RequestError(f"the broker {self.access}: {error}") from None
+        client.on_connect = self._opened
+        client.on_disconnect = self._closed
+        client.on_message = self._heard
+        client.on_subscribe = lambda client, *_: client.publish(self._own, b"", 1)
+        try:
+            client.connect(*self.access.at, KEEPALIVE)
+        except (OSError, ValueError) as error:
+            raise RequestError(f"the broker {self.access} cannot be reached: {error}") from None
+        client.loop_start()
+        with self._state:
+            self._state.wait_for(lambda: self._echoed or self._reason, 2 * LONGEST_CONNECT)
+            reason = self._reason or ("" if self._echoed else "it does not answer")
+        if reason:
+            client.disconnect()
+            client.loop_stop()
+            raise RequestError(f"the broker {self.access} cannot be used: {reason}")
+        return client
+
+    def close(self) -> None:
+        """Hears no more."""
+        self._client.disconnect()
+        self._client.loop_stop()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    # ---- run files ----------------------------------------------------------------------------------------
+
+    def roll(self, names: Iterable[str], file: bytes, token: str, within: float = 60.0) -> list[Answer]:
+        """Rolls a run file out to gateways, all at once, and gives what each of them says within so many seconds.
+
+        Raises RequestError for a file that is too large or no text; nothing is sent then.
+        """
+        if len(file) > LARGEST_FILE:
+            raise RequestError(f"the file has {len(file)} bytes – {LARGEST_FILE} at most are rolled out")
+        try:
+            text = file.decode()
+        except UnicodeDecodeError:
+            raise RequestError("the file is no text in UTF-8") from None
+        asked: dict[str, str] = {}
+        found: dict[str, Answer] = {}
+        for name in dict.fromkeys(names):
+            member = self.members.get(name)
+            if member is None or not member.online:
+                found[name] = Answer(name, False, problems=("it is not there",))
+            elif not member.takes_files:
+                found[name] = Answer(name, False, problems=("it takes no files: its run file has no fleet: token:",))
+            else:
+                number, identity = member.said("number"), secrets.token_hex(8)
+                signed = signature(token, self.group, name, number, identity, file)
+                data = {"id": identity, "number": number, "file": text, "signature": signed}
+                asked[name] = identity
+                self._client.publish(topic(self.group, name, ROLL), as_message(data), 1)
+        until = time.monotonic() + within
+        for name, identity in asked.items():
+            key = (name, identity)
+            with self._state:
+                self._state.wait_for(lambda key=key: key in self._answers, max(0.0, until - time.monotonic()))  # type: ignore[misc]
+                said = self._answers.pop(key, None)
+            found[name] = _answer(name, said, within)
+        return [found[name] for name in dict.fromkeys(names)]
+
+    # ---- in the library's thread --------------------------------------------------------------------------
+
+    def _opened(self, client: Client, data: Any, flags: Any, reason: Any, properties: Any) -> None:
+        with self._state:
+            self._reason = str(reason) if reason.is_failure else ""
+            self._state.notify_all()
+        if not reason.is_failure:
+            topics = [topic(self.group, "+", what) for what in (ONLINE, BIRTH, HEALTH, ROLLED)]
+            client.subscribe([(one, 1) for one in (*topics, self._own)])
+
+    def _closed(self, client: Client, data: Any, flags: Any, reason: Any, properties: Any) -> None:
+        with self._state:
+            for member in self.members.values():  # nothing is known of them until the broker tells anew
+                member.online = False
+
+    def _heard(self, client: Client, data: Any, message: Any) -> None:
+        """What the broker keeps comes before the echo of what was published behind the subscription."""
+        if message.topic == self._own:
+            with self._state:
+                self._echoed = True
+                self._state.notify_all()
+            return
+        name, _, what = message.topic.removeprefix(f"{self.group}/").partition("/")
+        with self._state:
+            if what == ROLLED:
+                said = from_message(message.payload)
+                self._answers[name, str(said.get("id"))] = said
+                self._state.notify_all()
+                return
+            member = self.members.setdefault(name, Member(name))
+            if what == ONLINE:
+                member.online = message.payload == YES
+            elif what == BIRTH:
+                member.birth = from_message(message.payload)
+            else:
+                member.health = from_message(message.payload)
+        self._changed(name)
+
+
+def _answer(name: str, said: Mapping[str, Any] | None, within: float) -> Answer:
+    if said is None:
+        return Answer(name, False, problems=(f"it has not answered within {within:g} s",))
+    problems = said.get("problems")
+    told = tuple(str(one) for one in problems) if isinstance(problems, list) else ()
+    return Answer(name, said.get("ok") is True, str(said.get("how", "")), told)
+
+
+def file_of(path: Path) -> bytes:
+    """The content of a run file that is to be rolled out. Raises RequestError."""
+    try:
+        with path.open("rb") as stream:
+            return stream.read(LARGEST_FILE + 1)
+    except OSError as error:
+        raise RequestError(f"{path}: {error.strerror}") from None

@@ -1,0 +1,194 @@
+"""`framekit fleet BROKER`: the gateways that tell a broker how they are, and run files rolled out to them."""
+
+from __future__ import annotations
+
+import argparse
+import queue
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from framekit.cli.common import VerbError, WordsError, add, duration_of, in_words, print_json, table
+
+if TYPE_CHECKING:
+    from framekit.api.fleet import Answer, Fleet, Member
+    from framekit.sinks.broker import BrokerAccess
+    from framekit.sinks.secrets import Secret
+
+HEAD = ("gateway", "is", "run", "channels", "points", "version", "file", "health")
+LONGEST_ANSWER = 60.0
+"""Seconds in which gateways have to answer, unless said."""
+
+
+def add_fleet_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("broker", metavar="BROKER", help="the MQTT broker: HOST or HOST:PORT")
+    parser.add_argument("gateways", metavar="GATEWAY", nargs="*", help="only these; default: all that are known there")
+    parser.add_argument("--group", metavar="NAME", help="the fleet; default: framekit")
+    parser.add_argument("--user", metavar="NAME", default="", help="the user's name at the broker")
+    parser.add_argument("--password", metavar="env:NAME|file:NAME", help="where the password stands")
+    parser.add_argument(
+        "--tls", nargs="?", const="", metavar="FILE",
+        help="encrypted; the certificates (PEM) to check the broker's against, default: those of the system",
+    )  # fmt: skip
+    parser.add_argument("--watch", action="store_true", help="go on, and tell what changes")
+    add(parser, "--for")
+    parser.add_argument("--roll", metavar="RUN.yaml", type=Path, help="roll this run file out to the gateways named")
+    parser.add_argument("--all", action="store_true", help="roll it out to all that take files")
+    parser.add_argument("--token", metavar="env:NAME|file:NAME", help="where the token of these gateways stands")
+    parser.add_argument("--within", metavar="TIME", help="wait so long for the answers; default: 60 s")
+    add(parser, "--json")
+
+
+def run_fleet(arguments: argparse.Namespace) -> int:
+    from framekit.api.fleet import Fleet, file_of
+    from framekit.runfile.fleet import GROUP, name_of
+
+    refuse_useless(arguments)
+    duration = duration_of(arguments.duration)
+    within = duration_of(arguments.within)
+    try:
+        group = name_of(GROUP if arguments.group is None else arguments.group)
+    except ValueError as error:
+        raise WordsError(f"--group: {error}") from None
+    access = access_of(arguments)
+    token = "" if arguments.token is None else kept_secret("--token", arguments.token, "token").read()
+    changed: queue.SimpleQueue[str] = queue.SimpleQueue()
+    try:
+        with in_words():
+            file = None if arguments.roll is None else file_of(arguments.roll)
+            fleet = Fleet(access, group, changed.put)
+    except WordsError as error:
+        raise VerbError(str(error)) from None
+    with fleet:
+        missing = [name for name in arguments.gateways if name not in fleet.members]
+        if file is not None:
+            names = [*arguments.gateways] or [name for name, one in sorted(fleet.members.items()) if one.takes_files]
+            seconds = LONGEST_ANSWER if within is None else within / 1e9
+            return show_answers(fleet.roll(names, file, token, seconds), arguments.json)
+        if missing:
+            raise VerbError(f"there is no gateway '{missing[0]}' in the fleet '{group}' of {access}")
+        show(fleet, arguments)
+        if arguments.watch:
+            watch(fleet, arguments, changed, duration)
+    return 0
+
+
+def refuse_useless(arguments: argparse.Namespace) -> None:
+    """Raises WordsError for options that have no effect, or lack another one."""
+    if arguments.roll is None:
+        for name, given in (("--all", arguments.all), ("--token", arguments.token), ("--within", arguments.within)):
+            if given:
+                raise WordsError(f"{name} has no effect without --roll")
+        if arguments.duration is not None and not arguments.watch:
+            raise WordsError("--for has no effect without --watch")
+        return
+    if arguments.watch or arguments.duration is not None:
+        raise WordsError("--roll ends with the answers – leave --watch and --for out")
+    if arguments.token is None:
+        raise WordsError("--roll needs --token: where the token of these gateways stands")
+    if bool(arguments.gateways) == arguments.all:
+        raise WordsError("--roll needs the names of gateways, or --all")
+
+
+def access_of(arguments: argparse.Namespace) -> BrokerAccess:
+    """How the command line comes to the broker. Raises WordsError."""
+    from framekit.sinks.broker import BrokerAccess, place_of
+
+    try:
+        place = place_of(arguments.broker)
+    except ValueError as error:
+        raise WordsError(f"{error} – write HOST or HOST:PORT") from None
+    if arguments.password is not None and not arguments.user:
+        raise WordsError("--password has no effect without --user")
+    if arguments.tls and not Path(arguments.tls).is_file():
+        raise WordsError(f"--tls: there is no file '{arguments.tls}' – name a file of certificates (PEM)")
+    password = None if arguments.password is None else kept_secret("--password", arguments.password, "password")
+    return BrokerAccess(place, arguments.user, password, arguments.tls)
+
+
+def kept_secret(option: str, text: str, what: str) -> Secret:
+    """The secret that stands where an option says, and can be read. Raises WordsError."""
+    from framekit.sinks.secrets import secret_named
+
+    try:
+        found = secret_named(text, what)
+        found.read()
+    except (ValueError, OSError) as error:
+        raise WordsError(f"{option}: {error}") from None
+    return found
+
+
+# ---- what is shown --------------------------------------------------------------------------------------------
+
+
+def row_of(member: Member) -> tuple[str, ...]:
+    """A gateway in words."""
+    birth = member.birth
+    return (
+        member.name, "up" if member.online else "down", member.said("run"), str(birth.get("channels", "")),
+        str(birth.get("points", "")), member.said("version"), member.said("file"),
+        "; ".join(member.troubles) or ("good" if member.health else "-"),
+    )  # fmt: skip
+
+
+def data_of(member: Member) -> dict[str, Any]:
+    """The same for programs."""
+    birth = {name: value for name, value in member.birth.items() if name != "number"}
+    return {
+        "gateway": member.name, "online": member.online, **birth, "takes_files": member.takes_files,
+        "health": member.health,
+    }  # fmt: skip
+
+
+def wanted(fleet: Fleet, arguments: argparse.Namespace) -> list[Member]:
+    """The gateways that are asked for, by name."""
+    return [one for name, one in sorted(fleet.members.items()) if not arguments.gateways or name in arguments.gateways]
+
+
+def show(fleet: Fleet, arguments: argparse.Namespace) -> None:
+    """Prints all that are asked for."""
+    members = wanted(fleet, arguments)
+    if arguments.json:
+        for one in members:
+            print_json(data_of(one))
+    elif members:
+        print(table([row_of(one) for one in members], HEAD))
+    else:
+        print(f"no gateway of the fleet '{fleet.group}' has told {fleet.access} of itself")
+
+
+def watch(fleet: Fleet, arguments: argparse.Namespace, changed: queue.SimpleQueue[str], duration: int | None) -> None:
+    """Prints what changes, until the time (ns) is over or SIGINT comes."""
+    until = None if duration is None else time.monotonic() + duration / 1e9
+    shown = {one.name: row_of(one) for one in wanted(fleet, arguments)}
+    while until is None or time.monotonic() < until:
+        try:
+            name = changed.get(timeout=None if until is None else max(0.0, until - time.monotonic()))
+        except queue.Empty:
+            return
+        except KeyboardInterrupt:
+            return
+        member = fleet.members[name]
+        row = row_of(member)
+        if row == shown.get(name) or (arguments.gateways and name not in arguments.gateways):
+            continue
+        shown[name] = row
+        if arguments.json:
+            print_json(data_of(member))
+        else:
+            print(f"{time.strftime('%H:%M:%S')}  " + "  ".join(word for word in row if word), flush=True)
+
+
+def show_answers(answers: list[Answer], as_json: bool) -> int:
+    """Prints what gateways say of a file; the exit status."""
+    for one in answers:
+        if as_json:
+            data = {"gateway": one.gateway, "ok": one.ok, "how": one.how, "problems": list(one.problems)}
+            print_json({name: value for name, value in data.items() if value not in ("", [])})
+            continue
+        print(f"{one.gateway}: {one.how}" if one.ok else f"{one.gateway}: refused")
+        for problem in one.problems:
+            print(f"  {problem}")
+    if not answers:
+        print("no gateway takes files")
+    return 0 if answers and all(one.ok for one in answers) else 1

@@ -1,0 +1,96 @@
+"""Reads `fleet:` of a run file: the broker where a run tells how it is, and whether it takes run files from there."""
+
+from __future__ import annotations
+
+import re
+import socket
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from framekit.definition.keys import TEXT, Form, KeyReading, key, kind_schema, read_keys, ref
+from framekit.definition.load.documents import without_effect
+from framekit.definition.load.reader import Reader
+from framekit.definition.nodes import Node, unread
+from framekit.definition.problems import Position
+from framekit.sinks.broker import PASSWORD_DOC, PLACE, TLS, TLS_DOC, USER_DOC, BrokerAccess, Place, mistakes_of_access
+from framekit.sinks.secrets import SECRET, Secret
+
+GROUP = "framekit"
+"""The group of gateways that name none."""
+_NAME = re.compile(r"[^\s/+#$][^/+#]{0,63}")
+
+
+def name_of(text: str) -> str:
+    """A name that can stand in a topic. Raises ValueError."""
+    if _NAME.fullmatch(text) is None:
+        raise ValueError(f"'{text}' is no name here – write up to 64 characters without / + #")
+    return text
+
+
+def _name(reading: KeyReading, node: Node) -> str:
+    with reading.reader.refusing(node.at):
+        found = name_of(reading.reader.text(node).strip())
+    return found
+
+
+NAME = Form(ref("text"), _name)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fleet:
+    """What a run says of the fleet that it is one of. The key that has to be there is read last, so that all others
+    have been looked at when that is wrong."""
+
+    name: str = key(
+        "name", NAME, "What this gateway is called, which no other one may be; default: the name of the machine.",
+        default="",
+    )  # fmt: skip
+    group: str = key("group", NAME, f"The fleet; default: {GROUP}.", default=GROUP)
+    user: str = key("user", TEXT, USER_DOC, default="")
+    password: Secret | None = key("password", SECRET, PASSWORD_DOC, default=None)
+    tls: str | None = key("tls", TLS, TLS_DOC, default=None)
+    token: Secret | None = key(
+        "token", SECRET,
+        "Where the token stands with which run files are rolled out to this gateway: env:NAME, or file:NAME, a file "
+        "beside the run; default: none are taken.", default=None,
+    )  # fmt: skip
+    broker: Place = key("broker", PLACE, "The MQTT broker: HOST or HOST:PORT; default: port 1883, with tls 8883.")
+    at: Position
+
+    @property
+    def access(self) -> BrokerAccess:
+        """How it comes to the broker."""
+        return BrokerAccess(self.broker, self.user, self.password, self.tls)
+
+    @property
+    def gateway(self) -> str:
+        """The name of this gateway."""
+        return self.name or socket.gethostname()
+
+    def mistakes(self) -> Iterator[tuple[str, str, str]]:
+        """What is wrong with it: the key ('' for all of it), what it is, what to do."""
+        yield from mistakes_of_access(self.access, "mqtt")
+
+
+class _FleetLoader:
+    """What the keys need to be read."""
+
+    def __init__(self, reader: Reader, folder: Path) -> None:
+        self.reader, self.folder = reader, folder
+
+
+def read_fleet(reader: Reader, node: Node, folder: Path) -> Fleet:
+    """Raises Broken; other problems are noted."""
+    mapping = reader.mapping(node)
+    loader = _FleetLoader(reader, folder)
+    fleet = Fleet(at=mapping.at, **read_keys(Fleet, loader, mapping, broken=lambda: None))
+    reader.problems.extend(without_effect(entry, "in a fleet") for _, entry in unread(mapping))
+    for name, what, todo in fleet.mistakes():
+        reader.note((mapping.value(name) or mapping).at, what, todo)
+    return fleet
+
+
+def fleet_schema() -> dict[str, object]:
+    """The schema of `fleet:`."""
+    return kind_schema(Fleet, "fleet")

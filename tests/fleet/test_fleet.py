@@ -1,0 +1,341 @@
+"""Gateways as programs of their own at Debian's mosquitto: listed, lost, found again, and given other run files."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from points.mosquitto import Broker, Listener, needs_mosquitto
+
+from framekit.api.fleet import Fleet, Member
+from framekit.cli.main import main
+from framekit.sinks.broker import BrokerAccess, Place
+
+TOKEN = "a token of many letters"
+DEVICE = """device: meter
+protocol: modbus-tcp
+station: 1
+behave: {"40001": {counter: 1, every: 100 ms}}
+"""
+RUN = """run: meter
+channels:
+  1: {{port: "sim:meter.device.yaml", protocol: modbus-tcp, station: 1}}
+points:
+  count: {{channel: 1, address: "40001", every: 100 ms}}
+sinks:
+  - {{jsonl: rows.jsonl}}
+  - {{mqtt: "127.0.0.1:{port}", topic: "{name}/{{point}}", payload: plain}}
+fleet: {{broker: "127.0.0.1:{port}", name: {name}{more}}}
+"""
+
+
+def write_run(folder: Path, name: str, port: int, more: str = ', token: "env:FLEET_TOKEN"') -> Path:
+    folder.mkdir(exist_ok=True)
+    (folder / "meter.device.yaml").write_text(DEVICE, "utf-8")
+    path = folder / "meter.run.yaml"
+    path.write_text(RUN.format(port=port, name=name, more=more), "utf-8")
+    return path
+
+
+@contextmanager
+def gateway(path: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """`framekit run` of a file, ended as a service manager would."""
+    words = [sys.executable, "-m", "framekit", "run", str(path), "--json"]
+    with (path.parent / "printed").open("ab") as printed:
+        process = subprocess.Popen(
+            words, stdout=printed, stderr=printed, cwd=path.parent, env=os.environ | {"FLEET_TOKEN": TOKEN}
+        )
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.send_signal(signal.SIGTERM)
+        process.wait(30)
+
+
+class Watcher:
+    """The fleet as a user sees it, and waits for what it tells."""
+
+    def __init__(self, port: int) -> None:
+        self._change = threading.Condition()
+        self.fleet = Fleet(BrokerAccess(Place("127.0.0.1", port)), "framekit", self._changed)
+
+    def _changed(self, name: str) -> None:
+        with self._change:
+            self._change.notify_all()
+
+    def wait(self, name: str, until: Callable[[Member], object]) -> Member:
+        """The gateway, as soon as something holds of it."""
+        with self._change:
+            there = self._change.wait_for(
+                lambda: name in self.fleet.members and until(self.fleet.members[name]), timeout=60
+            )
+        assert there, self.fleet.members
+        return self.fleet.members[name]
+
+    def __enter__(self) -> Watcher:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.fleet.close()
+
+
+def is_well(member: Member) -> bool:
+    """Whether it is up, and reads its point."""
+    return member.online and member.health.get("bad") == [] and not member.troubles
+
+
+def rows(path: Path) -> list[Any]:
+    """The good values that a run has kept, in order."""
+    found = [json.loads(line) for line in path.read_text("utf-8").splitlines()]
+    return [one["value"] for one in found if one["quality"] == "good"]
+
+
+@needs_mosquitto
+def test_gateways_are_listed_and_told_of_when_they_end_or_are_killed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with Broker(tmp_path) as broker, Watcher(broker.port) as watcher:
+        first = write_run(tmp_path / "one", "one", broker.port)
+        second = write_run(tmp_path / "two", "two", broker.port, "")
+        with gateway(first), gateway(second) as killed:
+            assert watcher.wait("one", is_well).said("run") == "meter"
+            assert watcher.wait("one", is_well).takes_files and not watcher.wait("two", is_well).takes_files
+            assert main(["fleet", f"127.0.0.1:{broker.port}"]) == 0
+            shown = capsys.readouterr().out.splitlines()
+            assert [line.split()[:3] for line in shown[1:]] == [["one", "up", "meter"], ["two", "up", "meter"]]
+            killed.kill()
+            watcher.wait("two", lambda member: not member.online)
+        watcher.wait("one", lambda member: not member.online)
+        assert main(["fleet", f"127.0.0.1:{broker.port}", "one", "--json"]) == 0
+        told = json.loads(capsys.readouterr().out)
+        assert told["gateway"] == "one" and not told["online"] and told["points"] == 1 and "number" not in told
+        assert main(["fleet", f"127.0.0.1:{broker.port}", "three"]) == 1
+        assert "there is no gateway 'three'" in capsys.readouterr().err
+
+
+@needs_mosquitto
+def test_what_is_wrong_with_a_gateway_is_told(tmp_path: Path) -> None:
+    with Broker(tmp_path) as broker, Watcher(broker.port) as watcher:
+        path = write_run(tmp_path / "one", "one", broker.port)
+        path.write_text(path.read_text().replace("sim:meter.device.yaml", "tcp://127.0.0.1:1"))
+        with gateway(path):
+            member = watcher.wait("one", lambda member: member.health.get("down"))
+            assert member.online and member.health["bad"] == ["count"]
+            assert member.troubles[:2] == ["not open: channel 1", "not good: point count"]
+
+
+@needs_mosquitto
+def test_a_run_file_is_rolled_out_or_refused_whole(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with Broker(tmp_path) as broker, Watcher(broker.port) as watcher:
+        path = write_run(tmp_path / "one", "one", broker.port)
+        other = write_run(tmp_path / "two", "two", broker.port, "")
+        old, place = path.read_text(), f"127.0.0.1:{broker.port}"
+        rolled = tmp_path / "rolled.run.yaml"
+
+        def roll(text: str, token: str = TOKEN, name: str = "one") -> tuple[int, list[str]]:
+            rolled.write_text(text)
+            monkeypatch.setenv("ROLLING", token)
+            status = main(["fleet", place, name, "--roll", str(rolled), "--token", "env:ROLLING"])
+            return status, capsys.readouterr().out.splitlines()
+
+        with gateway(path), gateway(other):
+            watcher.wait("one", is_well)
+            watcher.wait("two", is_well)
+            wrong = {
+                "every: 100 ms": ("every: soon", "meter.run.yaml:5:48: 'soon' is not a time"),
+                "rows.jsonl": ("../rows.jsonl", "is not in the folder of the run file"),
+                "payload: plain": ("payload: plain, user: a, password: env:HOME", "a secret that the present one does"),
+                "name: one": ("name: two", "a rolled file stays in its fleet"),
+                "run: meter": ("run: [", "meter.run.yaml:"),
+            }
+            for part, (instead, told) in wrong.items():
+                status, lines = roll(old.replace(part, instead))
+                assert status == 1 and lines[0] == "one: refused" and told in "\n".join(lines[1:]), lines
+                assert path.read_text() == old
+            assert "signed" in roll(old, "another token of letters")[1][1]
+            assert roll(old, name="two") == (
+                1,
+                ["two: refused", "  it takes no files: its run file has no fleet: token:"],
+            )
+            assert roll(old, name="three") == (1, ["three: refused", "  it is not there"])
+
+            more = old.replace("sinks:", "  second: {channel: 1, address: '40001', every: 100 ms}\nsinks:")
+            assert roll(more) == (0, ["one: begun anew"])
+            assert path.read_text() == more and path.with_name("meter.run.yaml.before").read_text() == old
+            assert watcher.wait("one", lambda one: is_well(one) and one.birth["points"] == 2).online
+            blocks = 'memory: masterlogic\nblocks: {0: {read: "40001", into: "%MW0", channel: 1, every: 1 s}}\n'
+            status, lines = roll(more.replace("sinks:", f"{blocks}sinks:"))
+            assert (status, lines) == (0, ["one: begun anew"])
+            status, lines = roll(more.replace("sinks:", f"{blocks}sinks:").replace("every: 1 s", "every: 2 s"))
+            assert (status, lines) == (0, ["one: applied while it goes on: block 0 changed"])
+        counted = rows(path.with_name("rows.jsonl"))
+        assert counted and "Traceback" not in path.with_name("printed").read_text()
+
+
+@needs_mosquitto
+def test_a_run_that_cannot_begin_is_the_one_of_before_again(tmp_path: Path) -> None:
+    with Broker(tmp_path) as broker, Watcher(broker.port) as watcher:
+        path = write_run(tmp_path / "one", "one", broker.port)
+        path.with_name("kept").write_text("this is no state")
+        old = path.read_bytes()
+        with gateway(path):
+            watcher.wait("one", is_well)
+            wrong = old.replace(b"sinks:", b"memory: masterlogic\nstate: kept\nsinks:")
+            (answer,) = watcher.fleet.roll(["one"], wrong, TOKEN)
+            assert not answer.ok and "kept" in answer.problems[0], answer
+            assert path.read_bytes() == old
+            watcher.wait("one", is_well)
+            (answer,) = watcher.fleet.roll(["one"], old.replace(b"run: meter", b"run: other"), TOKEN)
+            assert answer.ok
+            assert watcher.wait("one", lambda one: is_well(one) and one.said("run") == "other").online
+
+
+@needs_mosquitto
+def test_what_was_rolled_out_once_cannot_be_sent_again(tmp_path: Path) -> None:
+    with Broker(tmp_path) as broker, Watcher(broker.port) as watcher:
+        path = write_run(tmp_path / "one", "one", broker.port)
+        old = path.read_bytes()
+        with gateway(path), Listener(broker.port, "framekit/one/#") as listener:
+            watcher.wait("one", is_well)
+            first = old.replace(b"run: meter", b"run: first")
+            (answer,) = watcher.fleet.roll(["one"], first, TOKEN)
+            assert answer.ok
+            watcher.wait("one", lambda one: one.said("run") == "first")
+            (answer,) = watcher.fleet.roll(["one"], old, TOKEN)
+            assert answer.ok
+            watcher.wait("one", lambda one: one.said("run") == "meter")
+            message = listener.of("framekit/one/roll")[0]
+            listener.wait(lambda: len(listener.of("framekit/one/rolled")) == 2)
+            listener.say("framekit/one/roll", message.decode())
+            listener.wait(lambda: len(listener.of("framekit/one/rolled")) == 3)
+            assert b"was sent before" in listener.of("framekit/one/rolled")[-1]
+            for rubbish in ("", "[]", "{", '{"id": 5}', "\0" * 10, '{"id": "1", "file": 3, "signature": "x"}'):
+                listener.say("framekit/one/roll", rubbish)
+            (answer,) = watcher.fleet.roll(["one"], old, TOKEN)
+            assert answer.ok
+        assert path.read_bytes() == old
+
+
+@needs_mosquitto
+def test_a_broker_that_starts_again_hears_of_all_anew(tmp_path: Path) -> None:
+    with Broker(tmp_path) as broker, Watcher(broker.port) as watcher:
+        path = write_run(tmp_path / "one", "one", broker.port)
+        with gateway(path), Listener(broker.port, "one/count", qos=0) as listener:
+            watcher.wait("one", is_well)
+            broker.kill()
+            watcher.wait("one", lambda one: True)
+            listener.listens = False
+            kept = len(rows(path.with_name("rows.jsonl")))
+            until = time.monotonic() + 60
+            while len(rows(path.with_name("rows.jsonl"))) < kept + 5 and time.monotonic() < until:
+                time.sleep(0.05)
+            watcher.fleet.members.clear()
+            broker.start()
+            watcher.wait("one", is_well)
+            last = rows(path.with_name("rows.jsonl"))[-1]
+            listener.wait(lambda: str(last).encode() in listener.of("one/count"))
+
+
+@needs_mosquitto
+@pytest.mark.long
+def test_a_kill_leaves_the_old_file_or_the_new_one(tmp_path: Path) -> None:
+    with Broker(tmp_path) as broker, Watcher(broker.port) as watcher:
+        path = write_run(tmp_path / "one", "one", broker.port)
+        old = path.read_bytes()
+        new = old.replace(b"sinks:", b"  second: {channel: 1, address: '40001'}\nsinks:")
+        for turn in range(4):
+            with gateway(path) as process:
+                watcher.wait("one", is_well)
+                rolling = threading.Thread(target=watcher.fleet.roll, args=(["one"], new, TOKEN, 1 + turn / 10))
+                rolling.start()
+                time.sleep(turn / 100)
+                process.kill()
+                process.wait()
+                rolling.join()
+            assert path.read_bytes() in (old, new)
+            watcher.wait("one", lambda one: not one.online)
+            path.write_bytes(old)
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("a:b", "'a:b' is no address of a broker – write HOST or HOST:PORT"),
+        ("a --all", "--all has no effect without --roll"),
+        ("a --within 3s", "--within has no effect without --roll"),
+        ("a --token env:HOME", "--token has no effect without --roll"),
+        ("a --for 3s", "--for has no effect without --watch"),
+        ("a --roll x.run.yaml --all", "--roll needs --token: where the token of these gateways stands"),
+        ("a --roll x.run.yaml --token env:HOME", "--roll needs the names of gateways, or --all"),
+        ("a one --all --roll x.run.yaml --token env:HOME", "--roll needs the names of gateways, or --all"),
+        (
+            "a --roll x.run.yaml --all --watch --token env:HOME",
+            "--roll ends with the answers – leave --watch and --for",
+        ),
+        ("a --all --roll x.run.yaml --token secret", "--token: a token does not stand on the command line"),
+        ("a --group a/b", "--group: 'a/b' is no name here – write up to 64 characters without / + #"),
+        ("a --password env:HOME", "--password has no effect without --user"),
+        ("a --user me --password 123", "--password: a password does not stand on the command line"),
+        ("a --tls none.pem", "--tls: there is no file 'none.pem'"),
+    ],
+)
+def test_words_that_say_nothing_are_refused(words: str, told: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["fleet", *words.split()]) == 2
+    assert f"framekit fleet: {told}" in capsys.readouterr().err
+
+
+def test_a_broker_that_is_not_there_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["fleet", "127.0.0.1:1"]) == 1
+    assert "framekit fleet: the broker 127.0.0.1:1 cannot be reached:" in capsys.readouterr().err
+
+
+def test_keys_of_a_fleet_are_checked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = write_run(tmp_path / "one", "a/b", 99999, ", password: secret, token: abc")
+    assert main(["check", str(path)]) == 1
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.partition("meter.run.yaml:")[2] for line in lines if ":9:" in line] == [
+        "9:17: '127.0.0.1:99999' is no address of a broker – write HOST or HOST:PORT",
+        "9:42: 'a/b' is no name here – write up to 64 characters without / + #",
+        "9:57: a secret does not stand in a run file – write env:NAME for the environment, or file:NAME",
+        "9:72: a secret does not stand in a run file – write env:NAME for the environment, or file:NAME",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (["--screen"], "--screen is not for runs of a fleet"),
+        (["--capture", "x.pcap"], "--capture is not for runs that files are rolled out to"),
+    ],
+)
+def test_what_has_no_place_in_a_fleet(
+    options: list[str], told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_run(tmp_path / "one", "one", 1883)
+    assert main(["run", str(path), "--for", "1s", *options]) == 2
+    assert told in capsys.readouterr().err
+
+
+def test_a_token_that_cannot_be_used_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_run(tmp_path / "one", "one", 1883)
+    monkeypatch.delenv("FLEET_TOKEN", raising=False)
+    assert main(["run", str(path), "--for", "1s"]) == 1
+    assert "fleet: the password is to stand in the environment as FLEET_TOKEN" in capsys.readouterr().err
+    monkeypatch.setenv("FLEET_TOKEN", "short")
+    assert main(["run", str(path), "--for", "1s"]) == 1
+    assert "fleet: the token has 5 characters – give 12 or more" in capsys.readouterr().err
