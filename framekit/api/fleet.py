@@ -20,6 +20,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from framekit.api.errors import RequestError
+from framekit.runfile.fleet import GROUP as GROUP
+from framekit.runfile.fleet import name_of as name_of
 from framekit.sinks.broker import KEEPALIVE, LONGEST_CONNECT, BrokerAccess
 
 if TYPE_CHECKING:

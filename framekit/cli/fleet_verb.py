@@ -40,8 +40,7 @@ def add_fleet_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_fleet(arguments: argparse.Namespace) -> int:
-    from framekit.api.fleet import Fleet, file_of
-    from framekit.runfile.fleet import GROUP, name_of
+    from framekit.api.fleet import GROUP, Fleet, file_of, name_of
 
     refuse_useless(arguments)
     duration = duration_of(arguments.duration)

@@ -1,0 +1,176 @@
+"""A fleet on this machine: 200 gateways of 50 points each at one mosquitto, which is killed and started again.
+
+`python -m benchmarks.fleet` starts the gateways in a few processes, waits until all are listed and well, kills the
+broker for some seconds while points change, and prints how long the list takes, how long it takes until all are there
+again, what the gateways take of a core, and whether a value was lost.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import multiprocessing
+import resource
+import shutil
+import socket
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from framekit.api.fleet import Fleet
+from framekit.sinks.broker import BrokerAccess, Place
+
+DEVICE = """device: meter
+protocol: modbus-tcp
+station: 1
+behave: {"40001": {counter: 1, every: 1 s}}
+"""
+PROCESSES = 4
+EVERY = 5
+"""Seconds between two readings of a point."""
+
+
+def write_gateway(folder: Path, number: int, port: int, points: int) -> Path:
+    """The run file of one gateway: points of one simulated device, read together, published with QoS 1."""
+    name = f"gw{number:03}"
+    here = folder / name
+    here.mkdir()
+    (here / "meter.device.yaml").write_text(DEVICE, "utf-8")
+    lines = [
+        f"run: {name}",
+        "channels:", '  1: {port: "sim:meter.device.yaml", protocol: modbus-tcp, station: 1}',
+        "points:",
+        *(f'  p{at}: {{channel: 1, address: "{40001 + at}", every: {EVERY} s}}' for at in range(points)),
+        "sinks:", f'  - {{mqtt: "127.0.0.1:{port}", topic: "values/{name}/{{point}}", payload: plain}}',
+        f'fleet: {{broker: "127.0.0.1:{port}", name: {name}}}',
+    ]  # fmt: skip
+    path = here / "meter.run.yaml"
+    path.write_text("".join(f"{line}\n" for line in lines), "utf-8")
+    return path
+
+
+def work(paths: list[Path], ended: Any, results: Any) -> None:
+    """Carries out several gateways in one process until the event is set; sends what became of their sinks."""
+    asyncio.run(_work(paths, ended, results))
+
+
+async def _work(paths: list[Path], ended: Any, results: Any) -> None:
+    from framekit.api.gateway import Gateway
+    from framekit.api.run import AsyncRun, loaded
+
+    gateways, runs = [], []
+    for path in paths:
+        model = loaded(path)
+        gateway, run = Gateway(path, model).__enter__(), AsyncRun(model)
+        gateway.begins(run)
+        run.start()
+        gateway.has_begun()
+        gateways.append(gateway)
+        runs.append(run)
+        await asyncio.sleep(0)
+    while not ended.is_set():
+        await asyncio.sleep(0.2)
+    for run in runs:
+        run.enable_channel(1, False)
+    until = time.monotonic() + 60
+    while time.monotonic() < until and any(sink.waiting for run in runs for sink in run.status().sinks):
+        await asyncio.sleep(0.2)
+    sinks = [sink for run in runs for sink in run.status().sinks]
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    results.put((sum(one.written for one in sinks), sum(one.waiting + one.dropped for one in sinks), used.ru_utime))
+    for run in runs:
+        await run.finish()
+    for gateway in gateways:
+        gateway.__exit__(None, None, None)
+
+
+class Broker:
+    """A mosquitto on a free port, which forgets everything when it is killed."""
+
+    def __init__(self, folder: Path) -> None:
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            self.port: int = free.getsockname()[1]
+        self._file = folder / "mosquitto.conf"
+        self._file.write_text(f"listener {self.port} 127.0.0.1\nallow_anonymous true\nmax_queued_messages 0\n")
+        self.start()
+
+    def start(self) -> None:
+        program = shutil.which("mosquitto", path="/usr/sbin:/usr/local/sbin:/usr/bin:/usr/local/bin")
+        assert program is not None, "mosquitto is not installed"
+        self._process = subprocess.Popen([program, "-c", str(self._file)], stderr=subprocess.DEVNULL)
+        while True:
+            try:
+                socket.create_connection(("127.0.0.1", self.port), 1).close()
+                return
+            except OSError:
+                time.sleep(0.01)
+
+    def kill(self) -> None:
+        self._process.kill()
+        self._process.wait()
+
+
+def until_all(fleet: Fleet, count: int, holds: Callable[[Any], object]) -> float:
+    """Seconds until that many gateways are there and something holds of them."""
+    began = time.monotonic()
+    while sum(1 for one in list(fleet.members.values()) if one.online and holds(one)) < count:
+        assert time.monotonic() < began + 300, "they are not all there"
+        time.sleep(0.02)
+    return time.monotonic() - began
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--gateways", type=int, default=200)
+    parser.add_argument("--points", type=int, default=50)
+    parser.add_argument(
+        "--seconds", type=float, default=30, help="how long all of them go on before the broker is killed"
+    )
+    words = parser.parse_args()
+    figures: dict[str, Any] = {"gateways": words.gateways, "points": words.gateways * words.points}
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        broker = Broker(folder)
+        access = BrokerAccess(Place("127.0.0.1", broker.port))
+        fleet = Fleet(access, "framekit")
+        context = multiprocessing.get_context("spawn")
+        ended, results = context.Event(), context.Queue()
+        paths = [write_gateway(folder, number, broker.port, words.points) for number in range(words.gateways)]
+        began = time.monotonic()
+        processes = [
+            context.Process(target=work, args=(paths[at::PROCESSES], ended, results)) for at in range(PROCESSES)
+        ]
+        for process in processes:
+            process.start()
+        is_well = lambda one: one.health.get("bad") == []  # noqa: E731
+        until_all(fleet, words.gateways, is_well)
+        figures["all well after (s)"] = round(time.monotonic() - began, 1)
+        began = time.monotonic()
+        with Fleet(access, "framekit") as another:
+            assert len(another.members) == words.gateways
+            figures["list of all (ms)"] = round((time.monotonic() - began) * 1e3, 1)
+        time.sleep(words.seconds)
+        broker.kill()
+        time.sleep(5)
+        fleet.members.clear()
+        broker.start()
+        figures["all again after a restart of the broker (s)"] = round(until_all(fleet, words.gateways, is_well), 1)
+        ended.set()
+        found = [results.get() for _ in processes]
+        seconds = time.monotonic() - began
+        for process in processes:
+            process.join()
+        fleet.close()
+        broker.kill()
+    figures["samples published"] = sum(one[0] for one in found)
+    figures["samples lost"] = sum(one[1] for one in found)
+    figures["of a core"] = f"{sum(one[2] for one in found) / seconds:.0%}, the start included"
+    print(json.dumps(figures, indent=1))
+
+
+if __name__ == "__main__":
+    main()
