@@ -112,7 +112,7 @@ def _others(some: list[Any]) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class GatewayAnswer:
     """What became of a file that was rolled out to a gateway: `how` it was applied, or the problems."""
 
     gateway: str
@@ -177,7 +177,7 @@ class Fleet:
 
     # ---- run files ----------------------------------------------------------------------------------------
 
-    def roll(self, names: Iterable[str], file: bytes, token: str, within: float = 60.0) -> list[Answer]:
+    def roll(self, names: Iterable[str], file: bytes, token: str, within: float = 60.0) -> list[GatewayAnswer]:
         """Rolls a run file out to gateways, all at once, and gives what each of them says within so many seconds.
 
         Raises RequestError for a file that is too large or no text; nothing is sent then.
@@ -189,13 +189,13 @@ class Fleet:
         except UnicodeDecodeError:
             raise RequestError("the file is no text in UTF-8") from None
         asked: dict[str, str] = {}
-        found: dict[str, Answer] = {}
+        found: dict[str, GatewayAnswer] = {}
         for name in dict.fromkeys(names):
             member = self.members.get(name)
             if member is None or not member.online:
-                found[name] = Answer(name, False, problems=("it is not there",))
+                found[name] = GatewayAnswer(name, False, problems=("it is not there",))
             elif not member.takes_files:
-                found[name] = Answer(name, False, problems=("it takes no files: its run file has no fleet: token:",))
+                found[name] = GatewayAnswer(name, False, problems=("it takes no files: its run file has no fleet: token:",))
             else:
                 number, identity = member.said("number"), secrets.token_hex(8)
                 signed = signature(token, self.group, name, number, identity, file)
@@ -250,12 +250,12 @@ class Fleet:
         self._changed(name)
 
 
-def _answer(name: str, said: Mapping[str, Any] | None, within: float) -> Answer:
+def _answer(name: str, said: Mapping[str, Any] | None, within: float) -> GatewayAnswer:
     if said is None:
-        return Answer(name, False, problems=(f"it has not answered within {within:g} s",))
+        return GatewayAnswer(name, False, problems=(f"it has not answered within {within:g} s",))
     problems = said.get("problems")
     told = tuple(str(one) for one in problems) if isinstance(problems, list) else ()
-    return Answer(name, said.get("ok") is True, str(said.get("how", "")), told)
+    return GatewayAnswer(name, said.get("ok") is True, str(said.get("how", "")), told)
 
 
 def file_of(path: Path) -> bytes:

@@ -40,7 +40,7 @@ from framekit.definition.problems import DefinitionError, Problem
 from framekit.definition.sources import fingerprint
 from framekit.run.edit import Edit
 from framekit.run.model import RunModel
-from framekit.runfile.fleet import Fleet
+from framekit.runfile.fleet import FleetSection
 from framekit.runfile.run_file import load_run
 from framekit.sinks.broker import KEEPALIVE
 from framekit.sinks.secrets import Secret
@@ -67,7 +67,7 @@ class Gateway:
     """
 
     def __init__(self, path: Path, model: RunModel) -> None:
-        fleet: Fleet = model.fleet
+        fleet: FleetSection = model.fleet
         self.path, self.fleet, self.name = path, fleet, fleet.gateway
         self.over = asyncio.Event()
         self.next_run: RunModel | None = None

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from framekit.cli.common import VerbError, WordsError, add, duration_of, in_words, print_json, table
 
 if TYPE_CHECKING:
-    from framekit.api.fleet import Answer, Fleet, Member
+    from framekit.api.fleet import GatewayAnswer, Fleet, Member
     from framekit.sinks.broker import BrokerAccess
     from framekit.sinks.secrets import Secret
 
@@ -178,7 +178,7 @@ def watch(fleet: Fleet, arguments: argparse.Namespace, changed: queue.SimpleQueu
             print(f"{time.strftime('%H:%M:%S')}  " + "  ".join(word for word in row if word), flush=True)
 
 
-def show_answers(answers: list[Answer], as_json: bool) -> int:
+def show_answers(answers: list[GatewayAnswer], as_json: bool) -> int:
     """Prints what gateways say of a file; the exit status."""
     for one in answers:
         if as_json:

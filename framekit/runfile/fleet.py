@@ -38,7 +38,7 @@ NAME = Form(ref("text"), _name)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Fleet:
+class FleetSection:
     """What a run says of the fleet that it is one of. The key that has to be there is read last, so that all others
     have been looked at when that is wrong."""
 
@@ -80,11 +80,11 @@ class _FleetLoader:
         self.reader, self.folder = reader, folder
 
 
-def read_fleet(reader: Reader, node: Node, folder: Path) -> Fleet:
+def read_fleet(reader: Reader, node: Node, folder: Path) -> FleetSection:
     """Raises Broken; other problems are noted."""
     mapping = reader.mapping(node)
     loader = _FleetLoader(reader, folder)
-    fleet = Fleet(at=mapping.at, **read_keys(Fleet, loader, mapping, broken=lambda: None))
+    fleet = FleetSection(at=mapping.at, **read_keys(FleetSection, loader, mapping, broken=lambda: None))
     reader.problems.extend(without_effect(entry, "in a fleet") for _, entry in unread(mapping))
     for name, what, todo in fleet.mistakes():
         reader.note((mapping.value(name) or mapping).at, what, todo)
@@ -93,4 +93,4 @@ def read_fleet(reader: Reader, node: Node, folder: Path) -> Fleet:
 
 def fleet_schema() -> dict[str, object]:
     """The schema of `fleet:`."""
-    return kind_schema(Fleet, "fleet")
+    return kind_schema(FleetSection, "fleet")
