@@ -195,7 +195,9 @@ class Fleet:
             if member is None or not member.online:
                 found[name] = GatewayAnswer(name, False, problems=("it is not there",))
             elif not member.takes_files:
-                found[name] = GatewayAnswer(name, False, problems=("it takes no files: its run file has no fleet: token:",))
+                found[name] = GatewayAnswer(
+                    name, False, problems=("it takes no files: its run file has no fleet: token:",)
+                )
             else:
                 number, identity = member.said("number"), secrets.token_hex(8)
                 signed = signature(token, self.group, name, number, identity, file)

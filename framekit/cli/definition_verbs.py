@@ -168,6 +168,9 @@ def run_decode(arguments: argparse.Namespace) -> int:
     codec = load_codec(arguments.protocol)
     if arguments.capture is not None:
         return decode_capture(codec.protocol, arguments)
+    for option in ("to", "values", "jobs", "engine"):
+        if getattr(arguments, option) is not None:
+            raise WordsError(f"--{option} has no effect without --capture – add it, or remove this")
     names = context(codec, arguments.set)
     data = hex_bytes(" ".join(arguments.bytes))
     tried = frames_tried(codec, arguments.frame, arguments.side)
@@ -275,6 +278,10 @@ def add_capture_arguments(parser: argparse.ArgumentParser, bytes_: argparse.Acti
         "--to", metavar="OUT.parquet", type=Path,
         help="write rows to a table, a folder with a Parquet file for each capture, and print the counts only",
     )  # fmt: skip
+    parser.add_argument(
+        "--values", metavar="OUT.csv", type=Path,
+        help="write what requests and replies say of the values in devices to a table, as a sink does",
+    )  # fmt: skip
     parser.add_argument("--jobs", metavar="N", type=int, help="with --to: so many processes; default: one a core")
     parser.add_argument(
         "--engine",
@@ -294,11 +301,15 @@ def decode_capture(protocol: Protocol, arguments: argparse.Namespace) -> int:
     from framekit.api.monitor import decoder, result_of
     from framekit.codec.plain import PlainValues
 
+    if arguments.to is not None and arguments.values is not None:
+        raise WordsError("--to and --values write different tables – leave one of them out")
     if arguments.to is not None:
         return _archive(protocol, arguments)
     for option in ("jobs", "engine"):
         if getattr(arguments, option) is not None:
             raise WordsError(f"--{option} has no effect without --to – add --to OUT.parquet, or remove it")
+    if arguments.values is not None:
+        return _values(protocol, arguments)
     wanted, plain = filter_of(arguments), PlainValues(protocol)
     counts: Counter[str] = Counter()
     if _matching(arguments.capture):
@@ -377,6 +388,35 @@ def _archive(protocol: Protocol, arguments: argparse.Namespace) -> int:
     if not arguments.json:
         print(f"{arguments.to}: {plural(rows, 'row')} of {plural(len(captures), 'capture')}; {_counted(total)}")
     return 1 if is_wrong else 0
+
+
+def _values(protocol: Protocol, arguments: argparse.Namespace) -> int:
+    """Writes the values in a capture to a table. Raises VerbError."""
+    from framekit.api.captured import captured_values, write_values
+    from framekit.api.monitor import decoder
+
+    useless = {"--ascii": arguments.ascii, "--filter": arguments.filter, "--frame-name": arguments.frame_name}
+    for option, given in (useless | {"--bad": arguments.bad, "--json": arguments.json}).items():
+        if given:
+            raise WordsError(f"{option} has no effect with --values – remove it")
+    if arguments.values.suffix != ".csv":
+        raise WordsError(f"--values {arguments.values}: write a name that ends in .csv")
+    path, given = existing(arguments.capture), assignments(arguments.set)
+    try:
+        with in_words():
+            found = decoder(path, protocol, line=line_of(protocol, arguments), params=given, client=arguments.client)
+            values = captured_values(found, protocol, arguments.protocol, given)
+            count, points = write_values(values, arguments.values)
+    except OSError as error:
+        raise VerbError(why_not(error)) from None
+    except ValueError as error:
+        raise VerbError(str(error)) from None
+    if found.is_cut:
+        print(f"{arguments.capture}: {_CUT}", file=sys.stderr)
+    print(f"{arguments.values}: {plural(count, 'value')} of {plural(points, 'place')}")
+    if not count:
+        print("no request with a reply of one frame tells a value – look at the frames themselves", file=sys.stderr)
+    return 0 if count else 1
 
 
 def _text(plain: PlainValues, channel: int, seen: Seen, as_ascii: bool) -> str:

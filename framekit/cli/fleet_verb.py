@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from framekit.cli.common import VerbError, WordsError, add, duration_of, in_words, print_json, table
 
 if TYPE_CHECKING:
-    from framekit.api.fleet import GatewayAnswer, Fleet, Member
+    from framekit.api.fleet import Fleet, GatewayAnswer, Member
     from framekit.sinks.broker import BrokerAccess
     from framekit.sinks.secrets import Secret
 
