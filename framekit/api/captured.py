@@ -44,6 +44,7 @@ def captured_values(
         memory = load_devices(name, Path.cwd())[0].create_memory()
     except DefinitionError as error:
         raise RequestError(f"the values of '{name}' have no place: {error.problems[0]}") from None
+
     def line_of(channel: int) -> Overheard:
         if channel not in lines:
             lines[channel] = Overheard(protocol, codec, memory, Names({}, scope))
