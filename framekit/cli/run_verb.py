@@ -170,17 +170,18 @@ class RealRun:
         self._make_output, self._output = make_output, output
         self._ended = asyncio.Event()
         self._gateway: Gateway | None = None
+        self._left: int | None = None
+        """How long it is still to go on (ns); None: until it is ended."""
 
     async def carry_out(self, loaded: RunModel, duration: int | None) -> list[str]:
         """Runs until the time is over, or SIGINT or SIGTERM asks to stop; what could not be kept or captured."""
         on_stop(self._ended.set)
         unread = Unread(asyncio.get_running_loop(), self._ended.set)
-        loop = asyncio.get_running_loop()
-        until_then = None if duration is None else loop.time() + duration / 1e9
+        self._left = duration
         with self._in_fleet(loaded):
             page = WebPage(self._arguments)
             while True:
-                problems = await self._one(loaded, page, unread, until_then)
+                problems = await self._one(loaded, page, unread)
                 gateway = self._gateway
                 if gateway is None or gateway.next_run is None or unread.error is not None:
                     break
@@ -216,7 +217,7 @@ class RealRun:
             self._output = self._make_output(before)
             return made(AsyncRun, before, page.monitor(self._output.seen), self.watch)
 
-    async def _one(self, loaded: RunModel, page: WebPage, unread: Unread, until_then: float | None) -> list[str]:
+    async def _one(self, loaded: RunModel, page: WebPage, unread: Unread) -> list[str]:
         gateway, loop = self._gateway, asyncio.get_running_loop()
         run = self._begun(loaded, page)
         output = self._output
@@ -232,15 +233,17 @@ class RealRun:
                 if self._arguments.control:
                     control(run, output, self._ended.set)
                 watching = None if self.watched is None else loop.create_task(_watch_file(self.watched, run, output))
+                began = loop.time()
                 try:
-                    left = None if until_then is None else max(0, round((until_then - loop.time()) * 1e9))
-                    await until(left, self._ended, *([] if gateway is None else [gateway.over]))
+                    await until(self._left, self._ended, *([] if gateway is None else [gateway.over]))
                 finally:
                     if watching is not None:
                         watching.cancel()
                     if unread.error is None:
                         self.watch.at_end()
                     await run.finish()
+        if self._left is not None:
+            self._left = max(0, self._left - round((loop.time() - began) * 1e9))
         return [] if unread.error is not None else _summary(run, output)
 
 

@@ -15,6 +15,7 @@ from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from framekit.definition.expression import names_in
 from framekit.definition.model.services import BASES, AddressForm, Area, Literally, Maybe, Part
 from framekit.definition.model.values import Constant, Table
 from framekit.definition.problems import Problem, did_you_mean
@@ -85,6 +86,10 @@ class FormMatcher:
         self.area_of = None if form.area is None or isinstance(form.area, str) else compile_expression(form.area)
         self.results = _in_order(form)
         self.start_inverse: Inverse | None = None if "start" not in form.results else inverse_of(form.results["start"])
+        start = form.results.get("start")
+        only = None if start is None or any(True for _ in names_in(start.root)) else compile_expression(start)(Names())
+        self.only_start = only if isinstance(only, int) else None
+        """Where the place is of a form that names one place of each area."""
         self.flat = [part for item in form.parts for part in (item.parts if isinstance(item, Maybe) else (item,))]
         self.patterns = self._patterns()
         if not self.has_start:
@@ -235,7 +240,7 @@ class FormMatcher:
                 known[self.start_inverse.name] = self.start_inverse.solve(start, names)
             except EVALUATION_ERRORS:
                 return None
-        elif "start" in self.form.results:
+        elif "start" in self.form.results and start != self.only_start:
             return None
         known["start"] = start
         return self._text(area, unit, known)

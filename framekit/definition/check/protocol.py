@@ -16,7 +16,7 @@ from framekit.definition.check.typed import check_kinds
 from framekit.definition.expression import Bytes, Expression, List, Name, Number, Real, Text, is_constant
 from framekit.definition.kinds.base import constant_number
 from framekit.definition.model.frames import Frame, bytes_of, parts_of
-from framekit.definition.model.procedure import Sequence
+from framekit.definition.model.procedure import Row, Sequence
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import Parameter, Queue, StateVariable
 from framekit.definition.model.segments import Check, Const, Data, Field, Inner, Segment
@@ -142,6 +142,24 @@ def check_sections(protocol: Protocol) -> Iterator[Problem]:
     yield from _line(protocol)
     yield from _marks(protocol)
     yield from _delimiter(protocol)
+
+
+def _groups(protocol: Protocol) -> Iterator[Problem]:
+    """Groups in which no frame is, and rows that wait for the frames of such a one, also where another file says so."""
+    if not protocol.frames:
+        return
+    empty = [group for group in protocol.groups.values() if not group.frames]
+    for group in empty:
+        if group.at.file == protocol.at.file:
+            what = f"no frame is in the group '{group.name}'"
+            yield Problem(group.at, what, f"write group: {group.name} in frames, or remove it", warning=True)
+    names = " or ".join(f"'{group.name}'" for group in empty if group.at.file != protocol.at.file)
+    for sequence in protocol.sequences.values() if names else ():
+        for row in parts_of(sequence, Row):
+            if not row.frames and not row.expected and row.queue is None and row.room is None:
+                what = f"the sequence '{sequence.name}' waits for a frame of the group {names}, and no frame is in it"
+                yield Problem(protocol.at, what, "write group: with that name in frames", warning=True)
+                break
 
 
 def _names(protocol: Protocol) -> Iterator[Problem]:
@@ -340,7 +358,7 @@ def check_protocol(
     `broken`: names of things that could not be loaded, whose problems have been told; that they are missing is none.
     `words_of_forms`: the same for what broken forms of addresses may offer.
     """
-    are_forms_known = not broken
+    is_whole = not broken
     broken |= words_of_forms
     problems = NameChecker(protocol, broken).check()
     ends = FrameEnds(protocol)
@@ -351,7 +369,7 @@ def check_protocol(
     problems += check_procedure(protocol, broken)
     problems += check_services(protocol, broken)
     problems += check_commands(protocol, broken)
-    if are_forms_known:
-        problems += check_forms(protocol.addresses, protocol.areas, protocol.tables)
+    if is_whole:
+        problems += [*_groups(protocol), *check_forms(protocol.addresses, protocol.areas, protocol.tables)]
     told = {problem.at for problem in problems}
     return [*problems, *(problem for problem in check_kinds(protocol) if problem.at not in told)]
