@@ -183,6 +183,7 @@ class Reception:
         self._announcing = frozenset(info.name for info in infos if info.announces)
         self._known: dict[tuple[Any, ...], tuple[tuple[str, ...], tuple[str, ...]] | None] = {}
         self._waiting: list[Any] = []
+        self._own_gap = True
         self.machine.has_bytes = lambda: not receiver.is_empty
         self.machine.stream_place = lambda: receiver.stream.offset
         self.machine.drop_stale = self.drop_stale
@@ -200,9 +201,11 @@ class Reception:
         event = receiver.next(*self.expected)
         if event is None:
             waiting = receiver.waiting
+            is_wanted = not waiting
             for run in self.lanes.order:
                 if run.state is State.RECEIVING and (waiting or run.candidate is not None):
-                    self._note_progress(run, waiting)
+                    is_wanted |= self._note_progress(run, waiting)
+            receiver.pauses.own_gap = self._own_gap or not is_wanted  # no step limits the pauses of other frames
             return False
         if isinstance(event, FrameArrived):
             self._frame(event)
@@ -229,8 +232,8 @@ class Reception:
                 is_limited = is_limited or run.complete is not None or run.longest < NEVER
             elif run.state is State.HELD:
                 waiting.append(State.HELD)
-        pauses = self.receiver.pauses
-        pauses.own_gap, pauses.is_idle = not own_gap, not is_limited
+        pauses, self._own_gap = self.receiver.pauses, not own_gap
+        pauses.own_gap, pauses.is_idle = self._own_gap, not is_limited
         if waiting == self._waiting:
             return
         self._waiting, steps = waiting, tuple(waiting)
@@ -258,14 +261,16 @@ class Reception:
         expected = tuple(names)
         return expected, tuple(name for name in self._all if name not in names) if others else ()
 
-    def _note_progress(self, run: Run, waiting: tuple[str, ...]) -> None:
-        """The clock of a run for which a frame is arriving, or turned out not to be."""
+    def _note_progress(self, run: Run, waiting: tuple[str, ...]) -> bool:
+        """The clock of a run for which a frame is arriving, or turned out not to be; whether one is."""
         receiver = self.receiver
-        if any(name in run.expected for name in waiting):
+        is_arriving = any(name in run.expected for name in waiting)
+        if is_arriving:
             limited = receiver.pauses.defines_gap and receiver.pauses.own_gap
             frame_arriving(run, receiver.waiting_since, receiver.stream.last, limited)
         else:
             frame_gone(run, self.machine.scope.now)
+        return is_arriving
 
     # ---- arrivals -----------------------------------------------------------------------------------------
 
