@@ -8,7 +8,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 
-from framekit.definition.expression import Attribute, Expression, Name, walk
+from framekit.definition.expression import Attribute, Expression, Name, names_in, walk
+from framekit.definition.model.frames import expressions_of
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import (
     BASES,
@@ -42,6 +43,18 @@ def check_forms(
         yield from _type(form)
         yield from _counts(form, tables)
         yield from _names(form, parts, columns, tables)
+
+
+def check_parts(protocol: Protocol) -> Iterator[Problem]:
+    """Numbers and words of forms that nothing reads: addresses that differ in them would mean one place."""
+    services = (part for rows in protocol.services.values() for part in expressions_of(list(rows)))
+    read = {name for part in services for name in names_in(part.root)}
+    for form in protocol.addresses:
+        known = read.union(*(names_in(result.root) for result in form.results.values()))
+        for part in parts_in(form):
+            if part.what not in ("area", "column", "unit") and part.name != "start" and part.name not in known:
+                what = f"nothing reads '{part.name}' of the form \"{form.text}\": it has no effect"
+                yield Problem(form.at, what, f"say in start: what '{part.name}' does, or send it", warning=True)
 
 
 def is_unit(text: str) -> bool:

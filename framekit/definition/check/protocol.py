@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from decimal import Decimal
 from typing import Any
 
-from framekit.definition.check.addresses import check_forms
+from framekit.definition.check.addresses import check_forms, check_parts
 from framekit.definition.check.frames import FrameEnds, check_frame
 from framekit.definition.check.names import NameChecker
 from framekit.definition.check.procedure import check_procedure
@@ -371,5 +371,6 @@ def check_protocol(
     problems += check_commands(protocol, broken)
     if is_whole:
         problems += [*_groups(protocol), *check_forms(protocol.addresses, protocol.areas, protocol.tables)]
+        problems += check_parts(protocol)
     told = {problem.at for problem in problems}
     return [*problems, *(problem for problem in check_kinds(protocol) if problem.at not in told)]
