@@ -234,6 +234,9 @@ class Check(Segment):
         if self.ends and self.verify != "error":
             what = f"a wrong code is no fault here (verify: {self.verify}), so it cannot end the frame"
             yield Problem(self.at, what, "leave ends or verify out")
+        if self.refuse is not None:
+            what = "a frame with a wrong code is bad, and is never refused with a code"
+            yield Problem(self.at, what, "leave refuse out, and say in on_bad: what is done then")
         if self.wire and self.covers is None:
             what = "without over: a check code counts what stands on the wire already"
             yield Problem(self.at, what, "leave wire out, or say in over: what it covers")
