@@ -36,6 +36,8 @@ ROWS_AT_ONCE = 50_000
 """So many rows of a capture are in memory at most."""
 
 CLUSTER = "dask://"
+LONGEST_CONNECT = 10.0
+"""Seconds in which a cluster has to answer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +151,7 @@ def _cluster(engine: str) -> Iterator[Results]:
     except ImportError:
         raise RequestError(f"{engine} needs the library distributed – pip install 'framekit[dask]'") from None
     try:
-        client = distributed.Client(f"tcp://{place}", timeout=10, set_as_default=False)
+        client = distributed.Client(f"tcp://{place}", timeout=LONGEST_CONNECT, set_as_default=False)
     except (OSError, ValueError) as error:
         raise RequestError(f"{engine} does not answer: {error}") from None
     with client, client.as_current():

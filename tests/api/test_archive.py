@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from framekit.api import archive as archive_module
 from framekit.api.archive import archive
 from framekit.api.errors import RequestError
 from framekit.cli.main import main
@@ -129,6 +130,7 @@ def test_what_cannot_be_read_is_told_and_the_rest_is_there(
 def test_what_is_wrong_with_the_words(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], words: str, problem: str
 ) -> None:
+    monkeypatch.setattr(archive_module, "LONGEST_CONNECT", 1.0)
     if "dask" in words:
         pytest.importorskip("distributed", reason="distributed is not installed")
     monkeypatch.chdir(tmp_path)

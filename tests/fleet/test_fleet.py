@@ -256,7 +256,7 @@ def test_a_kill_leaves_the_old_file_or_the_new_one(tmp_path: Path) -> None:
         path = write_run(tmp_path / "one", "one", broker.port)
         old = path.read_bytes()
         new = old.replace(b"sinks:", b"  second: {channel: 1, address: '40001'}\nsinks:")
-        for turn in range(4):
+        for turn in range(3):
             with gateway(path) as process:
                 watcher.wait("one", is_well)
                 rolling = threading.Thread(target=watcher.fleet.roll, args=(["one"], new, TOKEN, 1 + turn / 10))

@@ -215,9 +215,9 @@ def test_nothing_is_lost_by_a_few_kills(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_nothing_is_lost_by_50_kills(tmp_path: Path) -> None:
-    figures = kill_at_random(tmp_path, changes=5_000, kills=50, pause=0.002, seed=int(time.time()))
-    assert figures["kept"] > 4_000
+def test_nothing_is_lost_by_30_kills(tmp_path: Path) -> None:
+    figures = kill_at_random(tmp_path, changes=3_000, kills=30, pause=0.002, seed=int(time.time()))
+    assert figures["kept"] > 2_400
 
 
 if __name__ == "__main__":
