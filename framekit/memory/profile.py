@@ -21,7 +21,7 @@ from framekit.definition.load.documents import Documents, merged
 from framekit.definition.load.namespace import load_table
 from framekit.definition.load.reader import MOST_ELEMENTS, Broken, Reader
 from framekit.definition.load.services import load_address_forms
-from framekit.definition.model.services import UNIT_BITS, AddressForm, Part
+from framekit.definition.model.services import NUMBER_BITS, UNIT_BITS, AddressForm, Part
 from framekit.definition.model.services import Area as AreaModel
 from framekit.definition.model.values import Table
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar
@@ -189,7 +189,7 @@ PLAIN = AddressForm(
 """How places are written where a profile does not say: `M100`, counted in the area's own unit."""
 
 _ACCESS: dict[str, Literal["rw", "read"]] = {"rw": "rw", "read": "read"}
-_AREA_KEYS = ("unit", "size", "access", "aliases", "retained", "about")
+_AREA_KEYS = ("unit", "type", "size", "access", "aliases", "retained", "about")
 _KINDS: dict[str, FixedKind] = {kind: kind for kind in get_args(FixedKind)}
 
 
@@ -305,10 +305,12 @@ class ProfileLoader:
         columns = self._columns(node)
         access = reader.maybe(lambda value: reader.one_of(value, _ACCESS, "an access"), node.get("access"))
         about = reader.maybe(reader.text, node.get("about"))
+        element_bits = self._unit_bits(unit, entry.value if given is None else given)
         return ProfileArea(
             name=name,
             unit=unit,
-            element_bits=self._unit_bits(unit, entry.value if given is None else given),
+            type=self._type(node.get("type"), unit, element_bits),
+            element_bits=element_bits,
             size=self._at_least(1, self._needed(entry, "size")),
             access=access or "rw",
             codes={},
@@ -320,6 +322,18 @@ class ProfileLoader:
             retained=reader.flag(node.get("retained")),
             about=about or "",
         )
+
+    def _type(self, node: Node | None, unit: str, element_bits: int) -> str | None:
+        """The type of number that elements hold; None: one without sign. Raises Broken."""
+        if node is None:
+            return None
+        text = self.reader.text(node)
+        if text not in NUMBER_BITS:
+            raise self.reader.broken(node.at, f"'{text}' is no type of number", did_you_mean(text, NUMBER_BITS))
+        if NUMBER_BITS[text] != element_bits:
+            todo = f"give a unit of {NUMBER_BITS[text]} bits, or another type"
+            raise self.reader.broken(node.at, f"a {text} is no {unit}, which an element is", todo)
+        return text
 
     def _columns(self, node: Mapping) -> MappingOf[str, int | str | bytes]:
         columns: dict[str, int | str | bytes] = {}

@@ -50,7 +50,7 @@ class NumberView:
         """Memory's form of the numbers. Raises MemoryValueError for one that does not fit."""
         for value in values:
             if not isinstance(value, (int, float)) or (self.kind != "float" and not isinstance(value, int)):
-                raise MemoryValueError(f"{value!r} is no {self.type}")
+                raise MemoryValueError(f"{value} is no {self.type}")
         numbers = values
         if self.kind == "bcd":
             numbers = from_decimal([int(value) for value in values], self.unit)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -225,8 +226,12 @@ def to_memory(part: FramePart, place: OwnPlace, value: Any, room: int | None) ->
             data = data.ljust(size, _pad(part))
         return 8 * len(data), data
     unit = place.address.unit
-    if _is_float(part):
-        return place.address.unit_bits, float_view(unit).write([value])
+    if _is_float(part) or holds_floats(place):
+        return place.address.unit_bits, float_view(unit).write([float(value)])
+    if int(value) != value:
+        raise ValueError(
+            f"'{part.name}' is {value}, and {place.text} holds whole numbers – give it a type such as float32"
+        )
     try:
         return place.address.unit_bits, memory_of([int(value) // _unit(part)], unit)
     except ValueError:
@@ -240,12 +245,22 @@ def from_memory(part: FramePart, place: OwnPlace, memory: bytes) -> Any:
             return memory
         return memory.rstrip(b"\0").decode("latin-1") if part.type.end is not None else memory.decode("latin-1")
     unit = place.address.unit
-    if _is_float(part):
-        return float_view(unit).read(memory)[0]
+    if _is_float(part) or holds_floats(place):
+        found = float_view(unit).read(memory)[0]
+        if _is_float(part):
+            return found
+        if not math.isfinite(found) or int(found) != found:
+            raise ValueError(f"{place.text} is {found:g}, and '{part.name}' is a whole number")
+        return int(found) * _unit(part)
     number = values_of(memory, unit, 1)
     if isinstance(part, Field) and part.type.signed and place.address.unit_bits > 1:
         number = as_signed(number, unit)
     return number[0] * _unit(part)
+
+
+def holds_floats(place: OwnPlace) -> bool:
+    """Whether a place holds floating-point numbers, as its area says."""
+    return (place.address.type or "").startswith("float")
 
 
 def _unit(part: FramePart) -> int:

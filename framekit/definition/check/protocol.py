@@ -371,6 +371,7 @@ def check_protocol(
     problems += check_commands(protocol, broken)
     if is_whole:
         problems += [*_groups(protocol), *check_forms(protocol.addresses, protocol.areas, protocol.tables)]
-        problems += check_parts(protocol)
     told = {problem.at for problem in problems}
-    return [*problems, *(problem for problem in check_kinds(protocol) if problem.at not in told)]
+    is_right = is_whole and all(problem.warning for problem in problems)
+    more = [*check_kinds(protocol), *(check_parts(protocol) if is_right else ())]
+    return [*problems, *(problem for problem in more if problem.at not in told)]
