@@ -155,6 +155,9 @@ def _row(protocol: Protocol, row: ServiceRow, broken: Collection[str]) -> Iterat
         yield Problem(row.at, what, todo)
     if row.service in ("read", "write") and row.request is None and row.run is None:
         yield Problem(row.at, f"a row of {row.service} has no request", "add request: {frame: {…}}")
+    elif row.service == "read" and row.request is None:
+        what = "a row of read has no request: only rows of write can be procedures"
+        yield Problem(row.at, what, "add request: {frame: {…}}, or give the service another name, and gives:")
     yield from _data(row)
     yield from _lists(protocol, row)
     yield from _units(protocol, row)
