@@ -11,7 +11,7 @@ from typing import Any, Protocol, TypeVar, TypeVarTuple, Unpack
 
 from framekit.codec.errors import FrameError, Misread
 from framekit.codec.python.choices import fixed_bytes
-from framekit.definition.expression import Name, names_in, ordered_by_need
+from framekit.definition.expression import Expression, Name, names_in, ordered_by_need
 from framekit.definition.kinds.base import all_fixed
 from framekit.definition.model import procedure
 from framekit.definition.model import protocol as model
@@ -113,8 +113,8 @@ class FrameInfo:
         self.on_line = True
         self.carries: tuple[str, ...] = ()
         self.insert: Evaluate | None = None
-        self._collect(frame.segments)
         self.value_names = frozenset(by_value_name(frame.segments))
+        self._collect(frame.segments)
         self.echo = tuple((name, _plain_name(item), compile_expression(item)) for name, item in frame.echo.items())
         self.announces = tuple(
             (one.name, compile_optional(one.key), compile_expression(one.value)) for one in frame.announces
@@ -172,7 +172,24 @@ class FrameInfo:
         if constants and (len(constants) == 1 or name not in self.frame.echo):
             self.known[name] = constants[0]
         elif is_ is not None:
-            self.computed.append((name, compile_expression(is_)))
+            self.computed.append((name, self._of_own(is_)))
+
+    def _of_own(self, expression: Expression) -> Evaluate:
+        """What an expression over fields comes to: a name of the frame's own means nothing else while it has no value.
+
+        Raises KeyError then, and EVALUATION_ERRORS.
+        """
+        evaluate = compile_expression(expression)
+        own = self.value_names.intersection(names_in(expression.root))
+        if not own:
+            return evaluate
+
+        def of_own(names: Names) -> Any:
+            if not own <= names.keys():
+                raise KeyError
+            return evaluate(names)
+
+        return of_own
 
 
 def _plain_name(expression: Any) -> str | None:

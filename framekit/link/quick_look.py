@@ -226,7 +226,7 @@ def _check_of(frame: Frame) -> Intact | None:
     last, behind = frame.segments[count - 1] if count else None, StaticSizes({}).all(frame.segments[count:]).least
     if not isinstance(last, Check) or last.form not in ("raw", "hex", "HEX") or last.verify != "error":
         return None
-    if last.refuse is not None or (behind and last.when is not None):
+    if behind and last.when is not None:
         return None
     if frame.size is not None and not frame.tail:  # what fills it up stands behind
         return None

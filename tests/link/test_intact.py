@@ -59,7 +59,6 @@ frames:
   digits:  {body: [{field: a, type: u8}, {check: xor8, as: hex}]}
   partly:  {body: [{field: a, type: u8}, {field: b, type: u8}, {check: xor8, over: [b]}]}
   inside:  {body: [{field: a, type: u8}, {check: xor8}, {const: ETX}]}
-  answered: {body: [{field: a, type: u8}, {check: xor8, refuse: 1}, {const: ETX}]}
   maybe:   {body: [{field: a, type: u8}, {check: xor8}, {const: ETX, when: a == 1}]}
   certain: {body: [{field: a, type: u8}, {check: xor8, when: a == 1}]}
   letter:  {body: [{field: a, type: ascii, size: 1}, {check: xor8, when: a == lower(a)}]}
