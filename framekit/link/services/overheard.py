@@ -42,7 +42,7 @@ class KnownValue(NamedTuple):
     value: Any
 
 
-class _Asked(NamedTuple):
+class _OpenRequest(NamedTuple):
     """A request whose reply has not come yet."""
 
     facts: RowFacts
@@ -69,7 +69,7 @@ class Overheard:
                 self._rows.setdefault(matching.frame, []).append(matching)
         self._replies: dict[RowFacts, ReplyReader] = {}
         self._stations = tuple(_stations_of(protocol))
-        self._asked: _Asked | None = None
+        self._asked: _OpenRequest | None = None
 
     @property
     def hears_nothing(self) -> bool:
@@ -100,7 +100,7 @@ class Overheard:
             found = self._replies[facts] = ReplyReader(facts)
         return found
 
-    def _request(self, outer: FrameValue, value: FrameValue) -> _Asked | None:
+    def _request(self, outer: FrameValue, value: FrameValue) -> _OpenRequest | None:
         """What a frame asks for, if it is a request."""
         station = next((found for one in self._stations if (found := one(outer)) is not None), None)
         for matching in self._rows.get(value.frame, ()):
@@ -116,10 +116,10 @@ class Overheard:
                 )
                 for target in reading.targets
             )
-            return _Asked(matching.facts, station, reading, pieces)
+            return _OpenRequest(matching.facts, station, reading, pieces)
         return None
 
-    def _told(self, asked: _Asked, reader: ReplyReader, reply: FrameValue) -> Iterator[KnownValue]:
+    def _told(self, asked: _OpenRequest, reader: ReplyReader, reply: FrameValue) -> Iterator[KnownValue]:
         """What a reply tells: values that were read, or that a good one confirms as written. Raises ValueError."""
         if self._errors.refusal(reply, Names({"request": None}, self._names)) is not None:
             return
