@@ -29,7 +29,10 @@ LONGEST_ANSWER = 10.0
 REFUSED = (400, 413, 422)
 """Answers that say that the lines are wrong, or too many; all others but 2xx are tried again as they are."""
 
-_WHOLE = range(-(1 << 63), 1 << 63)
+EXACT = 1 << 53
+"""Up to this number a float tells every whole number from the next one."""
+LARGEST = 1 << 64
+"""Whole numbers from here on are texts alone."""
 
 
 class ServerAddress(NamedTuple):
@@ -172,16 +175,16 @@ class InfluxSink(Sink):
 
 
 def _value(point: Point, value: PointValue) -> Iterator[str]:
-    """`value`, of the same type for ever, and `text` for words; nothing where it is not good."""
+    """`value`, always a float: a field has one type for all points of a measurement. `text` for words, and for numbers
+    that a float cannot tell from their neighbours. Nothing where it is not good.
+    """
     if value.quality != "good":
         return
     number: Any = value.number
-    is_whole = not point.form.is_float and (point.scaling is None or point.scaling.is_whole)
-    if isinstance(number, (int, float)) and not is_whole:
+    is_exact = isinstance(number, float) or (isinstance(number, int) and abs(number) <= EXACT)
+    if isinstance(number, float) or (isinstance(number, int) and abs(number) < LARGEST):
         yield f"value={float(number)!r}"
-    elif isinstance(number, int) and int(number) in _WHOLE:
-        yield f"value={int(number)}i"
-    if isinstance(value.value, str) or not isinstance(number, (int, float)) or int(number) not in _WHOLE:
+    if isinstance(value.value, str) or not is_exact:
         yield f"text={_text(str(value.value))}"
 
 

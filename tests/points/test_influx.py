@@ -99,7 +99,7 @@ def test_a_run_writes_lines(tmp_path: Path) -> None:
             run.run_for("10 s")
             assert run.problems == []
     assert sorted(line.rpartition(" ")[0] for line in server.lines[:3]) == [
-        'boiler,point=mode value=2i,text="heating",quality="good"',
+        'boiler,point=mode value=2.0,text="heating",quality="good"',
         'boiler,point=setpoint value=0.0,quality="good"',
         'boiler,point=temperature,unit=°C value=21.7,quality="good"',
     ]
@@ -121,13 +121,13 @@ def test_many_lines_come_in_one_request_and_those_refused_do_not_stop_the_others
 
 def test_what_is_never_taken_is_dropped_and_counted(tmp_path: Path) -> None:
     with database() as server:
-        server.refuses = "value=13i"
+        server.refuses = "value=13.0"
         feeder = SinkFeeder(sink(server.port, store=str(tmp_path / "a.db")), POINTS, threaded=True)
         for at in range(40):
             feeder.put(numbered(at))
         feeder.start()
         feeder.stop()
-        written = [int(line.partition("value=")[2].partition("i")[0]) for line in server.lines]
+        written = [int(line.partition("value=")[2].partition(".")[0]) for line in server.lines]
         assert sorted(set(written)) == [*range(13), *range(14, 40)]
         assert (feeder.status.written, feeder.status.dropped, feeder.status.waiting) == (39, 1, 0)
 

@@ -125,7 +125,7 @@ def in_lines(there: Database) -> Histories:
     """What came to the server that takes lines, by the time of each: a batch may be sent twice."""
     found: dict[str, dict[int, object]] = defaultdict(dict)
     for line in there.lines:
-        match = re.fullmatch(r"soak,.*\bpoint=([^, ]+)\S* (?:.*,)?value=(\d+)i?(?:,.*)? (\d+)", line)
+        match = re.fullmatch(r"soak,.*\bpoint=([^, ]+)\S* (?:.*,)?value=(\d+)\.0(?:,.*)? (\d+)", line)
         if match is not None and 'quality="good"' in line:
             found[match[1]][int(match[3])] = match[2]
     return kept((name, value) for name, rows in found.items() for _, value in sorted(rows.items()))
