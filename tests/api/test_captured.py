@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 from service.fault_world import LINKS, Link
@@ -12,7 +13,13 @@ from framekit.api.captured import captured_values
 from framekit.api.monitor import decoder
 from framekit.api.run import VirtualRun
 from framekit.cli.main import main
+from framekit.codec.codec import compile_protocol
 from framekit.definition.load import load_protocol
+from framekit.link.frame_table import table_of
+from framekit.link.scope import Scope
+from framekit.link.services.overheard import KnownValue, Overheard
+from framekit.link.values import Names
+from framekit.runfile.devices import load_devices
 
 BY_BUFFER = {"ccm", "host-link", "rk512-3964r"}
 """Their replies take several frames: no frame by itself tells values."""
@@ -64,6 +71,23 @@ def test_what_is_written_is_known_by_its_reply(tmp_path: Path) -> None:
     values = list(captured_values(found, protocol, "modbus-rtu", {}))
     assert [(one.point, one.value) for one in values] == [("3/40001", 77), ("3/40001", 500)]
     assert 1_500_000_000 < values[1].time < 1_700_000_000
+
+
+def test_a_reply_of_another_station_tells_nothing(tmp_path: Path) -> None:
+    protocol = load_protocol("modbus-rtu", tmp_path)
+    codec = compile_protocol(protocol)
+    table, scope = table_of(protocol, codec), Names({}, Scope(protocol, params={}))
+    memory = load_devices("modbus-rtu", tmp_path)[0].create_memory()
+    line = Overheard(protocol, codec, memory, scope)
+
+    def hear(frame: str, station: int, pdu: dict[str, Any]) -> list[KnownValue]:
+        return line.hear(table.received(frame, {"station": station, "pdu": pdu}, None, None))
+
+    assert not hear("request_adu", 3, {"read_holding": {"function": 3, "address": 0, "count": 1}})
+    reply = {"read_holding_reply": {"function": 3, "bytes": 2, "values": b"\x00\x07"}}
+    assert not hear("reply_adu", 4, reply)
+    assert hear("reply_adu", 3, reply) == [KnownValue(3, "40001", 7)]
+    assert not hear("reply_adu", 3, reply), "nothing has been asked for"
 
 
 @pytest.mark.parametrize(

@@ -83,8 +83,8 @@ class Overheard:
             if asked is not None:
                 self._asked = asked
                 return []
-        asked = self._asked
-        if asked is None:
+        asked, station = self._asked, self._station(frame)
+        if asked is None or (None not in (station, asked.station) and station != asked.station):
             return []
         reader = self._reader(asked.facts)
         for value in frames_inside(frame):
@@ -94,6 +94,10 @@ class Overheard:
                     return list(self._told(asked, reader, value))
         return []
 
+    def _station(self, frame: FrameValue) -> Any:
+        """The station that a frame names, None if it names none."""
+        return next((found for one in self._stations if (found := one(frame)) is not None), None)
+
     def _reader(self, facts: RowFacts) -> ReplyReader:
         found = self._replies.get(facts)
         if found is None:
@@ -102,7 +106,7 @@ class Overheard:
 
     def _request(self, outer: FrameValue, value: FrameValue) -> _OpenRequest | None:
         """What a frame asks for, if it is a request."""
-        station = next((found for one in self._stations if (found := one(outer)) is not None), None)
+        station = self._station(outer)
         for matching in self._rows.get(value.frame, ()):
             try:
                 reading = matching.read(value, b"", station, Names({"station": station}, self._names), True)
