@@ -11,7 +11,7 @@ from typing import Any, Protocol, TypeVar, TypeVarTuple, Unpack
 
 from framekit.codec.errors import FrameError, Misread
 from framekit.codec.python.choices import fixed_bytes
-from framekit.definition.expression import Expression, Name, names_in, ordered_by_need
+from framekit.definition.expression import Name, names_in, ordered_by_need
 from framekit.definition.kinds.base import all_fixed
 from framekit.definition.model import procedure
 from framekit.definition.model import protocol as model
@@ -108,7 +108,8 @@ class FrameInfo:
         self._diagnose = codec.diagnose
         self.most = frame.most
         self.known: dict[str, Any] = {}
-        self.computed: list[tuple[str, Evaluate]] = []
+        self.computed: list[tuple[str, Evaluate, frozenset[str]]] = []
+        """What `is:` says, and the fields of the frame that it reads: their names mean nothing else."""
         self.numbers: dict[str, dict[str, int]] = {}
         self.on_line = True
         self.carries: tuple[str, ...] = ()
@@ -172,24 +173,8 @@ class FrameInfo:
         if constants and (len(constants) == 1 or name not in self.frame.echo):
             self.known[name] = constants[0]
         elif is_ is not None:
-            self.computed.append((name, self._of_own(is_)))
-
-    def _of_own(self, expression: Expression) -> Evaluate:
-        """What an expression over fields comes to: a name of the frame's own means nothing else while it has no value.
-
-        Raises KeyError then, and EVALUATION_ERRORS.
-        """
-        evaluate = compile_expression(expression)
-        own = self.value_names.intersection(names_in(expression.root))
-        if not own:
-            return evaluate
-
-        def of_own(names: Names) -> Any:
-            if not own <= names.keys():
-                raise KeyError
-            return evaluate(names)
-
-        return of_own
+            own = self.value_names.intersection(names_in(is_.root))
+            self.computed.append((name, compile_expression(is_), own))
 
 
 def _plain_name(expression: Any) -> str | None:
@@ -365,8 +350,8 @@ class FrameTable:
                 fields[field] = numbers.get(given, given)
         for field, constant in info.known.items():
             fields.setdefault(field, constant)
-        for field, evaluate in info.computed:
-            if field not in fields:
+        for field, evaluate, own in info.computed:
+            if field not in fields and own <= fields.keys():
                 try:
                     fields[field] = evaluate(Names(fields, names))
                 except EVALUATION_ERRORS:

@@ -105,7 +105,7 @@ class Frames:
     def made_plainly(self, frame: str) -> bool:
         """Whether nothing but constants has to be added to the fields of a frame before it is sent."""
         info = self.infos[frame]
-        return not {name for name, _ in info.computed} & {name for name, *_ in info.echo}
+        return not {name for name, *_ in info.computed} & {name for name, *_ in info.echo}
 
 
 def _always_there(segments: tuple[Segment, ...]) -> Iterator[str]:

@@ -160,7 +160,7 @@ class Prepared:
         row, reply = self.row, outcome.reply
         try:
             if reply is not None and reply.frame in row.reply.error_frames:
-                refusal = row.errors.refusal(reply, Names({"request": request}, self.names))
+                refusal = row.errors.refusal(reply, Names({"request": request, "reply": reply}, self.names))
                 if refusal is not None:
                     word = outcome.outcome or refusal.outcome
                     return TransferResult(

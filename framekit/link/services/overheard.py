@@ -125,7 +125,7 @@ class Overheard:
 
     def _told(self, asked: _OpenRequest, reader: ReplyReader, reply: FrameValue) -> Iterator[KnownValue]:
         """What a reply tells: values that were read, or that a good one confirms as written. Raises ValueError."""
-        if self._errors.refusal(reply, Names({"request": None}, self._names)) is not None:
+        if self._errors.refusal(reply, Names({"request": None, "reply": reply}, self._names)) is not None:
             return
         if asked.facts.row.service == "write":
             data = [target.memory for target in asked.reading.targets]

@@ -64,7 +64,7 @@ class ErrorReader:
         """What the reply says when it is an error frame. Raises EVALUATION_ERRORS."""
         if reply.frame not in self.frames:
             return None
-        fields = Names(reply.complete(), Names({"reply": reply}, names))
+        fields = Names(reply.complete(), names)
         if self.when is not None and not self.when(fields):
             return None
         code = 0 if self.code is None else int(self.code(fields))

@@ -154,8 +154,8 @@ class ValueWriter:
 
     def _frame(self, frame: FrameOf, level: WriterLevel) -> str:
         info = self.shared.table.infos[frame.frame]
-        settled = {name: evaluate(Names()) for name, evaluate in info.computed if _is_settled(evaluate)}
-        is_settled = all(name in settled or name in frame.fields for name, _ in info.computed)
+        settled = {name: evaluate(Names()) for name, evaluate, _ in info.computed if _is_settled(evaluate)}
+        is_settled = all(name in settled or name in frame.fields for name, *_ in info.computed)
         if not is_settled or frame.fields.keys() & info.numbers.keys():
             return f"frame_made({frame.frame!r}, {self._record(frame.fields, level)}, {self.names(level)})"
         items = {name: self.value(value, level) for name, value in frame.fields.items()}
@@ -171,7 +171,7 @@ class ValueWriter:
         if not isinstance(value, FrameOf):
             return True
         info = self.shared.table.infos[value.frame]
-        there = {*value.fields, *info.known, *(name for name, evaluate in info.computed if _is_settled(evaluate))}
+        there = {*value.fields, *info.known, *(name for name, evaluate, _ in info.computed if _is_settled(evaluate))}
         if any(name not in there for name, _, _ in info.echo):
             return True
         inner = [value.fields[name] for kind, name, _ in info.shape if kind == "inner" and name in value.fields]
