@@ -1,8 +1,9 @@
-"""A fleet on this machine: 200 gateways of 50 points each at one mosquitto, which is killed and started again.
+"""A fleet on this machine: 200 gateways of 50 points each at one mosquitto, which is ended and started again.
 
-`python -m benchmarks.fleet` starts the gateways in a few processes, waits until all are listed and well, kills the
-broker for some seconds while points change, and prints how long the list takes, how long it takes until all are there
-again, what the gateways take of a core, and whether a value was lost.
+`python -m benchmarks.fleet` starts the gateways in a few processes, waits until all are listed and well, ends the
+broker for some seconds while all points change, and prints how long the list takes, how long it takes until all are
+there again, what the gateways take of a core, and whether a value was lost: each point counts up by one, every count
+that a gateway has told is looked for among what a subscriber with a session of its own has got.
 """
 
 from __future__ import annotations
@@ -21,13 +22,16 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from paho.mqtt.client import Client
+from paho.mqtt.enums import CallbackAPIVersion
+
 from framekit.api.fleet import Fleet
 from framekit.sinks.broker import BrokerAccess, Place
 
 DEVICE = """device: meter
 protocol: modbus-tcp
 station: 1
-behave: {"40001": {counter: 1, every: 1 s}}
+behave:
 """
 PROCESSES = 4
 EVERY = 5
@@ -39,7 +43,8 @@ def write_gateway(folder: Path, number: int, port: int, points: int) -> Path:
     name = f"gw{number:03}"
     here = folder / name
     here.mkdir()
-    (here / "meter.device.yaml").write_text(DEVICE, "utf-8")
+    behaves = [f'  "{40001 + at}": {{counter: 1, every: {EVERY} s}}\n' for at in range(points)]
+    (here / "meter.device.yaml").write_text(DEVICE + "".join(behaves), "utf-8")
     lines = [
         f"run: {name}",
         "channels:", '  1: {port: "sim:meter.device.yaml", protocol: modbus-tcp, station: 1}',
@@ -65,7 +70,7 @@ async def _work(paths: list[Path], ended: Any, results: Any) -> None:
     gateways, runs = [], []
     for path in paths:
         model = loaded(path)
-        gateway, run = Gateway(path, model).__enter__(), AsyncRun(model)
+        gateway, run = Gateway(path, model, path.read_bytes()).__enter__(), AsyncRun(model)
         gateway.begins(run)
         run.start()
         gateway.has_begun()
@@ -89,13 +94,16 @@ async def _work(paths: list[Path], ended: Any, results: Any) -> None:
 
 
 class Broker:
-    """A mosquitto on a free port, which forgets everything when it is killed."""
+    """A mosquitto on a free port, which keeps what it has over an orderly end."""
 
     def __init__(self, folder: Path) -> None:
         with socket.create_server(("127.0.0.1", 0)) as free:
             self.port: int = free.getsockname()[1]
         self._file = folder / "mosquitto.conf"
-        self._file.write_text(f"listener {self.port} 127.0.0.1\nallow_anonymous true\nmax_queued_messages 0\n")
+        self._file.write_text(
+            f"listener {self.port} 127.0.0.1\nallow_anonymous true\nmax_queued_messages 0\n"
+            f"persistence true\npersistence_location {folder}/\n"
+        )
         self.start()
 
     def start(self) -> None:
@@ -109,9 +117,46 @@ class Broker:
             except OSError:
                 time.sleep(0.01)
 
-    def kill(self) -> None:
-        self._process.kill()
+    def end(self) -> None:
+        self._process.terminate()
         self._process.wait()
+
+
+class Subscriber:
+    """Gets all values, also those of the time when it was cut off: the broker keeps its session."""
+
+    def __init__(self, port: int) -> None:
+        self.got: dict[str, list[int]] = {}
+        self.count = 0
+        self._client = Client(CallbackAPIVersion.VERSION2, "values", clean_session=False)
+        self._client.on_connect = lambda client, *_: client.subscribe("values/#", 1)
+        self._client.on_message = self._heard
+        self._client.reconnect_delay_set(1, 1)
+        self._client.connect("127.0.0.1", port)
+        self._client.loop_start()
+
+    def _heard(self, client: Any, data: Any, message: Any) -> None:
+        self.count += 1
+        if message.payload:  # nothing stands for a value that is not good
+            self.got.setdefault(message.topic, []).append(int(message.payload))
+
+    def missing(self) -> int:
+        """Counts between the first and the last of a point that never came."""
+        return sum(len(set(range(some[0], some[-1] + 1)) - set(some)) for some in self.got.values())
+
+    def out_of_order(self) -> int:
+        """Counts that came after a greater one for the first time."""
+        found = 0
+        for some in self.got.values():
+            seen: set[int] = set()
+            for one in some:
+                found += one not in seen and bool(seen) and one < max(seen)
+                seen.add(one)
+        return found
+
+    def close(self) -> None:
+        self._client.disconnect()
+        self._client.loop_stop()
 
 
 def until_all(fleet: Fleet, count: int, holds: Callable[[Any], object]) -> float:
@@ -136,6 +181,7 @@ def main() -> None:
         folder = Path(place)
         broker = Broker(folder)
         access = BrokerAccess(Place("127.0.0.1", broker.port))
+        subscriber = Subscriber(broker.port)
         fleet = Fleet(access, "framekit")
         context = multiprocessing.get_context("spawn")
         ended, results = context.Event(), context.Queue()
@@ -154,7 +200,7 @@ def main() -> None:
             assert len(another.members) == words.gateways
             figures["list of all (ms)"] = round((time.monotonic() - began) * 1e3, 1)
         time.sleep(words.seconds)
-        broker.kill()
+        broker.end()
         time.sleep(5)
         fleet.members.clear()
         broker.start()
@@ -165,9 +211,16 @@ def main() -> None:
         for process in processes:
             process.join()
         fleet.close()
-        broker.kill()
-    figures["samples published"] = sum(one[0] for one in found)
-    figures["samples lost"] = sum(one[1] for one in found)
+        until = time.monotonic() + 60
+        published = sum(one[0] for one in found)
+        while subscriber.count < published and time.monotonic() < until:
+            time.sleep(0.2)
+        subscriber.close()
+        broker.end()
+    figures["values published"] = published
+    figures["values that the subscriber got"] = subscriber.count
+    figures["counts missing"] = subscriber.missing() + sum(one[1] for one in found)
+    figures["counts out of order"] = subscriber.out_of_order()
     figures["of a core"] = f"{sum(one[2] for one in found) / seconds:.0%}, the start included"
     print(json.dumps(figures, indent=1))
 

@@ -16,6 +16,8 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -33,16 +35,15 @@ LARGEST_MESSAGE = 3 * LARGEST_FILE
 """Bytes of a message: JSON writes some characters as several."""
 ONLINE, BIRTH, HEALTH, ROLL, ROLLED = "online", "birth", "health", "roll", "rolled"
 YES, NO = b"1", b"0"
+SIGN_OF_LIFE = 30
+"""So often a gateway tells its health (s), also when it is the same."""
+STALE_AFTER = 100
+"""A gateway whose last sign of life is older than this (s) is not taken to be there."""
 
 
 def topic(group: str, name: str, what: str) -> str:
     """The topic of a gateway for one of these things."""
     return f"{group}/{name}/{what}"
-
-
-def digest_of(content: bytes) -> str:
-    """What tells one content of a run file from another: 12 hex digits."""
-    return hashlib.sha256(content).hexdigest()[:12]
 
 
 def signature(token: str, group: str, name: str, number: str, identity: str, file: bytes) -> str:
@@ -81,6 +82,16 @@ class Member:
         return found if isinstance(found, str) else ""
 
     @property
+    def is_silent(self) -> bool:
+        """Whether it is said to be there and has given no sign of life for a while, by the clocks of both."""
+        said = self.health.get("at")
+        try:
+            age = time.time() - datetime.fromisoformat(said if isinstance(said, str) else "").timestamp()
+        except (ValueError, OverflowError):
+            return False
+        return self.online and age > STALE_AFTER
+
+    @property
     def takes_files(self) -> bool:
         """Whether run files may be rolled out to it."""
         return bool(self.said("number"))
@@ -93,6 +104,9 @@ class Member:
             some = self.health.get(key)
             if isinstance(some, list) and some:
                 found.append(f"{words} {', '.join(str(one) for one in some[:MOST_NAMED])}" + _others(some))
+        waiting = self.health.get("waiting")
+        if isinstance(waiting, int) and waiting >= MANY_WAITING:
+            found.append(f"{waiting} samples wait for a server")
         return found
 
 
@@ -105,6 +119,8 @@ TROUBLES = (
 )
 """What a gateway says of its health: lists of what is not all right, and how that is told."""
 MOST_NAMED = 3
+MANY_WAITING = 1000
+"""So many samples wait only where a server is away, or slow."""
 
 
 def _others(some: list[Any]) -> str:
@@ -134,8 +150,9 @@ class Fleet:
         self._changed = changed
         self._state = threading.Condition()
         self._reason = ""
-        self._connected = self._echoed = False
-        self._answers: dict[tuple[str, str], dict[str, Any]] = {}
+        self._echoed = self.connected = False
+        self._answers: dict[tuple[str, str], dict[str, Any] | None] = {}
+        """What is awaited, by gateway and number of the question; None: there is no answer yet."""
         self._own = f"{group}/-{secrets.token_hex(8)}"  # no gateway has a topic of two parts
         self._client = self._open()
 
@@ -203,21 +220,27 @@ class Fleet:
                 signed = signature(token, self.group, name, number, identity, file)
                 data = {"id": identity, "number": number, "file": text, "signature": signed}
                 asked[name] = identity
+                with self._state:
+                    self._answers[name, identity] = None
                 self._client.publish(topic(self.group, name, ROLL), as_message(data), 1)
         until = time.monotonic() + within
         for name, identity in asked.items():
             key = (name, identity)
             with self._state:
-                self._state.wait_for(lambda key=key: key in self._answers, max(0.0, until - time.monotonic()))  # type: ignore[misc]
-                said = self._answers.pop(key, None)
+                self._state.wait_for(partial(self._is_answered, key), max(0.0, until - time.monotonic()))
+                said = self._answers.pop(key)
             found[name] = _answer(name, said, within)
         return [found[name] for name in dict.fromkeys(names)]
+
+    def _is_answered(self, key: tuple[str, str]) -> bool:
+        return self._answers[key] is not None
 
     # ---- in the library's thread --------------------------------------------------------------------------
 
     def _opened(self, client: Client, data: Any, flags: Any, reason: Any, properties: Any) -> None:
         with self._state:
             self._reason = str(reason) if reason.is_failure else ""
+            self.connected = not reason.is_failure
             self._state.notify_all()
         if not reason.is_failure:
             topics = [topic(self.group, "+", what) for what in (ONLINE, BIRTH, HEALTH, ROLLED)]
@@ -225,8 +248,12 @@ class Fleet:
 
     def _closed(self, client: Client, data: Any, flags: Any, reason: Any, properties: Any) -> None:
         with self._state:
-            for member in self.members.values():  # nothing is known of them until the broker tells anew
+            self.connected = False
+            members = list(self.members.values())
+            for member in members:  # nothing is known of them until the broker tells anew
                 member.online = False
+        for member in members:
+            self._changed(member.name)
 
     def _heard(self, client: Client, data: Any, message: Any) -> None:
         """What the broker keeps comes before the echo of what was published behind the subscription."""
@@ -239,8 +266,10 @@ class Fleet:
         with self._state:
             if what == ROLLED:
                 said = from_message(message.payload)
-                self._answers[name, str(said.get("id"))] = said
-                self._state.notify_all()
+                key = name, str(said.get("id"))
+                if key in self._answers:
+                    self._answers[key] = said
+                    self._state.notify_all()
                 return
             member = self.members.setdefault(name, Member(name))
             if what == ONLINE:

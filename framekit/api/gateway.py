@@ -1,8 +1,8 @@
 """A run that is one of a fleet: it tells a broker how it is, and takes run files that are rolled out to it.
 
 A rolled file is checked here as `framekit check` does it. What can be changed while the run goes on is changed so; for
-everything else the run ends when no exchange is under way, and begins anew with the other file. The file of before is
-kept beside it as NAME.before. At any moment the run file is the old one or the new one, whole.
+everything else the run ends when no exchange is under way, and begins anew with the other file. The file is replaced
+before any of that, and put back where it comes to nothing. At any moment it is the old one or the new one, whole.
 """
 
 from __future__ import annotations
@@ -12,9 +12,12 @@ import hmac
 import logging
 import os
 import secrets
-from collections.abc import Iterator
-from dataclasses import fields, is_dataclass, replace
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import fields, replace
 from datetime import UTC, datetime
+from ipaddress import ip_address
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -23,18 +26,21 @@ from framekit.api.errors import RequestError
 from framekit.api.fleet import (
     BIRTH,
     HEALTH,
+    LARGEST_FILE,
     LARGEST_MESSAGE,
     NO,
     ONLINE,
     ROLL,
     ROLLED,
+    SIGN_OF_LIFE,
+    STALE_AFTER,
     YES,
     as_message,
-    digest_of,
     from_message,
     signature,
     topic,
 )
+from framekit.api.replaced_file import ReplacedFile, digest_of
 from framekit.api.run import RunCalls, content_of, reasons
 from framekit.definition.problems import DefinitionError, Problem
 from framekit.definition.sources import fingerprint
@@ -42,6 +48,7 @@ from framekit.run.edit import Edit
 from framekit.run.model import RunModel
 from framekit.runfile.fleet import FleetSection
 from framekit.runfile.run_file import load_run
+from framekit.sinks.base import SinkKind
 from framekit.sinks.broker import KEEPALIVE
 from framekit.sinks.secrets import Secret
 
@@ -62,31 +69,38 @@ LONGEST_WAIT = 60
 class Gateway:
     """The place of one run file in its fleet, while runs of it come and go; `with` tells the fleet of its end.
 
-    To be used in a running loop. `over` is set when the run that is at work has to end because `next_run` is to begin.
-    Raises RequestError without the library, and for a token that cannot be read.
+    `content`: what the file held when `model` was loaded. To be used in a running loop. `over` is set when the run that
+    is at work has to end because `next_run` is to begin. Raises RequestError without the library, and for a token that
+    cannot be read.
     """
 
-    def __init__(self, path: Path, model: RunModel) -> None:
+    def __init__(self, path: Path, model: RunModel, content: bytes) -> None:
         fleet: FleetSection = model.fleet
         self.path, self.fleet, self.name = path, fleet, fleet.gateway
         self.over = asyncio.Event()
         self.next_run: RunModel | None = None
-        self._model = model
+        self._file = ReplacedFile(path)
+        self._model, self._content = model, content
+        self._before: tuple[RunModel, bytes] | None = None
+        """What counts again if nothing comes of the file that is on trial; None: none is."""
+        self._failed: list[str] = []
+        self._own_files = {*model.files, *_files_of_before(path, self._file)}
         self._run: RunCalls | None = None
         self._loop = asyncio.get_running_loop()
-        self._number = ""
         self._began = datetime.now(UTC)
-        self._health: dict[str, Any] | None = None
+        self._number = ""
+        self._instance = secrets.token_hex(8)
+        self._other_seen = -float(STALE_AFTER)
+        self._health: dict[str, Any] = {}
+        self._told = 0.0
         self._rolling: dict[str, Any] | None = None
-        self._before: tuple[RunModel, bytes] | None = None
-        self._failed: list[str] = []
         self._tasks: set[asyncio.Task[None]] = set()
         try:
             self._token = "" if fleet.token is None else fleet.token.read()
             if self._token and len(self._token) < SHORTEST_TOKEN:
                 what = f"the token has {len(self._token)} characters"
                 raise ValueError(f"{what} – give {SHORTEST_TOKEN} or more")
-            self._client = fleet.access.client(f"framekit-{fleet.group}-{self.name}", reconnects=True)
+            self._client = fleet.access.client(f"framekit/{fleet.group}/{self.name}/{self._instance}", reconnects=True)
         except ModuleNotFoundError:
             raise RequestError("fleet: needs the library paho-mqtt – pip install 'framekit[mqtt]'") from None
         except (OSError, ValueError) as error:
@@ -105,6 +119,8 @@ class Gateway:
     def __exit__(self, *_: object) -> None:
         for task in self._tasks:
             task.cancel()
+        if self._rolling is not None:
+            self._take_back(["the run was ended before"])
         if self._client.is_connected():
             self._client.publish(self._topic(ONLINE), NO, 1, retain=True).wait_for_publish(1)
         self._client.disconnect()
@@ -117,57 +133,70 @@ class Gateway:
 
     def begins(self, run: RunCalls) -> None:
         """A run that is about to start is the one that is told of from now on."""
-        self._run, self._health = run, None
+        self._run, self._health = run, {}
         run.each(HEALTH_EVERY, self._look)
 
     def has_begun(self) -> None:
         """The run of `begins` has started, and tells of itself: with that a rolled file is applied, or refused."""
         self.over.clear()
+        self.next_run = None
         failed, self._failed = self._failed, []
-        self.next_run = self._before = None
         if failed:
             self._refuse(failed)
         elif self._rolling is not None:
+            self._keep()
             self._end_rolling("begun anew")
         else:
             self._bear()
 
     def has_failed(self, why: list[str]) -> RunModel:
         """The next run could not begin: the file of before is put back. Gives its run, which is to begin instead."""
-        assert self._before is not None
-        self._model, content = self._before
-        replace_whole(self.path, content)
-        self._failed = why
+        self._failed = [*why, *self._put_back()]
         return self._model
+
+    def edited(self, model: RunModel, content: bytes) -> None:
+        """The run was changed at the gateway itself, and goes on."""
+        self._model, self._content = model, content
+        self._bear()
 
     def _bear(self) -> None:
         """Tells what this gateway is. The number in it signs one rolled file."""
         self._number = secrets.token_hex(16) if self._token else ""
-        content = content_of(self.path) or b""
+        if not self._client.is_connected():
+            return  # it is told as soon as there is a connection
         birth = {
             "run": self._model.name,
             "about": self._model.about,
             "version": __version__,
-            "began": self._began.isoformat(timespec="seconds").replace("+00:00", "Z"),
-            "file": digest_of(content),
+            "began": _utc(self._began),
+            "file": digest_of(self._content),
             "channels": len(self._model.channels),
             "points": len(self._model.points),
             **({"number": self._number} if self._number else {}),
         }
         self._client.publish(self._topic(BIRTH), as_message(birth), 1, retain=True)
         self._client.publish(self._topic(ONLINE), YES, 1, retain=True)
-        if self._health is not None:
-            self._client.publish(self._topic(HEALTH), as_message(self._health), 1, retain=True)
+        if self._health:
+            self._tell_health()
 
     def _look(self) -> None:
-        """Tells the health where it is another one."""
+        """Tells the health where it is another one, and once in a while as a sign of life."""
         if self._run is None:
             return
         health = health_of(self._run)
-        if health != self._health:
+        if time.monotonic() - self._other_seen < STALE_AFTER:
+            health["problems"] = [f"another gateway is called '{self.name}' too", *health["problems"]]
+        if health != self._health or time.monotonic() - self._told >= SIGN_OF_LIFE:
             self._health = health
-            if self._client.is_connected():
-                self._client.publish(self._topic(HEALTH), as_message(health), 1, retain=True)
+            self._tell_health()
+
+    def _tell_health(self) -> None:
+        if self._run is None or not self._client.is_connected():
+            return
+        waiting = sum(sink.waiting for sink in self._run.status().sinks)
+        data = {"at": _utc(datetime.now(UTC)), "instance": self._instance, **self._health, "waiting": waiting}
+        self._client.publish(self._topic(HEALTH), as_message(data), 1, retain=True)
+        self._told = time.monotonic()
 
     # ---- rolled files -------------------------------------------------------------------------------------
 
@@ -178,69 +207,106 @@ class Gateway:
         if not (isinstance(identity, str) and isinstance(text, str) and isinstance(signed, str)):
             log.warning("fleet: a message to %s is no rolled file", self._topic(ROLL))
             return
-        self_said = {"id": identity[:64]}
-        content = text.encode(errors="replace")
-        wanted = signature(self._token, self.fleet.group, self.name, self._number, identity, content)
-        if not self._number or not hmac.compare_digest(wanted, signed):
+        said = {"id": identity[:64].encode(errors="backslashreplace").decode()}
+        content = text.encode(errors="backslashreplace")
+        wanted = signature(self._token, self.fleet.group, self.name, self._number, said["id"], content)
+        if not self._number or not hmac.compare_digest(wanted.encode(), signed.encode(errors="backslashreplace")):
             log.warning("fleet: a file that was rolled out is not signed with the token, or was sent before")
-            self._answer(self_said, problems=["it is not signed with the token of this gateway, or was sent before"])
+            self._answer(said, problems=["it is not signed with the token of this gateway, or was sent before"])
             return
         if self._rolling is not None or self.next_run is not None:
-            self._answer(self_said, problems=["another file is being applied – try again"])
+            self._answer(said, problems=["another file is being applied – try again"])
             return
-        self._rolling = self_said
-        task = self._loop.create_task(self._roll(text, content))
+        self._rolling = said
+        task = self._loop.create_task(self._roll(content))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    async def _roll(self, text: str, content: bytes) -> None:
+    async def _roll(self, content: bytes) -> None:
+        """Refused without a trace, or on trial: the file is the new one, and the run changes when it can."""
         log.info("fleet: a run file of %d bytes is rolled out", len(content))
-        before = content_of(self.path)
+        if content == self._content == content_of(self.path):
+            self._end_rolling("it is this file already")
+            return
         try:
-            model = await asyncio.to_thread(load_run, self.path, text)
-            problems = list(more_than(self._model, model, self.path.parent))
-            if problems:
-                raise DefinitionError(problems)
+            model = await asyncio.to_thread(self._checked, content)
+            run = self._run
+            if run is None or not run.running:
+                raise ValueError("the run is not at work")
+            self._put(model, content)
         except ValueError as error:
             self._refuse(reasons(error))
             return
-        run = self._run
-        if run is None or not run.running or before is None:
-            self._refuse(["the run is not at work"])
+        except Exception as error:  # whatever a file brings about, this gateway is ready for the next one
+            log.exception("fleet: a rolled file")
+            self._refuse([f"{type(error).__name__}: {error}"])
             return
 
         def applied(edit: Edit) -> None:
-            if self._put(content, before):
-                self._model = model
-                self._end_rolling(f"applied while it goes on: {edit}")
+            self._keep()
+            self._end_rolling(f"applied while it goes on: {edit}")
 
         def ended(edit: Edit) -> None:
-            if self._put(content, before):
-                self._before = self._model, before
-                self._model = self.next_run = model
-                self.over.set()
+            self.next_run = model
+            self.over.set()
 
         try:
             run.edit(model, applied)
         except ValueError:  # it takes a new start, when no exchange is under way
             try:
-                run.edit(replace(self._model, blocks=()), ended)
+                run.edit(replace(run.run, blocks=()), ended)
             except ValueError as error:
-                self._refuse(reasons(error))
+                self._take_back(reasons(error))
 
-    def _put(self, content: bytes, before: bytes) -> bool:
-        """The file is replaced, and kept as it was before; a refusal where the system does not let it."""
+    def _checked(self, content: bytes) -> RunModel:
+        """The run that a rolled file says. Raises DefinitionError, ValueError."""
+        if len(content) > LARGEST_FILE:
+            raise ValueError(f"the file has {len(content)} bytes – {LARGEST_FILE} at most are rolled out")
+        if content_of(self.path) != self._content:
+            raise ValueError("the run file was edited at the gateway since the run began – start the run anew there")
+        model = load_run(self.path, content.decode())
+        problems = list(more_than(self._model, model, self._file, self._own_files))
+        if problems:
+            raise DefinitionError(problems)
+        return model
+
+    def _put(self, model: RunModel, content: bytes) -> None:
+        """The file is the new one, on trial. Raises ValueError; then it is the old one."""
         try:
-            replace_whole(self.path.with_name(f"{self.path.name}.before"), before)
-            replace_whole(self.path, content)
+            self._file.put(content)
         except OSError as error:
-            self._refuse([f"the file cannot be replaced: {error.strerror or error}"])
-            return False
-        return True
+            raise ValueError(f"the file cannot be replaced: {error.strerror or error}") from None
+        self._before = self._model, self._content
+        self._model, self._content = model, content
+
+    def _keep(self) -> None:
+        """The trial has ended well."""
+        self._before = None
+        self._own_files |= set(self._model.files)
+        try:
+            self._file.keep()
+        except OSError as error:
+            log.warning("fleet: the trial of a rolled file is not noted to be over: %s", error)
+
+    def _put_back(self) -> list[str]:
+        """The trial has ended badly; what went wrong with that too."""
+        if self._before is None:
+            return []
+        self._model, self._content = self._before
+        self._before = None
+        try:
+            self._file.put_back()
+        except OSError as error:
+            return [f"the file of before cannot be put back: {error.strerror or error}"]
+        return []
+
+    def _take_back(self, why: list[str]) -> None:
+        self._refuse([*why, *self._put_back()])
 
     def _refuse(self, problems: list[str]) -> None:
-        folder = f"{self.path.parent.resolve()}{os.sep}"
-        told = [one.replace(folder, "") for one in problems[:MOST_TOLD]]
+        told = problems[:MOST_TOLD]
+        for folder in {self.path.parent.resolve(), self.path.parent.absolute()}:
+            told = [one.replace(f"{folder}{os.sep}", "") for one in told]
         if len(problems) > MOST_TOLD:
             told.append(f"and {len(problems) - MOST_TOLD} more")
         log.warning("fleet: a rolled file is refused: %s", told[0] if told else "")
@@ -263,16 +329,29 @@ class Gateway:
         if reason.is_failure:
             log.warning("fleet: the broker %s refuses: %s", self.fleet.access, reason)
             return
-        if self._token:
-            client.subscribe(self._topic(ROLL), 1)
+        client.subscribe([(self._topic(what), 1) for what in (ONLINE, HEALTH, *([ROLL] if self._token else []))])
         self._in_loop(self._bear)
 
     def _message(self, client: Client, data: Any, message: Any) -> None:
-        if not message.retain:
-            payload = bytes(message.payload[: LARGEST_MESSAGE + 1])
+        """What comes to its own topics: rolled files, and what others say under its name."""
+        if message.retain:
+            return
+        what = message.topic.rpartition("/")[2]
+        payload = bytes(message.payload[: LARGEST_MESSAGE + 1])
+        if what == ROLL:
             self._in_loop(lambda: self._heard(payload))
+        elif what == HEALTH:
+            if from_message(payload).get("instance") != self._instance:
+                self._in_loop(self._is_not_alone)
+        elif payload == NO:  # the will of a connection that was lost: this one is there
+            self._in_loop(self._bear)
 
-    def _in_loop(self, action: Any) -> None:
+    def _is_not_alone(self) -> None:
+        if time.monotonic() - self._other_seen >= STALE_AFTER:
+            log.warning("fleet: another gateway of the fleet '%s' is called '%s' too", self.fleet.group, self.name)
+        self._other_seen = time.monotonic()
+
+    def _in_loop(self, action: Callable[[], None]) -> None:
         if not self._loop.is_closed():
             self._loop.call_soon_threadsafe(action)
 
@@ -297,42 +376,59 @@ def health_of(run: RunCalls) -> dict[str, Any]:
     }
 
 
-def more_than(old: RunModel, new: RunModel, folder: Path) -> Iterator[Problem]:
-    """What a rolled file may not say: another fleet, secrets that the present file does not name, files elsewhere."""
+def more_than(old: RunModel, new: RunModel, file: ReplacedFile, own: set[str]) -> Iterator[Problem]:
+    """What a rolled file may not say: another fleet, secrets for another place, files and ports of others.
+
+    `own`: files that runs of this gateway have written.
+    """
     if new.fleet is None or fingerprint(new.fleet) != fingerprint(old.fleet):
         at = new.at if new.fleet is None else new.fleet.at
         yield Problem(at, "a rolled file stays in its fleet, and says the same of it", "change that on the gateway")
-    known = set(_secrets(old))
+    known = {_in_essence(sink) for sink in old.sinks}
+    listening = {sink.listens for sink in old.sinks}
     for sink in new.sinks:
-        for secret in set(_secrets(sink)) - known:
-            what = f"a rolled file names a secret that the present one does not: {secret.kind}:{secret.name}"
-            yield Problem(sink.at, what, "name it on the gateway first")
-    here = folder.resolve()
-    for file in new.files:
-        if file not in old.files and not Path(file).resolve().is_relative_to(here):
-            what = f"'{file}' is not in the folder of the run file"
+        for secret in _secrets(sink) if _in_essence(sink) not in known else ():
+            what = f"the secret {secret.kind}:{secret.name} is for a sink that the present file does not have so"
+            yield Problem(sink.at, what, "change that sink on the gateway first")
+        if sink.listens is not None and sink.listens not in listening and not _is_local(sink.listens[0]):
+            what = f"{sink.target} can be reached from outside, and the present file does not have it"
+            yield Problem(sink.at, what, "listen on 127.0.0.1, or change that on the gateway first")
+    here = file.path.parent
+    for name in new.files:
+        path = Path(os.path.realpath(name))
+        if name in own:
+            continue
+        if not path.is_relative_to(here):
+            what = f"'{name}' is not in the folder of the run file"
             yield Problem(new.at, f"{what}, and a rolled file writes nothing elsewhere", "name a file in that folder")
+        elif os.path.lexists(name) or path in file.companions:
+            what = f"'{name}' is there already, and no run of this gateway has written it"
+            yield Problem(new.at, what, "name a file that is not there")
 
 
-def _secrets(value: Any) -> Iterator[Secret]:
-    """Those that parts of a run name."""
-    if isinstance(value, RunModel):
-        for part in (*value.sinks, value.fleet):
-            yield from _secrets(part)
-    elif is_dataclass(value) and not isinstance(value, type):
-        for one in fields(value):
-            part = getattr(value, one.name)
-            if isinstance(part, Secret):
-                yield part
+def _in_essence(sink: SinkKind) -> str:
+    """What a sink is but for which points go there, and how often."""
+    return fingerprint(replace(sink, points=("*",), every=None))
 
 
-def replace_whole(path: Path, content: bytes) -> None:
-    """A file has this content from one moment to the next, whatever happens. Raises OSError."""
-    part = path.with_name(f".{path.name}.part")
-    with part.open("wb") as stream:
-        stream.write(content)
-        stream.flush()
-        os.fsync(stream.fileno())
-    if path.exists():
-        part.chmod(path.stat().st_mode & 0o777)
-    os.replace(part, path)
+def _is_local(host: str) -> bool:
+    with suppress(ValueError):
+        return ip_address(host).is_loopback
+    return host == "localhost"
+
+
+def _secrets(sink: SinkKind) -> Iterator[Secret]:
+    """Those that a sink names."""
+    return (value for one in fields(sink) if isinstance(value := getattr(sink, one.name), Secret))
+
+
+def _files_of_before(path: Path, file: ReplacedFile) -> tuple[str, ...]:
+    """Those that the run of before wrote."""
+    try:
+        return load_run(path, file.before.read_text("utf-8")).files
+    except (OSError, ValueError):
+        return ()
+
+
+def _utc(moment: datetime) -> str:
+    return moment.isoformat(timespec="seconds").replace("+00:00", "Z")

@@ -101,7 +101,7 @@ class FileWatch:
     """Loads the run of `path` anew when its content has changed, or when `look_now` is called.
 
     `changed` gets the run; what it raises as DefinitionError or ValueError, and what is wrong with the file, goes to
-    `refused`. One content is tried once; `known` is the one that the run began with.
+    `refused`. One content is tried once, and is then `tried`; `known` is the one that the run began with.
     """
 
     def __init__(
@@ -115,7 +115,7 @@ class FileWatch:
         self.changed = changed
         self.refused = refused
         self._asked = asyncio.Event()
-        self._seen = self._tried = known
+        self.tried = self._seen = known
 
     def look_now(self) -> None:
         """Loads the file as it is, changed or not."""
@@ -132,8 +132,8 @@ class FileWatch:
                 asked = False
             content = await asyncio.to_thread(content_of, self.path)
             settled, self._seen = content == self._seen, content
-            if asked or (settled and content is not None and content != self._tried):
-                self._tried = content
+            if asked or (settled and content is not None and content != self.tried):
+                self.tried = content
                 await self._load()
 
     async def _load(self) -> None:

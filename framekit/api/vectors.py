@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -89,7 +90,7 @@ def run_vectors(protocol: str | Path, folder: Path | None = None) -> list[CaseRe
     """Runs all cases; none where there are no vectors. Raises DefinitionError when definition or vectors are wrong."""
     loaded = load_protocol(protocol, folder)
     path = vectors_path(definition_path(protocol, folder))
-    if not path.is_file():
+    if not os.path.isfile(path):
         return []
     codec = compile_protocol(loaded)
     vectors, wrong = read_vectors(path)

@@ -7,6 +7,7 @@ import asyncio
 import contextlib
 import gc
 import logging
+import os
 import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -212,9 +213,9 @@ def duration_of(text: str | None) -> int | None:
 
 def existing(file: Path) -> Path:
     """A file to be read. Raises WordsError where there is none."""
-    if file.is_dir():
+    if os.path.isdir(file):
         raise WordsError(f"{file}: this is a folder, not a file – name a file in it")
-    if not file.exists():
+    if not os.path.exists(file):
         raise WordsError(f"{file}: there is no such file – check its name and folder")
     return file
 

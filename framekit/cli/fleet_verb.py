@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 import argparse
+import os
 import queue
+import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from framekit.cli.common import VerbError, WordsError, add, duration_of, in_words, print_json, table
+from framekit.definition.problems import printable
 
 if TYPE_CHECKING:
     from framekit.api.fleet import Fleet, GatewayAnswer, Member
     from framekit.sinks.broker import BrokerAccess
     from framekit.sinks.secrets import Secret
 
-HEAD = ("gateway", "is", "run", "channels", "points", "version", "file", "health")
+HEAD = ("gateway", "is", "since", "run", "channels", "points", "version", "file", "health")
 LONGEST_ANSWER = 60.0
 """Seconds in which gateways have to answer, unless said."""
+LOOKS_EVERY = 5.0
+"""Seconds after which a gateway that has gone silent is looked for, at most."""
 
 
 def add_fleet_arguments(parser: argparse.ArgumentParser) -> None:
@@ -99,7 +105,7 @@ def access_of(arguments: argparse.Namespace) -> BrokerAccess:
         raise WordsError(f"{error} – write HOST or HOST:PORT") from None
     if arguments.password is not None and not arguments.user:
         raise WordsError("--password has no effect without --user")
-    if arguments.tls and not Path(arguments.tls).is_file():
+    if arguments.tls and not os.path.isfile(arguments.tls):
         raise WordsError(f"--tls: there is no file '{arguments.tls}' – name a file of certificates (PEM)")
     password = None if arguments.password is None else kept_secret("--password", arguments.password, "password")
     return BrokerAccess(place, arguments.user, password, arguments.tls)
@@ -121,27 +127,33 @@ def kept_secret(option: str, text: str, what: str) -> Secret:
 
 
 def row_of(member: Member) -> tuple[str, ...]:
-    """A gateway in words."""
+    """A gateway in words, without what would move the cursor of a terminal."""
     birth = member.birth
-    return (
-        member.name, "up" if member.online else "down", member.said("run"), str(birth.get("channels", "")),
+    state = "silent" if member.is_silent else "up" if member.online else "down"
+    words = (
+        member.name, state, member.said("began"), member.said("run"), str(birth.get("channels", "")),
         str(birth.get("points", "")), member.said("version"), member.said("file"),
         "; ".join(member.troubles) or ("good" if member.health else "-"),
     )  # fmt: skip
+    return tuple(printable(word) for word in words)
 
 
 def data_of(member: Member) -> dict[str, Any]:
     """The same for programs."""
     birth = {name: value for name, value in member.birth.items() if name != "number"}
     return {
-        "gateway": member.name, "online": member.online, **birth, "takes_files": member.takes_files,
-        "health": member.health,
+        **birth, "gateway": member.name, "online": member.online and not member.is_silent,
+        "takes_files": member.takes_files, "health": member.health,
     }  # fmt: skip
 
 
 def wanted(fleet: Fleet, arguments: argparse.Namespace) -> list[Member]:
     """The gateways that are asked for, by name."""
-    return [one for name, one in sorted(fleet.members.items()) if not arguments.gateways or name in arguments.gateways]
+    return [
+        one
+        for name, one in sorted(fleet.members.copy().items())
+        if not arguments.gateways or name in arguments.gateways
+    ]
 
 
 def show(fleet: Fleet, arguments: argparse.Namespace) -> None:
@@ -154,28 +166,34 @@ def show(fleet: Fleet, arguments: argparse.Namespace) -> None:
         print(table([row_of(one) for one in members], HEAD))
     else:
         print(f"no gateway of the fleet '{fleet.group}' has told {fleet.access} of itself")
+    sys.stdout.flush()
 
 
 def watch(fleet: Fleet, arguments: argparse.Namespace, changed: queue.SimpleQueue[str], duration: int | None) -> None:
     """Prints what changes, until the time (ns) is over or SIGINT comes."""
     until = None if duration is None else time.monotonic() + duration / 1e9
     shown = {one.name: row_of(one) for one in wanted(fleet, arguments)}
+    connected = True
     while until is None or time.monotonic() < until:
+        left = LOOKS_EVERY if until is None else max(0.0, min(LOOKS_EVERY, until - time.monotonic()))
         try:
-            name = changed.get(timeout=None if until is None else max(0.0, until - time.monotonic()))
-        except queue.Empty:
-            return
+            with suppress(queue.Empty):
+                changed.get(timeout=left)
         except KeyboardInterrupt:
             return
-        member = fleet.members[name]
-        row = row_of(member)
-        if row == shown.get(name) or (arguments.gateways and name not in arguments.gateways):
-            continue
-        shown[name] = row
-        if arguments.json:
-            print_json(data_of(member))
-        else:
-            print(f"{time.strftime('%H:%M:%S')}  " + "  ".join(word for word in row if word), flush=True)
+        if connected != fleet.connected:
+            connected = fleet.connected
+            said = "is there again" if connected else "has gone; nothing is known of gateways until it is there again"
+            print(f"framekit fleet: the broker {fleet.access} {said}", file=sys.stderr, flush=True)
+        for member in wanted(fleet, arguments):
+            row = row_of(member)
+            if row == shown.get(member.name):
+                continue
+            shown[member.name] = row
+            if arguments.json:
+                print_json(data_of(member))
+            else:
+                print(f"{time.strftime('%H:%M:%S')}  " + "  ".join(word for word in row if word), flush=True)
 
 
 def show_answers(answers: list[GatewayAnswer], as_json: bool) -> int:
@@ -185,9 +203,9 @@ def show_answers(answers: list[GatewayAnswer], as_json: bool) -> int:
             data = {"gateway": one.gateway, "ok": one.ok, "how": one.how, "problems": list(one.problems)}
             print_json({name: value for name, value in data.items() if value not in ("", [])})
             continue
-        print(f"{one.gateway}: {one.how}" if one.ok else f"{one.gateway}: refused")
+        print(printable(f"{one.gateway}: {one.how}" if one.ok else f"{one.gateway}: refused"))
         for problem in one.problems:
-            print(f"  {problem}")
+            print(f"  {printable(problem)}")
     if not answers:
         print("no gateway takes files")
     return 0 if answers and all(one.ok for one in answers) else 1

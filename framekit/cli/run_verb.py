@@ -34,14 +34,14 @@ from framekit.cli.web_option import WebPage, add_web
 if TYPE_CHECKING:
     from framekit.api.gateway import Gateway
     from framekit.api.monitor import LiveView
-    from framekit.api.run import AsyncRun, OnSeen, RunCalls, RunModel, VirtualRun
+    from framekit.api.run import AsyncRun, Edit, OnSeen, RunCalls, RunModel, VirtualRun
     from framekit.cli.run_output import RunOutput
 
 R = TypeVar("R")
 
 
 class Watched(NamedTuple):
-    """A run file whose changes count, and what it said before it was loaded."""
+    """A run file, and what it held before it was loaded; None: it could not be read."""
 
     path: Path
     content: bytes | None
@@ -92,12 +92,15 @@ def run_run(arguments: argparse.Namespace) -> int:
         raise WordsError("--web tells its address in a line – leave --screen out")
     if arguments.screen and arguments.watch:
         raise WordsError("--watch tells its edits in lines – leave --screen out")
-    watched = Watched(arguments.run, content_of(arguments.run)) if arguments.watch else None
+    settle(arguments.run)
+    began_with = Watched(arguments.run, content_of(arguments.run))
     loaded = load_run(arguments.run)
     if loaded.fleet is not None and arguments.screen:
         raise WordsError("--screen is not for runs of a fleet – leave it out, or the key fleet")
-    if loaded.fleet is not None and loaded.fleet.token is not None and arguments.capture is not None:
-        raise WordsError("--capture is not for runs that files are rolled out to – leave it out, or the fleet's token")
+    for option, given in (("--capture", arguments.capture is not None), ("--watch", arguments.watch)):
+        if given and loaded.fleet is not None and loaded.fleet.token is not None:
+            what = f"{option} is not for runs that files are rolled out to"
+            raise WordsError(f"{what} – leave it out, or the fleet's token")
     if arguments.screen:
         session = RunSession(loaded, watch, virtual=arguments.virtual, duration=duration, controlled=arguments.control)
         return show(session)
@@ -118,7 +121,7 @@ def run_run(arguments: argparse.Namespace) -> int:
             assert duration is not None
             problems = _virtual(loaded, output, watch, duration)
         else:
-            problems = asyncio.run(_real(arguments, watch, watched, make_output, output, loaded, duration))
+            problems = asyncio.run(_real(arguments, watch, began_with, make_output, output, loaded, duration))
     except BrokenPipeError:
         raise
     except OSError as error:
@@ -150,10 +153,10 @@ def _virtual(loaded: RunModel, output: RunOutput, watch: RunWatch, duration: int
 
 
 async def _real(
-    arguments: argparse.Namespace, watch: RunWatch, watched: Watched | None,
+    arguments: argparse.Namespace, watch: RunWatch, began_with: Watched,
     make_output: Callable[[RunModel], RunOutput], output: RunOutput, loaded: RunModel, duration: int | None,
 ) -> list[str]:  # fmt: skip
-    return await RealRun(arguments, watch, watched, make_output, output).carry_out(loaded, duration)
+    return await RealRun(arguments, watch, began_with, make_output, output).carry_out(loaded, duration)
 
 
 class RealRun:
@@ -161,11 +164,11 @@ class RealRun:
     rolled out to it."""
 
     def __init__(
-        self, arguments: argparse.Namespace, watch: RunWatch, watched: Watched | None,
+        self, arguments: argparse.Namespace, watch: RunWatch, began_with: Watched,
         make_output: Callable[[RunModel], RunOutput], output: RunOutput,
     ) -> None:  # fmt: skip
         self.path: Path = arguments.run
-        self.watch, self.watched = watch, watched
+        self.watch, self.began_with = watch, began_with
         self._arguments = arguments
         self._make_output, self._output = make_output, output
         self._ended = asyncio.Event()
@@ -198,7 +201,7 @@ class RealRun:
         from framekit.api.gateway import Gateway
 
         try:
-            self._gateway = Gateway(self.path, loaded)
+            self._gateway = Gateway(self.path, loaded, self.began_with.content or b"")
         except RequestError as error:
             raise VerbError(str(error)) from None
         return self._gateway
@@ -210,7 +213,7 @@ class RealRun:
         gateway = self._gateway
         try:
             return made(AsyncRun, loaded, page.monitor(self._output.seen), self.watch)
-        except (ValueError, VerbError) as error:
+        except (OSError, ValueError, VerbError) as error:
             if gateway is None or gateway.next_run is None:
                 raise
             before = gateway.has_failed(reasons(error) if isinstance(error, ValueError) else [str(error)])
@@ -232,7 +235,7 @@ class RealRun:
                     gateway.has_begun()
                 if self._arguments.control:
                     control(run, output, self._ended.set)
-                watching = None if self.watched is None else loop.create_task(_watch_file(self.watched, run, output))
+                watching = loop.create_task(self._watch_file(run)) if self._arguments.watch else None
                 began = loop.time()
                 try:
                     await until(self._left, self._ended, *([] if gateway is None else [gateway.over]))
@@ -246,20 +249,37 @@ class RealRun:
             self._left = max(0, self._left - round((loop.time() - began) * 1e9))
         return [] if unread.error is not None else _summary(run, output)
 
+    async def _watch_file(self, run: RunCalls) -> None:
+        """Applies what the file says whenever it says something else; what it cannot apply is told, and the run goes
+        on."""
+        from framekit.api.run import FileWatch, reasons
 
-async def _watch_file(watched: Watched, run: RunCalls, output: RunOutput) -> None:
-    """Applies what the file says whenever it says something else; what it cannot apply is told, and the run goes on."""
-    from framekit.api.run import FileWatch, reasons
+        output = self._output
 
-    files = FileWatch(
-        watched.path,
-        watched.content,
-        lambda edited: run.edit(edited, output.edited),
-        lambda error: output.refused(reasons(error)),
-    )
-    if hasattr(signal, "SIGHUP"):
-        asyncio.get_running_loop().add_signal_handler(signal.SIGHUP, files.look_now)
-    await files.watch()
+        def changed(model: RunModel) -> None:
+            content = files.tried or b""
+
+            def applied(edit: Edit) -> None:
+                output.edited(edit)
+                if self._gateway is not None:
+                    self._gateway.edited(model, content)
+
+            run.edit(model, applied)
+
+        files = FileWatch(*self.began_with, changed, lambda error: output.refused(reasons(error)))
+        if hasattr(signal, "SIGHUP"):
+            asyncio.get_running_loop().add_signal_handler(signal.SIGHUP, files.look_now)
+        await files.watch()
+
+
+def settle(path: Path) -> None:
+    """A file that was rolled out, and whose trial a kill cut off, is the one of before again. Raises VerbError."""
+    from framekit.api.replaced_file import ReplacedFile
+
+    try:
+        ReplacedFile(path).settle()
+    except OSError as error:
+        raise VerbError(f"{path} cannot be made the one of before: {why_not(error)}") from None
 
 
 def _summary(run: RunCalls, output: RunOutput) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
@@ -51,7 +52,7 @@ def _first_file(name: str, places: Iterable[Path], suffix: str) -> Path | None:
     """The first file `NAME` or `NAME` + `suffix` inside one of the folders."""
     for place in places:
         for candidate in (place / name, place / f"{name}{suffix}"):
-            if candidate.is_file() and candidate.resolve().is_relative_to(place.resolve()):
+            if os.path.isfile(candidate) and candidate.resolve().is_relative_to(place.resolve()):
                 return candidate
     return None
 
@@ -59,8 +60,8 @@ def _first_file(name: str, places: Iterable[Path], suffix: str) -> Path | None:
 def definition_file(name: str | Path, folder: Path) -> Path | None:
     """The file that a name or a path means, seen from `folder`; None if there is none."""
     path = Path(name)
-    if path.suffix in (".yaml", ".yml") or path.is_file():
-        return path if path.is_file() else None
+    if path.suffix in (".yaml", ".yml") or os.path.isfile(path):
+        return path if os.path.isfile(path) else None
     return find_definition(str(name), folder)
 
 

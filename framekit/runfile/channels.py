@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
@@ -253,7 +254,7 @@ class ChannelLoader:
 def beside(name: str, folder: Path) -> str | Path:
     """The file of that name in a folder, where there is one; else the name."""
     file = folder / name
-    return file if file.suffix == ".yaml" and file.is_file() else name
+    return file if file.suffix == ".yaml" and os.path.isfile(file) else name
 
 
 def needs_station(protocol: Protocol) -> bool:

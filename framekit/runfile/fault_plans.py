@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path, PurePosixPath
 
@@ -79,10 +80,10 @@ def leaves_folder(name: str) -> bool:
 
 
 def _find(name: str | Path, folder: Path, at: Position) -> Path:
-    if isinstance(name, Path) and name.is_file():
+    if isinstance(name, Path) and os.path.isfile(name):
         return name
     for candidate in (folder / name, folder / f"{name}{SUFFIX}"):
-        if candidate.is_file():
+        if os.path.isfile(candidate):
             return candidate
     known = {path.name.removesuffix(SUFFIX) for path in folder.glob(f"*{SUFFIX}")}
     at = Position(str(name), 0, 0) if at is NOWHERE else at

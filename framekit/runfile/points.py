@@ -6,6 +6,7 @@ A table has a point in each row and the keys of a point as its columns; what it 
 from __future__ import annotations
 
 import csv
+import os
 from collections.abc import Iterator, Sequence
 from collections.abc import Mapping as MappingOf
 from dataclasses import dataclass
@@ -198,11 +199,7 @@ class PointsLoader:
             path = self.folder / f"{name}{SUFFIX}"
         if ".." in Path(name).parts or Path(name).is_absolute():
             raise self.reader.broken(node.at, f"'{name}' leaves the run's folder", "name a file beside it")
-        try:
-            there = path.is_file()
-        except OSError:  # a name that no system takes
-            there = False
-        if not there:
+        if not os.path.isfile(path):
             known = (one.name for end in (SUFFIX, ".csv") for one in self.folder.glob(f"*{end}"))
             raise self.reader.broken(node.at, f"there is no file '{path.name}'", did_you_mean(name, known))
         try:

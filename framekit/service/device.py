@@ -8,6 +8,7 @@ connection has over TCP. Nothing here prints; what watches gives `monitor`.
 from __future__ import annotations
 
 import asyncio
+import os
 from collections import Counter
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -224,7 +225,7 @@ def devices_of(channel: Channel, folder: Path) -> list[Device]:
     for name in (part.strip() for part in channel.port.removeprefix(SIMULATED).split(",")):
         file = folder / name
         try:
-            devices = load_devices(file if file.is_file() else name, folder)
+            devices = load_devices(file if os.path.isfile(file) else name, folder)
         except DefinitionError as error:
             problems += [_here(problem, name, channel) for problem in error.problems]
             continue

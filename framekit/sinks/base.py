@@ -120,6 +120,11 @@ class SinkKind(ABC):
         """Where the values go, for people: what stands behind the word of the kind."""
         return str(getattr(self, self.word))
 
+    @property
+    def listens(self) -> tuple[str, int] | None:
+        """The address and port on which it waits for others, if it does."""
+        return None
+
     def mistakes(self, points: Sequence[Point]) -> Iterator[tuple[str, str, str]]:
         """What is wrong with it in a run with these points: the key ('' for all of it), what it is, what to do."""
         yield from ()

@@ -79,7 +79,7 @@ def read_tls(reading: KeyReading, node: Node) -> str | None:
     if text in ("yes", "true", "on"):
         return ""
     path: Path = reading.loader.folder / text
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise reading.reader.broken(node.at, f"there is no file '{text}'", "write yes, or a file of certificates (PEM)")
     return str(path)
 

@@ -56,6 +56,10 @@ class Opcua(SinkKind):
         host, port = self.opcua
         return f"opc.tcp://{bracketed(host)}:{port}"
 
+    @property
+    def listens(self) -> tuple[str, int]:
+        return self.opcua
+
     def mistakes(self, points: Sequence[Point]) -> Iterator[tuple[str, str, str]]:
         yield from not_installed("asyncua", "asyncua", "opcua")
         if bool(self.certificate) != bool(self.private_key):

@@ -37,6 +37,10 @@ class Prometheus(SinkKind):
         host, port = self.prometheus
         return f"{bracketed(host)}:{port}"
 
+    @property
+    def listens(self) -> tuple[str, int]:
+        return self.prometheus
+
     def mistakes(self, points: Sequence[Point]) -> Iterator[tuple[str, str, str]]:
         yield from not_installed("prometheus-client", "prometheus_client", "prometheus")
         if self.every is not None:

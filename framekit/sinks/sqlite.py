@@ -165,7 +165,7 @@ def read_history(
 
     Raises HistoryError for a file that holds none, sqlite3.Error.
     """
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise HistoryError(f"there is no {path} – has the run been started?")
     where, given = ["(" + " OR ".join("name GLOB ?" for _ in points) + ")"], list[Any](map(as_glob, points))
     if since is not None:

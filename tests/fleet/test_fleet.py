@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import random
 import signal
 import subprocess
 import sys
@@ -18,6 +19,7 @@ import pytest
 from points.mosquitto import Broker, Listener, needs_mosquitto
 
 from framekit.api.fleet import Fleet, Member
+from framekit.api.replaced_file import ReplacedFile, digest_of
 from framekit.cli.main import main
 from framekit.sinks.broker import BrokerAccess, Place
 
@@ -48,9 +50,9 @@ def write_run(folder: Path, name: str, port: int, more: str = ', token: "env:FLE
 
 
 @contextmanager
-def gateway(path: Path) -> Iterator[subprocess.Popen[bytes]]:
+def gateway(path: Path, *options: str) -> Iterator[subprocess.Popen[bytes]]:
     """`framekit run` of a file, ended as a service manager would."""
-    words = [sys.executable, "-m", "framekit", "run", str(path), "--json"]
+    words = [sys.executable, "-m", "framekit", "run", str(path), "--json", *options]
     with (path.parent / "printed").open("ab") as printed:
         process = subprocess.Popen(
             words, stdout=printed, stderr=printed, cwd=path.parent, env=os.environ | {"FLEET_TOKEN": TOKEN}
@@ -90,6 +92,14 @@ class Watcher:
         self.fleet.close()
 
 
+def wait_for(holds: Callable[[], object]) -> None:
+    """Until something holds that no message tells."""
+    until = time.monotonic() + 60
+    while not holds():
+        assert time.monotonic() < until
+        time.sleep(0.02)
+
+
 def is_well(member: Member) -> bool:
     """Whether it is up, and reads its point."""
     return member.online and member.health.get("bad") == [] and not member.troubles
@@ -113,7 +123,9 @@ def test_gateways_are_listed_and_told_of_when_they_end_or_are_killed(
             assert watcher.wait("one", is_well).takes_files and not watcher.wait("two", is_well).takes_files
             assert main(["fleet", f"127.0.0.1:{broker.port}"]) == 0
             shown = capsys.readouterr().out.splitlines()
-            assert [line.split()[:3] for line in shown[1:]] == [["one", "up", "meter"], ["two", "up", "meter"]]
+            told = [line.split() for line in shown[1:]]
+            assert [(*words[:2], words[3]) for words in told] == [("one", "up", "meter"), ("two", "up", "meter")]
+            assert all(words[2].startswith("20") and words[2].endswith("Z") for words in told)
             killed.kill()
             watcher.wait("two", lambda member: not member.online)
         watcher.wait("one", lambda member: not member.online)
@@ -157,7 +169,11 @@ def test_a_run_file_is_rolled_out_or_refused_whole(
             wrong = {
                 "every: 100 ms": ("every: soon", "meter.run.yaml:5:48: 'soon' is not a time"),
                 "rows.jsonl": ("../rows.jsonl", "is not in the folder of the run file"),
-                "payload: plain": ("payload: plain, user: a, password: env:HOME", "a secret that the present one does"),
+                "payload: plain": ("payload: plain, user: a, password: env:HOME", "env:HOME is for a sink that the"),
+                "jsonl: rows.jsonl": ("prometheus: '0.0.0.0:0'", "0.0.0.0:0 can be reached from outside"),
+                "rows.jsonl}": ("printed}", "printed' is there already, and no run of this gateway has written it"),
+                "{jsonl: rows.jsonl": ("{jsonl: meter.run.yaml.before", "is there already"),
+                "sim:meter.device": (f"sim:{'a' * 300}.device", "there is no file 'aaaa"),
                 "name: one": ("name: two", "a rolled file stays in its fleet"),
                 "run: meter": ("run: [", "meter.run.yaml:"),
             }
@@ -172,6 +188,7 @@ def test_a_run_file_is_rolled_out_or_refused_whole(
             )
             assert roll(old, name="three") == (1, ["three: refused", "  it is not there"])
 
+            assert roll(old) == (0, ["one: it is this file already"])
             more = old.replace("sinks:", "  second: {channel: 1, address: '40001', every: 100 ms}\nsinks:")
             assert roll(more) == (0, ["one: begun anew"])
             assert path.read_text() == more and path.with_name("meter.run.yaml.before").read_text() == old
@@ -198,7 +215,17 @@ def test_a_run_that_cannot_begin_is_the_one_of_before_again(tmp_path: Path) -> N
             assert not answer.ok and "kept" in answer.problems[0], answer
             assert path.read_bytes() == old
             watcher.wait("one", is_well)
-            (answer,) = watcher.fleet.roll(["one"], old.replace(b"run: meter", b"run: other"), TOKEN)
+            part = path.with_name(".meter.run.yaml.part")
+            part.mkdir()
+            other, before = old.replace(b"run: meter", b"run: other"), len(rows(path.with_name("rows.jsonl")))
+            blocks = b'memory: masterlogic\nblocks: {0: {read: "40001", into: "%MW0", channel: 1, every: 1 s}}\nsinks:'
+            for text in (other, old.replace(b"sinks:", blocks)):
+                (answer,) = watcher.fleet.roll(["one"], text, TOKEN)
+                assert not answer.ok and "cannot be replaced" in answer.problems[0], answer
+                assert path.read_bytes() == old
+            wait_for(lambda: len(rows(path.with_name("rows.jsonl"))) > before + 3)  # the run goes on
+            part.rmdir()
+            (answer,) = watcher.fleet.roll(["one"], other, TOKEN)
             assert answer.ok
             assert watcher.wait("one", lambda one: is_well(one) and one.said("run") == "other").online
 
@@ -222,7 +249,13 @@ def test_what_was_rolled_out_once_cannot_be_sent_again(tmp_path: Path) -> None:
             listener.say("framekit/one/roll", message.decode())
             listener.wait(lambda: len(listener.of("framekit/one/rolled")) == 3)
             assert b"was sent before" in listener.of("framekit/one/rolled")[-1]
-            for rubbish in ("", "[]", "{", '{"id": 5}', "\0" * 10, '{"id": "1", "file": 3, "signature": "x"}'):
+            some = (
+                '{"id": 5}',
+                '{"id": "1", "file": 3, "signature": "x"}',
+                '{"id": "1", "file": "", "signature": "é"}',
+            )
+            odd = '{"id": "\\ud800", "file": "\\ud800", "signature": "\\ud800"}'
+            for rubbish in ("", "[]", "{", "\0" * 10, odd, *some):
                 listener.say("framekit/one/roll", rubbish)
             (answer,) = watcher.fleet.roll(["one"], old, TOKEN)
             assert answer.ok
@@ -236,17 +269,117 @@ def test_a_broker_that_starts_again_hears_of_all_anew(tmp_path: Path) -> None:
         with gateway(path), Listener(broker.port, "one/count", qos=0) as listener:
             watcher.wait("one", is_well)
             broker.kill()
-            watcher.wait("one", lambda one: True)
+            watcher.wait("one", lambda one: not one.online)
             listener.listens = False
             kept = len(rows(path.with_name("rows.jsonl")))
-            until = time.monotonic() + 60
-            while len(rows(path.with_name("rows.jsonl"))) < kept + 5 and time.monotonic() < until:
-                time.sleep(0.05)
+            wait_for(lambda: len(rows(path.with_name("rows.jsonl"))) >= kept + 5)
             watcher.fleet.members.clear()
             broker.start()
             watcher.wait("one", is_well)
             last = rows(path.with_name("rows.jsonl"))[-1]
             listener.wait(lambda: str(last).encode() in listener.of("one/count"))
+
+
+@needs_mosquitto
+def test_a_trial_that_a_kill_cut_off_is_over(tmp_path: Path) -> None:
+    with Broker(tmp_path) as broker, Watcher(broker.port) as watcher:
+        path = write_run(tmp_path / "one", "one", broker.port)
+        old = path.read_bytes()
+        ReplacedFile(path).put(old.replace(b"run: meter", b"run: other"))
+        with gateway(path):
+            assert watcher.wait("one", is_well).said("run") == "meter" and path.read_bytes() == old
+        assert {one.name for one in path.parent.iterdir()} >= {"meter.run.yaml.before"}
+        assert not list(path.parent.glob("*.trial"))
+
+
+@needs_mosquitto
+def test_two_of_one_name_are_told_and_both_go_on(tmp_path: Path) -> None:
+    with Broker(tmp_path) as broker, Watcher(broker.port) as watcher:
+        first = write_run(tmp_path / "one", "same", broker.port)
+        second = write_run(tmp_path / "two", "same", broker.port)
+        with gateway(first), Listener(broker.port, "framekit/same/online") as listener:
+            watcher.wait("same", is_well)
+            with gateway(second):
+                member = watcher.wait("same", lambda one: one.troubles)
+                assert "problem: another gateway is called 'same' too" in member.troubles
+            listener.wait(lambda: listener.of("framekit/same/online")[-2:] == [b"0", b"1"])  # the first is there
+
+
+@needs_mosquitto
+def test_what_gives_no_sign_of_life_is_silent(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with Broker(tmp_path) as broker, Listener(broker.port, "framekit/#") as listener:
+        births = {
+            "online": "1", "birth": json.dumps({"run": "\x1b[2Jx\x9b", "version": "1"}),
+            "health": '{"at": "2026-01-01T00:00:00Z", "waiting": 5000}',
+        }  # fmt: skip
+        for what, said in births.items():
+            listener.say(f"framekit/old/{what}", said, retain=True)
+        listener.wait(lambda: listener.of("framekit/old/health"))
+        assert main(["fleet", f"127.0.0.1:{broker.port}"]) == 0
+        shown = capsys.readouterr().out
+        assert shown.splitlines()[1].split() == [
+            "old", "silent", "\\x1b[2Jx\\x9b", "1", "5000", "samples", "wait", "for", "a", "server",
+        ]  # fmt: skip
+        assert main(["fleet", f"127.0.0.1:{broker.port}", "--json"]) == 0
+        assert json.loads(capsys.readouterr().out)["online"] is False
+
+
+@needs_mosquitto
+def test_a_watch_tells_what_changes(tmp_path: Path) -> None:
+    with Broker(tmp_path) as broker, Watcher(broker.port) as watcher:
+        path = write_run(tmp_path / "one", "one", broker.port, "")
+        words = [sys.executable, "-m", "framekit", "fleet", f"127.0.0.1:{broker.port}", "--watch"]
+        told = tmp_path / "told"
+        with gateway(path, "--watch"), told.open("wb") as printed:
+            watcher.wait("one", is_well)
+            watching = subprocess.Popen(words, stdout=printed, stderr=printed)
+            try:
+                wait_for(lambda: "up" in told.read_text().split())
+                first = watcher.wait("one", is_well).said("file")
+                path.write_text(f"{path.read_text()}# edited\n")
+                digest = watcher.wait("one", lambda one: one.said("file") != first).said("file")
+                assert digest == digest_of(path.read_bytes())
+                wait_for(lambda: digest in told.read_text())
+                broker.kill()
+                wait_for(lambda: "has gone" in told.read_text() and "one  down" in told.read_text())
+            finally:
+                watching.send_signal(signal.SIGINT)
+                assert watching.wait(30) == 0
+
+
+def test_a_file_is_the_old_one_or_the_new_one_when_its_writer_is_killed(tmp_path: Path) -> None:
+    path = tmp_path / "some"
+    contents = [bytes([digit]) * 300_000 for digit in b"ab"]
+    path.write_bytes(contents[0])
+    path.chmod(0o640)
+    program = (
+        "import sys; from pathlib import Path; from framekit.api.replaced_file import ReplacedFile\n"
+        "file = ReplacedFile(Path(sys.argv[1])); print(flush=True)\n"
+        "while True:\n for digit in b'ab': file.put(bytes([digit]) * 300_000)\n"
+    )
+    found = set()
+    for turn in range(8):
+        with subprocess.Popen([sys.executable, "-c", program, str(path)], stdout=subprocess.PIPE) as process:
+            assert process.stdout is not None
+            process.stdout.readline()
+            time.sleep(random.Random(turn).random() / 20)
+            process.kill()
+        content = path.read_bytes()
+        assert content in contents and path.stat().st_mode & 0o777 == 0o640
+        ReplacedFile(path).settle()
+        assert path.read_bytes() in contents and not list(tmp_path.glob("*.trial"))
+        found.add(content[:1])
+    assert found == {b"a", b"b"}
+
+
+def test_a_link_stays_one(tmp_path: Path) -> None:
+    real = tmp_path / "real.yaml"
+    real.write_bytes(b"old")
+    (tmp_path / "link.yaml").symlink_to(real)
+    file = ReplacedFile(tmp_path / "link.yaml")
+    file.put(b"new")
+    assert real.read_bytes() == b"new" and (tmp_path / "link.yaml").is_symlink()
+    assert file.settle() and real.read_bytes() == b"old" and not file.settle()
 
 
 @needs_mosquitto
@@ -319,6 +452,7 @@ def test_keys_of_a_fleet_are_checked(tmp_path: Path, capsys: pytest.CaptureFixtu
     [
         (["--screen"], "--screen is not for runs of a fleet"),
         (["--capture", "x.pcap"], "--capture is not for runs that files are rolled out to"),
+        (["--watch"], "--watch is not for runs that files are rolled out to"),
     ],
 )
 def test_what_has_no_place_in_a_fleet(

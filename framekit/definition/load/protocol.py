@@ -3,6 +3,7 @@ protocol by name or path, or from a text; a simulated device from its file."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -388,7 +389,7 @@ def load_protocol_text(text: str, name: str = "definition", folder: Path | None 
 def definition_path(name: str | Path, folder: Path | None = None) -> Path:
     """Where a definition stands. Raises DefinitionError when there is none of that name."""
     found = definition_file(name, folder or Path.cwd())
-    if found is None and Path(folder or Path.cwd(), name).is_dir():
+    if found is None and os.path.isdir(Path(folder or Path.cwd(), name)):
         what = "this is a folder, not a file"
         raise DefinitionError([Problem(Position(str(name), 0, 0), what, "name a file in it")])
     if found is None and Path(name).suffix in (".yaml", ".yml"):
