@@ -1,0 +1,188 @@
+"""What was heard on an unknown line, and what is said of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
+
+from framekit.definition.model.checks import CheckMethod
+
+Direction = Literal["in", "out", ""]
+"""Which way bytes went; '' where one wire has both, or nothing tells it."""
+Order = Literal["big", "little"]
+Form = Literal["binary", "hex"]
+"""How a number stands on the wire: as bytes, or as two hex digits (ASCII) for each byte."""
+
+
+class Chunk(NamedTuple):
+    """Bytes that came together: the time of the first (ns; None where nothing tells it), the way, and the bytes."""
+
+    time: int | None
+    direction: Direction
+    data: bytes
+
+
+class HeardFrame(NamedTuple):
+    """A frame as it stood on the line, with everything around it that marks it."""
+
+    time: int | None
+    direction: Direction
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """So many of so many hold; `chance`: as how many bits of luck that would count (greater is surer)."""
+
+    holds: int
+    of: int
+    chance: float = 0.0
+
+    def __str__(self) -> str:
+        return f"{self.holds} of {self.of}"
+
+
+@dataclass(frozen=True, slots=True)
+class Statement:
+    """Something that is said of a line, in words. `is_sure`: it would be a defect of this program if it were wrong.
+
+    `against`: what would contradict it.
+    """
+
+    text: str
+    evidence: Evidence
+    is_sure: bool
+    against: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class LengthField:
+    """A number of `width` bytes at `offset` from the frame's start; a frame has that value plus `plus` bytes.
+
+    `unit`: bytes for each count (2 for words). `form` hex: the number takes 2 × `width` characters.
+    """
+
+    offset: int
+    width: int
+    order: Order
+    plus: int
+    unit: int = 1
+    form: Form = "binary"
+
+    @property
+    def size(self) -> int:
+        """Bytes on the wire."""
+        return self.width * (2 if self.form == "hex" else 1)
+
+    @property
+    def end(self) -> int:
+        """The first byte behind it."""
+        return self.offset + self.size
+
+
+@dataclass(frozen=True, slots=True)
+class Stuffing:
+    """How bytes that would end a frame are written inside of it, in the words of the language's `wrap`.
+
+    `kind`: `escape_xor` (the escape byte, then the byte xor `xor`), `escape_codes` (the escape byte, then a code: `codes`,
+    code → byte), `doubled` (the escape byte stands twice; a frame begins and ends with it and another byte), `cobs`.
+    """
+
+    kind: Literal["escape_xor", "escape_codes", "doubled", "cobs"]
+    escape: int = 0
+    xor: int = 0
+    codes: tuple[tuple[int, int], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Framing:
+    """Where frames begin and end.
+
+    `kind`: `pauses` (silence around frames, or the pieces as they came), `marks` (a start and an end, or one of them),
+    `length` (a number says it), `fixed` (all have `fixed` bytes). `start` and `end`: bytes that begin and end every frame,
+    for every kind.
+    """
+
+    kind: Literal["pauses", "marks", "length", "fixed"]
+    start: bytes = b""
+    end: bytes = b""
+    length: LengthField | None = None
+    stuffing: Stuffing | None = None
+    fixed: int = 0
+    evidence: Evidence = Evidence(0, 0)
+
+
+@dataclass(frozen=True, slots=True)
+class CheckPlace:
+    """Where a code stands in a frame without its stuffing, and what it counts.
+
+    It takes `size` bytes (a form of hex: that many characters). It ends `tail` bytes before the frame's end, or, where
+    `at` is given, begins there. It counts from the byte `start` to the code, or, where `at` is given, from there to
+    `stop` bytes before the end. `counted` hex: the bytes that the characters in between stand for are counted.
+    """
+
+    size: int
+    order: Order = "big"
+    form: Form = "binary"
+    tail: int = 0
+    at: int | None = None
+    start: int = 0
+    stop: int = 0
+    counted: Form = "binary"
+
+
+@dataclass(frozen=True, slots=True)
+class CheckGuess:
+    """A check that fits: `method` may have parameters of its own, `name` is that of a ready one, or ''.
+
+    `plus`: what is added (sums) or combined by exclusive or (all others) at the end, where no ready method does so.
+    `others`: how else the same could be said, as far as the frames tell.
+    """
+
+    place: CheckPlace
+    method: CheckMethod
+    name: str
+    evidence: Evidence
+    plus: int = 0
+    others: tuple[str, ...] = ()
+
+
+FieldKind = Literal[
+    "constant", "counter", "address", "function", "length", "count", "copy", "check", "value", "unknown"
+]
+
+
+@dataclass(frozen=True, slots=True)
+class GuessedField:
+    """Bytes of a frame that belong together; `about`: what is known of them, in words."""
+
+    name: str
+    offset: int
+    size: int
+    kind: FieldKind
+    about: str = ""
+    evidence: Evidence = Evidence(0, 0)
+
+
+@dataclass(frozen=True, slots=True)
+class FrameKind:
+    """Frames of one form: they go one way, and have the same fields. `rest`: the field whose size varies, if any."""
+
+    name: str
+    direction: Direction
+    fields: tuple[GuessedField, ...]
+    frames: tuple[HeardFrame, ...]
+
+
+@dataclass(slots=True)
+class Guess:
+    """What is said of a line."""
+
+    chunks: Sequence[Chunk]
+    framing: Framing | None = None
+    frames: list[HeardFrame] = field(default_factory=list)
+    noise: int = 0
+    check: CheckGuess | None = None
+    kinds: list[FrameKind] = field(default_factory=list)
+    statements: list[Statement] = field(default_factory=list)
