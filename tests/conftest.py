@@ -1,6 +1,8 @@
 """What holds for every test: none is timed, and the short ones have few generated examples; what was loaded is kept."""
 
 import gc
+import os
+from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -43,6 +45,21 @@ def pytest_configure(config: pytest.Config) -> None:
         keeping = ExitStack()
         keeping.enter_context(cached_by(ShippedKeeper(CacheFolder(cache))))
         config.add_cleanup(keeping.close)
+
+
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
+    """Of `-n auto`: one more than there are processors, since many tests wait for programs that they have started."""
+    return (os.cpu_count() or 1) + 1
+
+
+@pytest.fixture
+def small_heap(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """What the tests before have kept is left out of the collections of this one, which take a second each with it."""
+    unfreeze = gc.unfreeze
+    gc.freeze()
+    monkeypatch.setattr(gc, "unfreeze", gc.freeze)  # what the test leaves out of them stays so until its end
+    yield
+    unfreeze()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

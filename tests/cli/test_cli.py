@@ -133,6 +133,7 @@ def paths_of(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str,
             yield before + name, value
 
 
+@pytest.mark.usefixtures("small_heap")
 @pytest.mark.parametrize(
     "words",
     [

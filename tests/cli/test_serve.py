@@ -100,6 +100,7 @@ def test_a_pseudo_terminal_and_sigterm() -> None:
         assert any(where == "line" and text.startswith("bad frame: check") for where, text in summary)
 
 
+@pytest.mark.usefixtures("small_heap")
 @pytest.mark.parametrize(
     ("words", "ready"),
     [

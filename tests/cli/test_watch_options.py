@@ -131,6 +131,7 @@ def test_the_log_is_silent_unless_asked_for(capsys: pytest.CaptureFixture[str]) 
     assert "INFO    framekit.service.driver: port lost" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("small_heap")
 @pytest.mark.parametrize("verb", ["run", "serve", "monitor"])
 def test_a_capture_that_could_not_be_written_is_told_and_ends_with_status_1(
     verb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -26,6 +26,7 @@ from framekit.transport import schemes
 from framekit.transport.schemes import SCHEMES
 
 
+@pytest.mark.usefixtures("small_heap")
 @pytest.mark.parametrize("page", spread(PAGES, 4, 1), ids=lambda page: str(page.relative_to(ROOT)))
 def test_page(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "examples"

@@ -58,6 +58,7 @@ def test_sessions_end_for_the_commands_too(channel: Scope) -> None:
     assert (commands[0]["level"], channel["level"]) == (4, 4), "what is the channel's ends with the channel's session"
 
 
+@pytest.mark.usefixtures("small_heap")
 def test_commands_that_nobody_has_any_more_are_forgotten(channel: Scope) -> None:
     CommandScope(load(ORDERS), channel)
     gc.collect()

@@ -145,6 +145,7 @@ def test_a_frame_with_a_pulse_in_it_shows_it_as_it_is_then(tmp_path: Path) -> No
 # ---- an edited run ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("small_heap")
 @WAYS
 def test_a_channel_that_has_been_replaced_is_forgotten_and_its_blocks_start_on_the_new_one(
     tmp_path: Path, at_once: bool

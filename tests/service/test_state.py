@@ -119,6 +119,7 @@ def test_it_is_written_while_the_run_goes_on(tmp_path: Path) -> None:
         assert 8 <= file.kept.blocks[1, 0].started <= 10
 
 
+@pytest.mark.usefixtures("small_heap")
 @pytest.mark.parametrize("words", [["--virtual"], ["--virtual", "--json"], []])
 def test_a_run_whose_last_state_cannot_be_written_ends_with_status_1(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], words: list[str]
