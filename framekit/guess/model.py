@@ -85,8 +85,9 @@ class LengthField:
 class Stuffing:
     """How bytes that would end a frame are written inside of it, in the words of the language's `wrap`.
 
-    `kind`: `escape_xor` (the escape byte, then the byte xor `xor`), `escape_codes` (the escape byte, then a code: `codes`,
-    code → byte), `doubled` (the escape byte stands twice; a frame begins and ends with it and another byte), `cobs`.
+    `kind`: `escape_xor` (the escape byte, then the byte xor `xor`), `escape_codes` (the escape byte, then a code:
+    `codes`, code → byte), `doubled` (the escape byte stands twice; a frame begins and ends with it and another byte),
+    `cobs`.
     """
 
     kind: Literal["escape_xor", "escape_codes", "doubled", "cobs"]
@@ -100,8 +101,8 @@ class Framing:
     """Where frames begin and end.
 
     `kind`: `pauses` (silence around frames, or the pieces as they came), `marks` (a start and an end, or one of them),
-    `length` (a number says it), `fixed` (all have `fixed` bytes). `start` and `end`: bytes that begin and end every frame,
-    for every kind.
+    `length` (a number says it), `fixed` (all have `fixed` bytes). `start` and `end`: bytes that begin and end every
+    frame, for every kind.
     """
 
     kind: Literal["pauses", "marks", "length", "fixed"]
