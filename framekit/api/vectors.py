@@ -10,17 +10,17 @@ from typing import Any
 
 from framekit.codec.codec import compile_protocol
 from framekit.definition.load.protocol import definition_path, load_protocol
-from framekit.definition.load.reader import parse_number
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import DefinitionError, Problem, parted
 from framekit.definition.vectors import Conversation, Vectors, check_vectors, read_vectors
 from framekit.link.addresses import AddressError, AddressGrammar
-from framekit.link.conversation import SideUnderTest, Starter, run_conversation, run_frame_vector
+from framekit.link.conversation import SideUnderTest, Starter, elements_of, run_conversation, run_frame_vector
 from framekit.link.engine import Engine
 from framekit.link.events import Ask
 from framekit.link.frame_table import ProtocolCodec
 from framekit.link.services.client import Client
 from framekit.link.services.server import MemoryServer
+from framekit.link.typed import typed_at
 from framekit.memory.memory import DeviceMemory
 from framekit.run.own_memory import AddressedMemory
 from framekit.runfile.devices import memory_of
@@ -115,7 +115,7 @@ def make_side(case: Conversation, protocol: Protocol, codec: ProtocolCodec) -> S
     for text, value in case.memory.items():
         place = grammar.parse(text)
         values = value if isinstance(value, list) else [value]
-        numbers = [_number(item) for item in values]
+        numbers = elements_of(typed_at(grammar, text, None, None, len(values)), values)
         memory.area(place.area).write_from(place.first_bit, place.unit, numbers, force=True)
     sides: dict[Engine, Client] = {}
 
@@ -133,11 +133,8 @@ def make_side(case: Conversation, protocol: Protocol, codec: ProtocolCodec) -> S
         ask=ask if protocol.services else None,
         start=Starter(protocol, codec).start,
         read_memory=lambda text, count: _read(memory, grammar, text, count),
+        typed=lambda text, count: typed_at(grammar, text, None, None, count),
     )
-
-
-def _number(value: Any) -> int:
-    return parse_number(value) if isinstance(value, str) else int(value)
 
 
 def _read(memory: DeviceMemory, grammar: AddressGrammar, text: str, count: int) -> list[int]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
 from typing import Any
@@ -13,9 +13,11 @@ from framekit.codec.plain import PlainValues
 from framekit.codec.shown import code_text, explain
 from framekit.definition.load.reader import parse_number
 from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.services import COUNTED_STRING
 from framekit.definition.problems import plural
 from framekit.definition.times import NEVER, LineFormat, parse_format, readable_time
 from framekit.definition.vectors import Conversation, FrameVector, ScriptLine, nine_bits, role_of
+from framekit.link.addresses import AddressGrammar
 from framekit.link.arrivals import Arrival, BadFrame, FrameArrived
 from framekit.link.engine import Engine
 from framekit.link.events import (
@@ -34,9 +36,11 @@ from framekit.link.events import (
     Send,
 )
 from framekit.link.frame_table import ProtocolCodec, table_of
+from framekit.link.packing import memory_of
 from framekit.link.receiver import Receiver
 from framekit.link.scope import Scope
 from framekit.link.services.client import Client, TransferResult
+from framekit.link.typed import Typed, typed_at
 from framekit.link.values import EVALUATION_ERRORS, FrameValue, Names, compile_expression
 from framekit.link.variables import same_number
 
@@ -256,7 +260,8 @@ class SideUnderTest:
     """What the tested side consists of besides its engine.
 
     `start` begins what the case asks for: engine, the case's `do`, its station, the time, what to call with the result;
-    it returns commands. The result has `ok`, `values`, `outcome`, `code`. `read_memory` gives values at an address.
+    it returns commands. The result has `ok`, `values`, `outcome`, `code`. `read_memory` gives
+    elements from an address on, `typed` what these usually hold.
     `monitor` is shown what happens; `troubles` collects what could not be worked out.
     """
 
@@ -265,6 +270,7 @@ class SideUnderTest:
     ask: Callable[[Engine], Ask] | None = None
     start: Callable[[Engine, Mapping[str, Any], Any, int, Asked], list[Command]] | None = None
     read_memory: Callable[[str, int], list[int]] | None = None
+    typed: Callable[[str, int], Typed] | None = None
     monitor: Monitor | None = None
     troubles: list[str] = field(default_factory=list)
 
@@ -552,10 +558,17 @@ class _Player:
             if not result_agrees(result.gives, wanted.values):
                 self._note(None, f"results {result.gives}, expected {wanted.values}")
         elif wanted.values is not None and result.ok:
-            values = wanted.values if isinstance(wanted.values, list) else [wanted.values]
-            numbers = [state_value("number", value) for value in values]
+            numbers = self._elements_read(wanted.values if isinstance(wanted.values, list) else [wanted.values])
             if list(result.values) != numbers:
                 self._note(None, f"values {list(result.values)}, expected {numbers}")
+
+    def _elements_read(self, values: list[Any]) -> list[int]:
+        """What a read gives for these values: as the addresses hold them, unless the case reads another unit."""
+        do = self.case.do or {}
+        read = do.get("read")
+        if read is None or "unit" in do:
+            return [state_value("number", value) for value in values]
+        return elements_at(self.engine.scope.protocol, read, values)
 
     def _compare_afterwards(self) -> None:
         wanted = self.case.result
@@ -567,11 +580,43 @@ class _Player:
                 shown = str(expected) if isinstance(expected, Decimal) else repr(expected)
                 self._note(None, f"{name} is {scope.get(name)!r} afterwards, expected {shown}")
         for address, value in wanted.memory.items():
-            numbers = [state_value("number", item) for item in (value if isinstance(value, list) else [value])]
-            if self.side.read_memory is None:
+            values = value if isinstance(value, list) else [value]
+            if self.side.read_memory is None or self.side.typed is None:
                 self._note(None, "there is no memory to compare")
-            elif (found := self.side.read_memory(address, len(numbers))) != numbers:
-                self._note(None, f"{address} holds {found} afterwards, expected {numbers}")
+                continue
+            how, found = self.side.typed(address, len(values)), self.side.read_memory(address, len(values))
+            wanted_elements = elements_of(how, values)
+            if found != wanted_elements:
+                typed = [how.values(memory_of(one, how.carrier), one) for one in (found, wanted_elements)]
+                self._note(None, f"{address} holds {typed[0]} afterwards, expected {typed[1]}")
+
+
+def elements_at(protocol: Protocol, where: str | Sequence[str], values: Sequence[Any]) -> list[int]:
+    """The elements that a client writes or reads for plain values: from one address on, or one at each address.
+
+    Raises ValueError for a value that does not fit.
+    """
+    grammar = AddressGrammar(protocol.addresses, protocol.areas, protocol.tables)
+    if isinstance(where, str):
+        return elements_of(typed_at(grammar, where, None, None, len(values)), values)
+    if len(where) != len(values):
+        raise ValueError(f"{len(values)} values stand for {len(where)} addresses – give one for each")
+    hows = [typed_at(grammar, one, None, None, 1) for one in where]
+    return [_element(how, value) for how, value in zip(hows, values, strict=True)]
+
+
+def elements_of(how: Typed, values: Sequence[Any]) -> list[int]:
+    """The elements for plain values of a type; a number in hexadecimal is the element itself. Raises ValueError."""
+    return [_element(how, value) for value in values]
+
+
+def _element(how: Typed, value: Any) -> int:
+    if how.type == COUNTED_STRING:
+        return how.numbers([value])[0]
+    number = state_value("number", value)
+    if isinstance(value, str) and "x" in value.lower():
+        return int(number)
+    return how.numbers([float(number) if isinstance(number, Decimal) else number])[0]
 
 
 def station_of(protocol: Protocol, value: Any) -> Any:
@@ -622,7 +667,8 @@ class Starter:
                 where, values = where[0], values[0]
         if values is None:
             raise ValueError("write needs values: write: ADDRESS, values: [...]")
-        numbers = [parse_number(item) for item in (values if isinstance(values, list) else [values])]
+        given = values if isinstance(values, list) else [values]
+        numbers = [parse_number(item) for item in given] if unit else elements_at(self.protocol, where, given)
         if isinstance(where, list):
             return client.write_variables(where, numbers, station=station, unit=unit, now=now, on_done=on_done).commands
         return client.write(where, numbers, station=station, unit=unit, now=now, on_done=on_done).commands

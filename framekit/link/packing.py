@@ -218,10 +218,10 @@ def _shortest(number: float) -> float:
 
 
 def _float(number: Any, kind: str) -> float:
-    """A number as a float. Raises PackingError for what is none, or too large."""
-    if isinstance(number, float):
+    """A number for a view of floats. Raises PackingError for what is none, or too large."""
+    if isinstance(number, (int, float)):
         return number
-    if isinstance(number, (int, Decimal)):
+    if isinstance(number, Decimal):
         with suppress(OverflowError):
             if not isinf(found := float(number)):
                 return found

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import sys
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -47,10 +48,15 @@ class NumberView:
         return as_decimal(numbers, self.unit) if self.kind == "bcd" else numbers
 
     def write(self, values: Sequence[float]) -> bytes:
-        """Memory's form of the numbers. Raises MemoryValueError for one that does not fit."""
+        """Memory's form of the numbers; a fraction is rounded to the nearest float.
+
+        Raises MemoryValueError for one that does not fit, and for a whole number that would become another one.
+        """
         for value in values:
             if not isinstance(value, (int, float)) or (self.kind != "float" and not isinstance(value, int)):
                 raise MemoryValueError(f"{value} is no {self.type}")
+            if self.kind == "float" and isinstance(value, int) and abs(value) > 1 << 24:
+                self._keeps(value)
         numbers = values
         if self.kind == "bcd":
             numbers = from_decimal([int(value) for value in values], self.unit)
@@ -66,6 +72,14 @@ class NumberView:
             else:
                 what = f"{max(numbers, key=abs)} does not fit into a {self.type}"
             raise MemoryValueError(what) from None
+
+    def _keeps(self, value: int) -> None:
+        """Raises MemoryValueError for a whole number that no such float is."""
+        code = f"<{self._code}"
+        with suppress(OverflowError, struct.error):
+            held = int(struct.unpack(code, struct.pack(code, value))[0])
+            if held != value:
+                raise MemoryValueError(f"{value} has more digits than a {self.type} holds: it would be {held}")
 
     @property
     def bounds(self) -> tuple[float, float]:

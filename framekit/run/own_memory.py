@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from decimal import Decimal
 from functools import partial
 from typing import Any
 
@@ -15,10 +16,10 @@ from framekit.definition.model.segments import Bits, BitsPart, Count, Data, Fiel
 from framekit.definition.model.services import AddressForm, Area
 from framekit.definition.model.values import Table
 from framekit.link.addresses import Address, AddressError, AddressGrammar
-from framekit.link.packing import memory_of, values_of
+from framekit.link.packing import memory_of_numbers, numbers_of
 from framekit.memory.memory import AccessError, DeviceMemory, DeviceMemoryError, MemoryRangeError, unit_bits
 from framekit.memory.profile import MemoryProfile
-from framekit.memory.views import as_signed, float_view
+from framekit.memory.views import NumberView, view_of
 from framekit.run.model import Block, OwnPlace
 
 Piece = tuple[OwnPlace, int, bytes]
@@ -185,10 +186,8 @@ def mismatch(part: FramePart, place: OwnPlace) -> tuple[str, str] | None:
     if takes_bytes(part):
         if place.address.first_bit % 8:
             return f"'{part.name}' is bytes, and {place.text} is in the middle of one", "name a byte or a word"
-    elif _is_float(part) and bits not in (32, 64):
-        return f"'{part.name}' is a floating-point number, and {place.text} is a {place.address.unit}", (
-            "name a double word or a long word"
-        )
+    elif _is_float(part) and float_bits_of(place.address) != bits:
+        return no_fraction(part.name, place)
     return None
 
 
@@ -196,8 +195,13 @@ def may_overflow(part: FramePart, place: OwnPlace) -> bool:
     """Whether there are binary numbers of this field that its place cannot hold."""
     if not isinstance(part, Field) or part.type.kind != "int" or part.limits is not None or part.unit is not None:
         return False
-    bounds = part.type.bounds
-    return bounds is not None and (bounds[1] - bounds[0]).bit_length() > place.address.unit_bits > 1
+    bounds, type_ = part.type.bounds, place.address.type
+    if bounds is None or place.address.unit_bits == 1:
+        return False
+    view = None if type_ is None else view_of(type_)
+    if isinstance(view, NumberView) and view.kind != "float":
+        return bounds[0] < view.bounds[0] or bounds[1] > view.bounds[1]
+    return (bounds[1] - bounds[0]).bit_length() > place.address.unit_bits
 
 
 def no_number(part: FramePart | None, value: Any) -> str | None:
@@ -210,6 +214,23 @@ def no_number(part: FramePart | None, value: Any) -> str | None:
     if least <= value <= most:
         return None
     return f"'{part.name}' is {value}, " + (f"more than {most}" if value > most else f"less than {least}")
+
+
+def float_bits_of(address: Address) -> int:
+    """The bits of a floating-point number that stands there: one of 32 bits in two words; 0 where none can be."""
+    if address.type is not None and not address.type.startswith("float"):
+        return 0
+    return {16: 32, 32: 32, 64: 64}.get(address.unit_bits, 0)
+
+
+def no_fraction(name: str, place: OwnPlace) -> tuple[str, str]:
+    """Why a number with a fraction cannot go to a place, and what to do."""
+    address = place.address
+    what = f"'{name}' may have a fraction, and {place.text} is {'of type' if address.type else 'a'} "
+    what += address.type or address.unit
+    if address.type:
+        return what, "name a place of type float32 or float64"
+    return what, "name a double word, which holds it as a floating-point number"
 
 
 # ---- values -----------------------------------------------------------------------------------------------
@@ -225,17 +246,29 @@ def to_memory(part: FramePart, place: OwnPlace, value: Any, room: int | None) ->
         if isinstance(value, str) and size is not None:
             data = data.ljust(size, _pad(part))
         return 8 * len(data), data
-    unit = place.address.unit
-    if _is_float(part) or holds_floats(place):
-        return place.address.unit_bits, float_view(unit).write([float(value)])
-    if int(value) != value:
-        raise ValueError(
-            f"'{part.name}' is {value}, and {place.text} holds whole numbers – give it a type such as float32"
-        )
+    address = place.address
+    number = value // _unit(part) if _unit(part) > 1 else value
+    return address.unit_bits, stored_numbers(part.name, place, [number], address.unit_bits if _is_float(part) else 0)
+
+
+def stored_numbers(name: str, place: OwnPlace, values: Sequence[Any], float_bits: int = 0) -> bytes:
+    """Numbers as they stand in memory from a place on: as its type says, else as floating-point numbers of so many bits
+    (0: only those that may have a fraction, in double words). `name`: what they are of.
+
+    Raises ValueError for one that the place cannot hold as it is.
+    """
+    address = place.address
+    unit, type_ = address.unit, address.type
+    if type_ is None and not float_bits and any(isinstance(value, (float, Decimal)) for value in values):
+        float_bits = address.unit_bits
+        if float_bits_of(address) != float_bits:
+            raise ValueError(" – ".join(no_fraction(name, place)))
+    if type_ is None and float_bits:
+        unit, type_ = f"{'l' if float_bits == 64 else 'd'}word", f"float{float_bits}"
     try:
-        return place.address.unit_bits, memory_of([int(value) // _unit(part)], unit)
-    except ValueError:
-        raise ValueError(f"'{part.name}' is {value}, that does not fit into {place.text} ({unit})") from None
+        return memory_of_numbers(values, unit, type_)
+    except ValueError as error:
+        raise ValueError(f"'{name}' cannot be stored in {place.text}: {error} – name a place that holds it") from None
 
 
 def from_memory(part: FramePart, place: OwnPlace, memory: bytes) -> Any:
@@ -244,23 +277,19 @@ def from_memory(part: FramePart, place: OwnPlace, memory: bytes) -> Any:
         if not isinstance(part, Field) or part.type.kind != "ascii":
             return memory
         return memory.rstrip(b"\0").decode("latin-1") if part.type.end is not None else memory.decode("latin-1")
-    unit = place.address.unit
-    if _is_float(part) or holds_floats(place):
-        found = float_view(unit).read(memory)[0]
-        if _is_float(part):
-            return found
+    unit, type_ = place.address.unit, place.address.type
+    if _is_float(part):
+        type_ = type_ or f"float{place.address.unit_bits}"
+    elif type_ is None and isinstance(part, Field) and part.type.signed and place.address.unit_bits > 1:
+        type_ = f"int{place.address.unit_bits}"
+    found = numbers_of(memory, unit, type_, 1)[0]
+    if _is_float(part):
+        return found
+    if isinstance(found, float):
         if not math.isfinite(found) or int(found) != found:
             raise ValueError(f"{place.text} is {found:g}, and '{part.name}' is a whole number")
-        return int(found) * _unit(part)
-    number = values_of(memory, unit, 1)
-    if isinstance(part, Field) and part.type.signed and place.address.unit_bits > 1:
-        number = as_signed(number, unit)
-    return number[0] * _unit(part)
-
-
-def holds_floats(place: OwnPlace) -> bool:
-    """Whether a place holds floating-point numbers, as its area says."""
-    return (place.address.type or "").startswith("float")
+        found = int(found)
+    return found * _unit(part)
 
 
 def _unit(part: FramePart) -> int:

@@ -23,14 +23,14 @@ from framekit.definition.times import NEVER
 from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.link.engine import Engine
 from framekit.link.events import Command
-from framekit.link.packing import Packer, cut_memory, join_memory, memory_of, values_of
+from framekit.link.packing import Packer, cut_memory, join_memory, values_of
 from framekit.link.services.client import Client, Done, Transfer, TransferResult
 from framekit.link.values import EVALUATION_ERRORS, FrameValue, Names, compile_expression
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits
-from framekit.memory.views import as_signed, float_view
+from framekit.memory.views import as_signed
 from framekit.run.block_state import Failure, failure_of
 from framekit.run.commands import CommandBlocks, CommandEnd, ParamsOf
-from framekit.run.model import ArgumentPlace, Block, Merge, OwnPlace, ResultPlace
+from framekit.run.model import ArgumentPlace, Block, Merge, ResultPlace
 from framekit.run.own_memory import (
     FrameFields,
     FramePart,
@@ -39,6 +39,7 @@ from framekit.run.own_memory import (
     piece_writer,
     read_piece,
     store_pieces,
+    stored_numbers,
     to_memory,
 )
 
@@ -565,21 +566,12 @@ def _elements(place: ResultPlace) -> int | None:
 
 
 def _numbers(place: ResultPlace, values: Sequence[float | Decimal]) -> tuple[int, bytes]:
-    """Numbers with a fraction, and all that go to places of such, as floating-point numbers; others as they are."""
+    """Numbers that may have a fraction, and all that go to places of such, as floating-point numbers; others as they
+    are."""
     address = place.place.address
     scaled: list[Any] = [value // place.scale if place.scale > 1 else value for value in values]
     bits = place.float_bits
-    if not bits and any(isinstance(value, (float, Decimal)) for value in scaled):
-        bits = float_bits_of(address)
-        if bits != address.unit_bits:
-            raise ValueError(" – ".join(no_fraction(str(place.result), place.place)))
-    if not bits:
-        try:
-            return len(scaled) * address.unit_bits, memory_of(scaled, address.unit)
-        except ValueError as error:
-            raise ValueError(f"'{place.result}' does not fit into {place.place.text}: {error}") from None
-    view = float_view("lword" if bits == 64 else "dword")
-    return len(scaled) * bits, view.write([float(value) for value in scaled])
+    return len(scaled) * (bits or address.unit_bits), stored_numbers(str(place.result), place.place, scaled, bits)
 
 
 def _bytes(place: ResultPlace, data: bytes, packing: Packing) -> tuple[int, bytes]:
@@ -587,19 +579,6 @@ def _bytes(place: ResultPlace, data: bytes, packing: Packing) -> tuple[int, byte
     packer = Packer(packing, place.place.address.unit)
     count = packer.count_in(0, len(data))
     return count * packer.bits, packer.to_memory(data, 0, count)
-
-
-def float_bits_of(address: Address) -> int:
-    """The bits of a floating-point number that stands there: one of 32 bits in two words; 0 where none can be."""
-    if address.type is not None and not address.type.startswith("float"):
-        return 0
-    return {16: 32, 32: 32, 64: 64}.get(address.unit_bits, 0)
-
-
-def no_fraction(result: str, place: OwnPlace) -> tuple[str, str]:
-    """Why a number with a fraction cannot go to a place, and what to do."""
-    what = f"'{result}' may have a fraction, and {place.text} is a {place.address.type or place.address.unit}"
-    return what, "name a double word, which holds it as a floating-point number"
 
 
 def _shown(value: Any) -> str:

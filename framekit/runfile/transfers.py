@@ -29,16 +29,24 @@ from framekit.link.variables import ParameterError, given_value
 from framekit.memory.memory import MemoryValueError, unit_bits
 from framekit.memory.views import CountedTextView, NumberView, view_of
 from framekit.run.model import ArgumentPlace, Channel, OwnPlace, ResultPlace
-from framekit.run.own_memory import FramePart, fixed_bytes, may_overflow, mismatch, no_number, parts_of, takes_bytes
+from framekit.run.own_memory import (
+    FramePart,
+    fixed_bytes,
+    float_bits_of,
+    may_overflow,
+    mismatch,
+    no_fraction,
+    no_number,
+    parts_of,
+    takes_bytes,
+)
 from framekit.run.transfer import (
     ANY,
     LONGEST,
     NoResultError,
     Shape,
     argument_bits,
-    float_bits_of,
     is_path,
-    no_fraction,
     shape_at,
     shapes_of,
 )

@@ -9,6 +9,7 @@ import pytest
 import framekit
 from framekit.api.errors import RequestError
 from framekit.api.values import typed
+from framekit.api.vectors import run_vectors
 from framekit.codec.codec import compile_protocol
 from framekit.link.services.rows import ServiceRows
 from framekit.runfile.run_file import load_run
@@ -148,3 +149,37 @@ def test_decimal_digits_of_four_bits(tmp_path: Path) -> None:
         client.write("40001", 0xA)
         with pytest.raises(framekit.ReplyError, match="read it as dword"):
             client.read("40001", type="bcd32")
+
+
+def test_values_of_vectors_are_of_the_type_of_their_area(tmp_path: Path) -> None:
+    definition = """
+protocol: typed
+extends: standard
+station: {type: number, range: 0..9, default: 1}
+groups: {request: {from: client}, answer: {from: server}}
+areas: {F: {unit: dword, type: float32, size: 4}, I: {unit: dword, type: int32, size: 4}}
+addresses: [{form: "{area}{start:dec}"}]
+frames:
+  GET: {group: request, body: [{const: ENQ}, {field: station, type: u8}, {field: start, type: u8}]}
+  GOT: {group: answer, body: [{const: STX}, {field: station, type: u8}, {data: values, size: 4}]}
+  PUT: {group: request, body: [{const: SOH}, {field: station, type: u8}, {field: start, type: u8}, {data: values, size: 4}]}
+  HAS: {group: answer, body: [{const: ACK}, {field: station, type: u8}]}
+services:
+  read: [{areas: F, limit: {bytes: 4}, request: {GET: {station: station, start: start}}, reply: {GOT: {station: station, values: data}}}]
+  write: [{areas: F, limit: {bytes: 4}, request: {PUT: {station: station, start: start, values: data}}, reply: {HAS: {station: station}}}]
+"""  # noqa: E501
+    vectors = """
+vectors: typed
+conversations:
+  - {name: read, role: client, do: {read: F1}, script: [{send: 05 01 01}, {receive: 02 01 3F C0 00 00}], result: {values: [1.5]}}
+  - {name: write, role: client, do: {write: F1, values: 1.5}, script: [{send: 01 01 01 3F C0 00 00}, {receive: 06 01}]}
+  - {name: raw, role: client, do: {write: F1, values: 0x3FC00000}, script: [{send: 01 01 01 3F C0 00 00}, {receive: 06 01}]}
+  - {name: serve, role: server, own: 1, memory: {F1: -2, I0: -2}, script: [{receive: 05 01 01}, {send: 02 01 C0 00 00 00}], result: {memory: {F1: -2.0, I0: -2}}}
+  - {name: wrong, role: server, own: 1, memory: {F1: 3}, script: [{receive: 01 01 01 3F C0 00 00}, {send: 06 01}], result: {memory: {F1: 1.75}}}
+"""  # noqa: E501
+    (tmp_path / "typed.yaml").write_text(definition, "utf-8")
+    (tmp_path / "typed.vectors.yaml").write_text(vectors, "utf-8")
+    results = {one.name: one.problems for one in run_vectors(tmp_path / "typed.yaml")}
+    (problem,) = results.pop("wrong")
+    assert results == dict.fromkeys(("read", "write", "raw", "serve"), ())
+    assert problem.endswith("F1 holds [1.5] afterwards, expected [1.75]")
