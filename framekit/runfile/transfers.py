@@ -124,7 +124,9 @@ class TransferLoader:
         places, values = self._own_side(instruction, keys, types or [None], len(nodes), count)
         if len(units) == len(nodes):
             self._fitting(reader.items(keys.get("values")), values or (), units)
-            self._room(keys.get("into" if instruction == "read" else "from"), places, units, count)
+            own = keys.get("into" if instruction == "read" else "from")
+            self._room(own, places, units, count)
+            self._same_type(own, places, types)
         return {
             "targets": tuple(reader.text(node) for node in nodes),
             "units": tuple(units),
@@ -141,6 +143,16 @@ class TransferLoader:
                 memory_of([value], units[min(at, len(units) - 1)])
             except PackingError as error:
                 self.reader.note(node.at, str(error), "correct it, or give another type")
+
+    def _same_type(self, node: Node | None, places: tuple[OwnPlace, ...], others: list[Address | None]) -> None:
+        """Elements are moved as they are: both sides mean the same by them, where both say what they hold."""
+        for item, place, other in zip(self.reader.items(node), places, others, strict=False):
+            own = place.address.type
+            if own is not None and other is not None and other.type is not None and other.type != own:
+                what = f"{place.text} holds {own}, and {other} holds {other.type}"
+                self.reader.note(
+                    item.at, what, "name a place of the same type, or add type: to move elements as they are"
+                )
 
     def _room(self, node: Node | None, places: tuple[OwnPlace, ...], units: list[str], count: int) -> None:
         """Own places with room for everything that is moved."""

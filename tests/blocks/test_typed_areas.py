@@ -164,3 +164,14 @@ def test_a_field_with_a_fraction_is_refused_where_whole_numbers_stand(result: st
     (problem,) = caught.value.problems
     assert problem.what == f"'{result}' may have a fraction, and I0 is of type int32"
     assert problem.todo == "name a place of type float32 or float64"
+
+
+def test_elements_are_moved_between_places_of_the_same_type(tmp_path: Path) -> None:
+    path = tmp_path / "moved.run.yaml"
+    text = f"run: moved\nmemory: {AREAS}\nchannels:\n  1: {{port: 'sim:df1', protocol: df1, station: 1}}\nblocks:\n"
+    blocks = "  0: {read: 'F8:1', into: I0, channel: 1}\n  1: {write: 'F8:1', from: F0, channel: 1}\n"
+    path.write_text(f"{text}{blocks}  2: {{read: 'F8:1', into: I0, type: dword, channel: 1}}\n", "utf-8")
+    with pytest.raises(DefinitionError) as caught:
+        VirtualRun(path)
+    (problem,) = caught.value.problems
+    assert problem.what == "I0 holds int32, and F8:1 holds float32"
