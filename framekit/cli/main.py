@@ -32,6 +32,7 @@ VERBS = {
     "fleet": "list the runs that tell a broker how they are, and roll run files out",
     "serve": "answer requests on a port, with memory",
     "monitor": "listen to a line between others",
+    "record": "record the bytes of a line of which nothing is known, or find its speed and format",
     "replay": "send the bytes of a capture again",
     "loopback": "test a port that is wired back to itself",
     "points": "make points of a register list",
@@ -47,7 +48,7 @@ TOGETHER = {
 }
 """Verbs that stand in one module; `run` stands in `run_verb`. A module has `add_VERB_arguments` and `run_VERB`."""
 
-READS_ITSELF = ("check", "test", "completion", "loopback", "points", "history")
+READS_ITSELF = ("check", "test", "completion", "record", "loopback", "points", "history")
 """Verbs that look at definitions as they are written, or at none: they take nothing from the cache."""
 
 _TOLD = [

@@ -21,6 +21,7 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import LineFormat
 from framekit.link.events import CharacterFault, LineFault, Seen
 from framekit.link.listener import Listener
+from framekit.service.behind import Behind
 from framekit.transport.clock import AsyncioClock, Clock
 from framekit.transport.port import LineEvent, Port, TappedPort, Way
 
@@ -303,9 +304,13 @@ class _Sink:
         self._file = path.open("wb", buffering=0)
         self._file.write(head)
 
-    def write(self, record: bytes) -> None:
-        if self.trouble or self._file.closed:
-            return
+    def write(self, record: bytes, *, wait: bool = False) -> bool:
+        """Always takes it; False is the answer of a sink with a place that can be full, where `wait` waits for room."""
+        if not self.trouble and not self._file.closed:
+            self._write(record)
+        return True
+
+    def _write(self, record: bytes) -> None:
         try:
             written = self._file.write(record)
         except OSError as error:
@@ -322,26 +327,53 @@ class _Sink:
         self._file.close()
 
 
+MOST_WAITING = 8 << 20
+"""Bytes of records that may wait for a slow disk."""
+
+
+class _LaterSink:
+    """As the sink in it, but a thread writes: a slow disk makes nothing wait, until too much of it waits itself."""
+
+    def __init__(self, path: Path, head: bytes) -> None:
+        """Raises OSError."""
+        self.path = path
+        self._sink = _Sink(path, head)
+        self._behind = Behind(self._sink.write, MOST_WAITING, f"writes {path}")
+
+    @property
+    def trouble(self) -> str:
+        return self._sink.trouble
+
+    def write(self, record: bytes, *, wait: bool = False) -> bool:
+        return self._behind.write(record, wait=wait)
+
+    def close(self) -> None:
+        self._behind.close()
+        self._sink.close()
+
+
 class Capture:
     """A capture being written. A name ending in .json or .jsonl makes JSON lines, any other pcap.
 
     A pcap file holds one line: with several channels each has its own, `NAME-1.pcap`, `NAME-2.pcap`. Times in the file
-    are those of the wall clock; on a virtual clock they count from 1970. Raises OSError.
+    are those of the wall clock; on a virtual clock they count from 1970. `later`: a thread writes, so that a slow disk
+    makes nothing wait. Raises OSError.
     """
 
-    def __init__(self, path: Path, channels: Sequence[int], clock: Clock) -> None:
+    def __init__(self, path: Path, channels: Sequence[int], clock: Clock, *, later: bool = False) -> None:
         self._clock = clock
         self._epoch = time.time_ns() - clock.now() if isinstance(clock, AsyncioClock) else 0
         self._records: dict[int, PcapRecords] = {}
         self._ports = 0
-        self._sinks: dict[int, _Sink] = {}
+        self._sinks: dict[int, _Sink | _LaterSink] = {}
+        made = _LaterSink if later else _Sink
         if path.suffix.lower() in JSON_SUFFIXES:
-            sink = _Sink(path, _line(HEADER))
+            sink = made(path, _line(HEADER))
             self._sinks = dict.fromkeys(channels, sink)
         else:
             for channel in channels:
                 name = path if len(channels) == 1 else path.with_name(f"{path.stem}-{channel}{path.suffix}")
-                self._sinks[channel] = _Sink(name, GLOBAL_HEADER)
+                self._sinks[channel] = made(name, GLOBAL_HEADER)
                 self._records[channel] = PcapRecords(self._epoch)
 
     @property
@@ -356,7 +388,7 @@ class Capture:
 
     def around(self, channel: int, port: Port) -> Port:
         """The port with everything that goes through it captured."""
-        return TappedPort(port, self._clock, partial(self.write, channel))
+        return TappedPort(port, self._clock, partial(self._keep, channel))
 
     def around_next(self, port: Port) -> Port:
         """As `around`, for one port of a server with many: where the format tells channels apart each is the next one.
@@ -367,19 +399,24 @@ class Capture:
         self._ports += 1
         return self.around(first if self._records else first + self._ports - 1, port)
 
-    def write(self, channel: int, event: LineEvent) -> None:
-        """Writes one event; never raises for a file that cannot be written."""
+    def write(self, channel: int, event: LineEvent, *, wait: bool = False) -> bool:
+        """Writes one event; never raises for a file that cannot be written.
+
+        False: it is not in the file, as too much waits for a slow disk (only with `later`); `wait` waits instead.
+        """
         records = self._records.get(channel)
         if records is None:
             sink = self._sinks.get(channel) or next(iter(self._sinks.values()))
-            sink.write(event_line(channel, event, self._epoch))
-        else:
-            self._sinks[channel].write(records.of(event))
+            return sink.write(event_line(channel, event, self._epoch), wait=wait)
+        return self._sinks[channel].write(records.of(event), wait=wait)
+
+    def _keep(self, channel: int, event: LineEvent) -> None:
+        self.write(channel, event)
 
     def close(self) -> None:
         """Ends the files."""
         for channel, records in self._records.items():
-            self._sinks[channel].write(records.end(self._clock.now()))
+            self._sinks[channel].write(records.end(self._clock.now()), wait=True)
         for sink in self._sinks.values():
             sink.close()
 

@@ -61,6 +61,10 @@ class Port(ABC):
     """Who sent what was told last, HOST:PORT, where several can be on the other side."""
     hears_marks = False
     """Whether it tells, while it is open, which characters have their ninth bit set."""
+    has_bit_times = True
+    """Whether bytes take their time on a line that has a speed, once it is open; they do not on a pseudo-terminal."""
+    sees_damage = False
+    """Whether it tells, while it is open, which characters came damaged, and of breaks."""
     in_time = False
     """Whether its time is that of the clock's calls, however late they come: so a busy process delays no device."""
 
@@ -189,6 +193,14 @@ class PassingPort(Port, PortEvents):
     @property
     def hears_marks(self) -> bool:  # type: ignore[override]
         return self.inner.hears_marks
+
+    @property
+    def sees_damage(self) -> bool:  # type: ignore[override]
+        return self.inner.sees_damage
+
+    @property
+    def has_bit_times(self) -> bool:  # type: ignore[override]
+        return self.inner.has_bit_times
 
     def release(self) -> None:
         self.inner.release()
@@ -333,6 +345,14 @@ class UserPort(Port):
     @property
     def hears_marks(self) -> bool:  # type: ignore[override]
         return self.shared.port.hears_marks
+
+    @property
+    def sees_damage(self) -> bool:  # type: ignore[override]
+        return self.shared.port.sees_damage
+
+    @property
+    def has_bit_times(self) -> bool:  # type: ignore[override]
+        return self.shared.port.has_bit_times
 
     def close(self) -> None:
         self.shared.close(self)

@@ -76,11 +76,12 @@ _REASONS = {
 class SerialConnection(ABC):
     """A device from opening to closing. `has_bit_times`: bytes take their time on a line (they do not on a pty).
 
-    `hears_marks`: it tells which characters have their ninth bit set.
+    `hears_marks`: it tells which characters have their ninth bit set. `sees_damage`: it tells which are damaged.
     """
 
     has_bit_times = True
     hears_marks = False
+    sees_damage = False
 
     @abstractmethod
     def write(self, data: bytes) -> None:
@@ -379,6 +380,16 @@ class SerialPort(Port):
     def hears_marks(self) -> bool:  # type: ignore[override]
         use = self._use
         return use is not None and use.connection is not None and use.connection.hears_marks
+
+    @property
+    def sees_damage(self) -> bool:  # type: ignore[override]
+        use = self._use
+        return use is not None and use.connection is not None and use.connection.sees_damage
+
+    @property
+    def has_bit_times(self) -> bool:  # type: ignore[override]
+        use = self._use
+        return use is None or use.connection is None or use.connection.has_bit_times
 
     def send_break(self, duration: int) -> None:
         if self._use is not None:
@@ -692,7 +703,8 @@ class DescriptorConnection(SerialConnection):
             self._marks = None
         elif self._marks is None:
             self._marks = DamageMarks()
-        self.hears_marks = has_marks and self._marks is not None
+        self.sees_damage = self._marks is not None
+        self.hears_marks = has_marks and self.sees_damage
 
     def change_line(self, line: LineFormat) -> None:
         try:

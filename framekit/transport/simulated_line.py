@@ -290,6 +290,10 @@ class SimulatedPort(Port):
         return self.format is not None and self.format.has_marks
 
     @property
+    def sees_damage(self) -> bool:  # type: ignore[override]
+        return self.format is not None
+
+    @property
     def wanted(self) -> bool:
         return self._events is not None
 

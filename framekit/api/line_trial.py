@@ -1,0 +1,400 @@
+"""Finding the speed and format of a line by listening to it with one after the other, and how sure that is.
+
+What is heard with a wrong speed or format has framing and parity errors, in about half of its characters. So each
+character without one is evidence, and a damaged one speaks against; those that come again behind the same one say
+nothing new. Some things no device says: that the lowest bit of all characters is 0, or the eighth 1. They are the
+start bit and the rest of a line that is slower, or has a shorter format. And where eight bits always have the same
+parity, the eighth is that parity. Each value that has such a thing halves the chance of an accident. All evidence is
+counted in bits: 10 bits are odds of a thousand to one.
+
+Wrong speeds may still be heard without damage, above all where the right one is not among those tried. So the best are
+put to the test at twice their speed: there each bit has to come twice. Only what passes that is called sure.
+
+Whether there are one or two stop bits cannot be heard.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from math import log2
+from typing import Literal
+
+from framekit.api.errors import LineClosedError, RequestError
+from framekit.definition.problems import plural
+from framekit.definition.times import LineFormat
+from framekit.link.events import CharacterFault, LineFault
+from framekit.transport.clock import AsyncioClock, Clock
+from framekit.transport.port import Port, PortEvents
+from framekit.transport.schemes import open_port, scheme_of
+
+SPEEDS = "9600,19200,115200,38400,57600,4800,2400,1200"
+FORMATS = "8N1,8E1,8O1,7E1,7O1,7N1"
+EACH = 2_000_000_000
+"""How long each speed and format is listened to (ns)."""
+AGAIN = 4
+"""So many of the best are listened to once more, `LONGER` times as long, where the first time has not made it sure."""
+LONGER = 4
+TESTED = 3
+"""So many speeds are put to the test at twice the speed."""
+
+DAMAGED_IF_RIGHT, DAMAGED_IF_WRONG = 0.01, 0.4
+CLEAN_BITS = log2((1 - DAMAGED_IF_RIGHT) / (1 - DAMAGED_IF_WRONG))
+DAMAGED_BITS = log2(DAMAGED_IF_RIGHT / DAMAGED_IF_WRONG)
+MOST_CONTEXTS = 200
+"""So many different characters and neighbours count; more make nothing surer."""
+TEXT = frozenset(range(0x20, 0x7F)) | frozenset(b"\r\n\t\x02\x03\x04\x05\x06\x15\x17")
+MOST_TEXT_BITS = 6.0
+
+SURE, LIKELY = 16.0, 5.0
+"""Bits of evidence, and bits before the next one, from which on it is sure, or likely."""
+PAIRS_WANTED = 20
+"""So many characters show at least whether each bit comes twice."""
+ENOUGH, HOPELESS = 400, 80
+"""A listening ends early: after so many characters, or so many of which more than a third are damaged."""
+
+Certainty = Literal["sure", "likely", "unsure", "nothing fits", "silent"]
+
+
+@dataclass(slots=True)
+class HeardAt:
+    """What was heard with one speed and format. `problem`: why it could not be tried; `sees_damage`: see `Port`."""
+
+    line: LineFormat
+    sees_damage: bool = True
+    characters: int = 0
+    damaged: int = 0
+    text: int = 0
+    contexts: set[tuple[int, int, bool]] = field(default_factory=set)
+    values: set[int] = field(default_factory=set)
+    pairs: int = 0
+    no_pairs: int = 0
+    paired: set[int] = field(default_factory=set)
+    sample: bytes = b""
+    problem: str = ""
+    _before: int = -1
+    _is_behind_clean: bool = True
+
+    def add(self, data: bytes, faults: Iterable[CharacterFault] = ()) -> None:
+        """Characters that came."""
+        damaged = {fault.index for fault in faults if fault.fault is not LineFault.MARK}
+        for index, value in enumerate(data):
+            self._character(value, index in damaged)
+        if len(self.sample) < 16:
+            self.sample = (self.sample + data)[:16]
+
+    def add_break(self) -> None:
+        """A break: zeros without an end."""
+        self._character(0, True)
+
+    def _character(self, value: int, is_damaged: bool) -> None:
+        if is_damaged and self.characters == self.damaged < 3:
+            return  # listening may begin within a character
+        self.characters += 1
+        self.damaged += is_damaged
+        self.text += value in TEXT and not is_damaged
+        if len(self.contexts) < MOST_CONTEXTS:
+            self.contexts.add((self._before, value, is_damaged))
+        if not is_damaged:
+            self.values.add(value)
+        self._look_for_pairs(value, is_damaged)
+        self._before, self._is_behind_clean = value, not is_damaged
+
+    def _look_for_pairs(self, value: int, is_damaged: bool) -> None:
+        """Whether each bit of the line comes twice; only a character behind a clean one begins where a bit does."""
+        if self._is_behind_clean and (value or not is_damaged):
+            stop = 0 if is_damaged else 1
+            halves = (value >> 1 ^ value >> 2) & 0b10101  # bits 1 and 2, 3 and 4, 5 and 6
+            if not value & 1 and not halves and value >> 7 == stop:
+                self.pairs += 1
+                self.paired.add(value)
+            else:
+                self.no_pairs += 1
+
+    @property
+    def is_doubled(self) -> bool | None:
+        """Whether the line has half the speed, or half of that; None where too little was heard to tell."""
+        count = self.pairs + self.no_pairs
+        if count < PAIRS_WANTED:
+            return None
+        share = self.pairs / count
+        if share >= 0.9:
+            return True if len(self.paired) >= 3 else None
+        return False if share < 0.4 else None
+
+    @property
+    def damaged_share(self) -> float:
+        """0 to 1."""
+        return self.damaged / self.characters if self.characters else 0.0
+
+    @property
+    def bits(self) -> float:
+        """The evidence for this speed and format (bits); below 0 it speaks against."""
+        share, found = self.damaged_share, self._text_bits - self._parity_bits - self.same_bits
+        if self.sees_damage:
+            found += len(self.contexts) * ((1 - share) * CLEAN_BITS + share * DAMAGED_BITS)
+        return found
+
+    @property
+    def _text_bits(self) -> float:
+        """Most of what is heard with a wrong speed is no text."""
+        if self.text < 0.95 * self.characters or len(self.values) < 8:
+            return 0.0
+        return min(len(self.values) / 2, MOST_TEXT_BITS)
+
+    @property
+    def _parity_bits(self) -> float:
+        """How surely the eighth bit is a parity, in a format that does not say so."""
+        if self.line.data_bits != 8:
+            return 0.0
+        odd = sum(value.bit_count() & 1 for value in self.values)
+        even = len(self.values) - odd
+        return max(0.0, max(odd, even) - 5.0 * min(odd, even))
+
+    @property
+    def same_bits(self) -> float:
+        """Evidence against it by what no device says: all values even, or all of them with the eighth bit."""
+        count = len(self.values)
+        odd, high = sum(value & 1 for value in self.values), sum(value >> 7 for value in self.values)
+        found = max(0.0, count - 6.0 * odd)
+        return found + (max(0.0, count - 6.0 * (count - high)) if self.line.data_bits == 8 else 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What listening has come to. `ranking`: best first; `text`: a sentence; `bits`: the evidence for each."""
+
+    certainty: Certainty
+    ranking: list[HeardAt]
+    text: str
+    bits: list[float] = field(default_factory=list)
+
+    @property
+    def line(self) -> LineFormat | None:
+        """The speed and format to go on with; None where there is none."""
+        return self.ranking[0].line if self.certainty in ("sure", "likely", "unsure") else None
+
+
+def judge(heard: Iterable[HeardAt], doubles: Iterable[HeardAt] = ()) -> Verdict:
+    """Which speed and format it is, and how sure that is. `doubles`: what was heard at twice the speed of some."""
+    tried = list(heard)
+    doubled = {one.line.speed: one.is_doubled for one in [*tried, *doubles] if is_for_pairs(one)}
+
+    def bits(one: HeardAt) -> float:
+        return one.bits + _OF_DOUBLED[doubled.get(2 * one.line.speed)]
+
+    ranking = sorted(tried, key=lambda one: (bits(one), one.characters), reverse=True)
+    if not any(one.characters for one in ranking):
+        return Verdict("silent", ranking, "nothing was heard – is the line in use, and wired to this port?")
+    best = ranking[0]
+    others = [one for one in ranking[1:] if replace(one.line, stop_bits=best.line.stop_bits) != best.line]
+    margin = bits(best) - (max(bits(others[0]), 0.0) if others else 0.0)
+    if bits(best) <= 0 or not best.characters:
+        why = "none of these speeds and formats fits – try others with --speeds and --formats"
+        return Verdict("nothing fits", ranking, why, [bits(one) for one in ranking])
+    what = f"{plural(best.characters, 'character')} heard"
+    certainty: Certainty = "unsure"
+    if not best.sees_damage:
+        what += "; this port does not tell damaged characters, so only that they are text speaks for it"
+        if min(bits(best), margin) >= LIKELY and len(_other_speeds_heard(best, others)) >= SPEEDS_WANTED:
+            certainty = "likely"
+    else:
+        what += f", {shown_share(best)} damaged"
+        if doubled.get(2 * best.line.speed) and min(bits(best), margin) >= SURE and best.same_bits < LIKELY:
+            certainty = "sure"
+            what += f"; at {2 * best.line.speed} each bit comes twice"
+        elif min(bits(best), margin) >= LIKELY:
+            certainty = "likely"
+    text = f"{certainty}: {best.line} ({what})"
+    if certainty == "unsure" and others and margin < LIKELY and bits(others[0]) > 0:
+        text += f"; {others[0].line} fits as well"
+    if certainty != "sure":
+        text += " – listen longer with --each, or when more is going on"
+    return Verdict(certainty, ranking, text, [bits(one) for one in ranking])
+
+
+def _other_speeds_heard(best: HeardAt, others: Iterable[HeardAt]) -> set[int]:
+    """With how many other speeds enough was heard to say that it is no text."""
+    return {one.line.speed for one in others if one.characters >= PAIRS_WANTED} - {best.line.speed}
+
+
+SPEEDS_WANTED = 3
+"""Where only text tells one speed from another, so many others have to be heard."""
+_OF_DOUBLED = {True: 10.0, False: -30.0, None: 0.0}
+"""Bits that the test at twice the speed adds."""
+
+
+def is_for_pairs(one: HeardAt) -> bool:
+    """Whether bits that come twice can be seen in what was heard."""
+    return one.sees_damage and (one.line.data_bits, one.line.parity) == (8, "N")
+
+
+def shown_share(one: HeardAt) -> str:
+    """How many of the characters are damaged."""
+    return f"{100 * one.damaged_share:.1f} %" if one.sees_damage else "unknown"
+
+
+class LineTrial(PortEvents):
+    """Listens to a port with each of `lines` for `each` ns; `on_end(verdict, why)` is told once, `why` of a lost port.
+
+    `told` gets each that has been listened to. The port is opened once and has speed and format changed.
+    """
+
+    def __init__(
+        self,
+        port: Port,
+        clock: Clock,
+        lines: Sequence[LineFormat],
+        on_end: Callable[[Verdict, str], None],
+        *,
+        each: int = EACH,
+        told: Callable[[HeardAt], None] = lambda heard: None,
+    ) -> None:
+        self.heard = [HeardAt(line) for line in lines]
+        self.doubles: list[HeardAt] = []
+        self._port = port
+        self._clock = clock
+        self._on_end = on_end
+        self._told = told
+        self._each = each
+        self._waiting: list[HeardAt] = list(self.heard)
+        self._now_at: HeardAt | None = None
+        self._listens = False
+        self._round = 0
+        self._over = False
+        self._alarm = clock.alarm(self._ring)
+
+    def start(self) -> None:
+        """Opens the port and begins."""
+        self._port.open(self)
+
+    def stop(self) -> None:
+        """Ends with what has been heard so far."""
+        self._end("")
+
+    def _next(self) -> None:
+        while not self._waiting and self._round < 2:
+            self._round += 1
+            if self._round == 1:
+                self._waiting = self._best_again()
+            else:
+                self.doubles = self._at_twice_the_speed()
+                self._waiting = list(self.doubles)
+        if not self._waiting:
+            self._end("")
+            return
+        self._now_at = heard = self._waiting.pop(0)
+        self._listens = False
+        self._port.change_line(heard.line)
+        heard.sees_damage = self._port.sees_damage
+        self._alarm.set(self._clock.now() + SETTLING + 2 * heard.line.character_time)
+
+    def _ranked(self) -> list[HeardAt]:
+        return [one for one in judge(self.heard, self.doubles).ranking if one.characters and one.bits > -SURE]
+
+    def _best_again(self) -> list[HeardAt]:
+        """Those between which it is not clear yet."""
+        found = [one for one in self._ranked() if one.sees_damage][:AGAIN]
+        if len(found) > 1 and found[0].bits - found[1].bits >= SURE and found[0].bits >= SURE:
+            return []
+        return found
+
+    def _at_twice_the_speed(self) -> list[HeardAt]:
+        speeds = dict.fromkeys(2 * one.line.speed for one in self._ranked() if one.sees_damage)
+        known = {one.line.speed for one in self.heard if is_for_pairs(one) and one.is_doubled is not None}
+        return [HeardAt(LineFormat(speed)) for speed in list(speeds)[:TESTED] if speed not in known]
+
+    def _ring(self) -> None:
+        """What came before the change is over, or the time of this speed and format is."""
+        if self._listens or self._now_at is None:
+            self._done()
+        else:
+            self._listens = True
+            self._alarm.set(self._clock.now() + self._each * (1 if self._round == 0 else LONGER))
+
+    def _done(self) -> None:
+        self._alarm.cancel()
+        self._listens = False
+        heard, self._now_at = self._now_at, None
+        if heard is not None:
+            self._told(heard)
+        self._clock.call_soon(self._go_on)
+
+    def _go_on(self) -> None:
+        if not self._over and self._now_at is None:
+            self._next()
+
+    def _end(self, why: str) -> None:
+        if not self._over:
+            self._over = True
+            self._alarm.cancel()
+            self._port.close()
+            self._on_end(judge(self.heard, self.doubles), why)
+
+    def _look(self) -> None:
+        """Whether enough has been heard."""
+        heard = self._now_at
+        if heard is not None and (
+            heard.characters >= ENOUGH * (LONGER if self._round == 1 else 1)
+            or (heard.characters >= HOPELESS and heard.damaged_share > 1 / 3 and self._round < 2)
+        ):
+            self._done()
+
+    # ---- events of the port -------------------------------------------------------------------------------
+
+    def opened(self, now: int) -> None:
+        self._next()
+
+    def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...] = ()) -> None:
+        if self._listens and self._now_at is not None:
+            self._now_at.add(data, faults)
+            self._look()
+
+    def line_break(self, now: int) -> None:
+        if self._listens and self._now_at is not None:
+            self._now_at.add_break()
+            self._look()
+
+    def closed(self, now: int, reason: str) -> None:
+        """A device that cannot have a speed or format is lost by that: it is opened again for the next one."""
+        heard, self._now_at = self._now_at, None
+        self._alarm.cancel()
+        if heard is None or self._listens:
+            self._end(reason)
+            return
+        heard.problem = reason
+        self._told(heard)
+        self._port.open(self)
+
+
+SETTLING = 30_000_000
+"""What comes so soon after a change of speed was received before it (ns)."""
+
+
+async def try_lines(
+    url: str, lines: Sequence[LineFormat], *, each: int, told: Callable[[HeardAt], None],
+    begun: Callable[[LineTrial], None],
+) -> Verdict:  # fmt: skip
+    """Listens to a port with each of `lines`; `begun` is given what can be stopped.
+
+    Raises RequestError for what is no port or has no speed, LineClosedError for one that cannot be opened or is lost.
+    """
+    clock = AsyncioClock(asyncio.get_running_loop())
+    ended: asyncio.Future[tuple[Verdict, str]] = clock.loop.create_future()
+    kind = scheme_of(url)
+    if kind is not None and not kind.wires:
+        raise RequestError(f"'{url}' has no speed to be found – record it as it is")
+    try:
+        port = open_port(url, lines[0], clock, listen_only=True)
+    except ValueError as error:
+        raise RequestError(str(error)) from None
+    trial = LineTrial(
+        port, clock, lines, lambda verdict, why: ended.set_result((verdict, why)), each=each, told=told
+    )  # fmt: skip
+    begun(trial)
+    trial.start()
+    verdict, why = await ended
+    if why:
+        raise LineClosedError(why, "closed")
+    return verdict
