@@ -49,6 +49,8 @@ MOST_TEXT_BITS = 6.0
 
 SURE, LIKELY = 16.0, 5.0
 """Bits of evidence, and bits before the next one, from which on it is sure, or likely."""
+PAIR_BITS = 10.0
+"""What the test at twice the speed adds."""
 PAIRS_WANTED = 20
 """So many characters show at least whether each bit comes twice."""
 ENOUGH, HOPELESS = 400, 80
@@ -116,12 +118,17 @@ class HeardAt:
     def is_doubled(self) -> bool | None:
         """Whether the line has half the speed, or half of that; None where too little was heard to tell."""
         count = self.pairs + self.no_pairs
-        if count < PAIRS_WANTED:
-            return None
-        share = self.pairs / count
-        if share >= 0.9:
-            return True if len(self.paired) >= 3 else None
-        return False if share < 0.4 else None
+        return None if count < PAIRS_WANTED else self.pairs >= 0.9 * count and len(self.paired) >= 3
+
+    @property
+    def pair_bits(self) -> float:
+        """Evidence for half the speed."""
+        if self.is_doubled is None:
+            return 0.0
+        if self.is_doubled:
+            return PAIR_BITS
+        share = self.pairs / (self.pairs + self.no_pairs)
+        return 0.0 if share >= 0.4 else -3 * PAIR_BITS  # where characters do not follow at whole bits some fail
 
     @property
     def damaged_share(self) -> float:
@@ -179,10 +186,11 @@ class Verdict:
 def judge(heard: Iterable[HeardAt], doubles: Iterable[HeardAt] = ()) -> Verdict:
     """Which speed and format it is, and how sure that is. `doubles`: what was heard at twice the speed of some."""
     tried = list(heard)
-    doubled = {one.line.speed: one.is_doubled for one in [*tried, *doubles] if is_for_pairs(one)}
+    tests = {one.line.speed: one for one in [*tried, *doubles] if is_for_pairs(one)}
 
     def bits(one: HeardAt) -> float:
-        return one.bits + _OF_DOUBLED[doubled.get(2 * one.line.speed)]
+        test = tests.get(2 * one.line.speed)
+        return one.bits + (0.0 if test is None else test.pair_bits)
 
     ranking = sorted(tried, key=lambda one: (bits(one), one.characters), reverse=True)
     if not any(one.characters for one in ranking):
@@ -201,9 +209,13 @@ def judge(heard: Iterable[HeardAt], doubles: Iterable[HeardAt] = ()) -> Verdict:
             certainty = "likely"
     else:
         what += f", {shown_share(best)} damaged"
-        if doubled.get(2 * best.line.speed) and min(bits(best), margin) >= SURE and best.same_bits < LIKELY:
+        test = tests.get(2 * best.line.speed)
+        passes = None if test is None else test.is_doubled
+        if passes and min(bits(best), margin) >= SURE and best.same_bits < LIKELY:
             certainty = "sure"
             what += f"; at {2 * best.line.speed} each bit comes twice"
+        elif passes is False:
+            what += f"; at {2 * best.line.speed} not each bit comes twice"
         elif min(bits(best), margin) >= LIKELY:
             certainty = "likely"
     text = f"{certainty}: {best.line} ({what})"
@@ -221,8 +233,6 @@ def _other_speeds_heard(best: HeardAt, others: Iterable[HeardAt]) -> set[int]:
 
 SPEEDS_WANTED = 3
 """Where only text tells one speed from another, so many others have to be heard."""
-_OF_DOUBLED = {True: 10.0, False: -30.0, None: 0.0}
-"""Bits that the test at twice the speed adds."""
 
 
 def is_for_pairs(one: HeardAt) -> bool:

@@ -77,6 +77,8 @@ def _check(arguments: argparse.Namespace) -> None:
     for option in ("speed", "format"):
         if getattr(arguments, option) is not None and arguments.tries:
             raise WordsError(f"--{option} is what --try finds – leave one of the two out")
+    if arguments.output is not None and arguments.output.is_file():
+        raise WordsError(f"{arguments.output} is there already – name another file, or delete it first")
     if arguments.pause is not None and not time_of("--pause", arguments.pause):
         raise WordsError("--pause: write a time above 0")
 
@@ -147,6 +149,7 @@ async def _record(arguments: argparse.Namespace, line: LineFormat, duration: int
         view.close()
     for known in states.values():
         if known and "open" not in known:
+            _drop_empty(arguments.output, recorder)
             raise PortError(known[0])
     if isinstance(view.error, BrokenPipeError):
         raise view.error
@@ -154,6 +157,12 @@ async def _record(arguments: argparse.Namespace, line: LineFormat, duration: int
     for problem in recorder.problems:
         _say(problem)
     return 1 if recorder.problems else 0
+
+
+def _drop_empty(path: Path | None, recorder: Recorder) -> None:
+    """A recording of nothing, of a port that could not be opened, does not stay."""
+    if path is not None and path.is_file() and not any(wire.counts.bytes for wire in recorder.wires):
+        path.unlink(missing_ok=True)
 
 
 def _print(data: bytes) -> None:
@@ -224,7 +233,7 @@ async def _try(arguments: argparse.Namespace, stopped: asyncio.Event) -> Verdict
         seconds = each * (len(lines) + LONGER * (len(lines[:4]) + TESTED)) / 1e9
         _say(
             f"listening to {arguments.ports[0]} with {plural(len(lines), 'setting')} of speed and format, "
-            f"{seconds:.0f} s at most; nothing is sent"
+            f"{max(seconds, 1):.0f} s at most; nothing is sent"
         )
     with in_words():
         verdict = await try_lines(arguments.ports[0], lines, each=each, told=told, begun=begun)
