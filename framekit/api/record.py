@@ -41,7 +41,7 @@ class Heard:
 
 @dataclass(slots=True)
 class WireCounts:
-    """What has come over one wire; `missing`: bytes of it that are not in the file."""
+    """What has come over one wire. `missing`: bytes that are not in the file; `stuck`: that were not passed on."""
 
     bytes: int = 0
     framing: int = 0
@@ -49,6 +49,7 @@ class WireCounts:
     overruns: int = 0
     breaks: int = 0
     missing: int = 0
+    stuck: int = 0
 
     def count(self, event: LineEvent) -> None:
         """One more event."""
@@ -60,8 +61,12 @@ class WireCounts:
             self.overruns += fault.fault is LineFault.OVERRUN
 
 
+MOST_PASSED = 64 << 10
+"""Bytes that may wait for the port that they are passed on to."""
+
+
 class _Wire:
-    """One port as drivers know engines: it never has a command."""
+    """One port as drivers know engines: it never has a command. `other`: the wire that it passes everything on to."""
 
     deadline = NEVER
 
@@ -73,6 +78,8 @@ class _Wire:
         self._way = way
         self._tell = tell
         self._free = 0
+        self.other: _Wire | None = None
+        self._waiting = 0
 
     def _event(self, event: LineEvent) -> list[Command]:
         """In a capture received bytes have the time of their last one, sent ones that of their first."""
@@ -94,12 +101,26 @@ class _Wire:
         if not self.is_open:  # it could not be opened again
             return []
         self.is_open = False
+        self._waiting = 0
         return self._event(LineEvent("closed", now, reason=reason))
 
+    def send(self, data: bytes) -> bool:
+        """Sends what the other wire has heard; whether there is a place for it."""
+        if not self.is_open or self._waiting >= MOST_PASSED:
+            return False
+        self._waiting += len(data)
+        self.port.write(data)
+        return True
+
     def receive(self, data: bytes, now: int, faults: Iterable[CharacterFault] = ()) -> list[Command]:
+        if self.other is not None and not self.other.send(data):
+            self.counts.stuck += len(data)
         return self._event(LineEvent("data", now, self._way, data, tuple(faults)))
 
     def line_break(self, now: int) -> list[Command]:
+        if self.other is not None and self.other.is_open:
+            line = self.other.port.settings
+            self.other.port.send_break(0 if line is None else 2 * line.character_time)
         return self._event(LineEvent("break", now, self._way))
 
     def control(self, lines: Mapping[str, bool], now: int) -> list[Command]:
@@ -112,6 +133,7 @@ class _Wire:
         return []
 
     def sent(self, now: int) -> list[Command]:
+        self._waiting = 0
         return []
 
     def tick(self, now: int) -> list[Command]:
@@ -119,7 +141,9 @@ class _Wire:
 
 
 class Recorder:
-    """Records one port, or two that hear the two directions of one line. It sends nothing; a lost port is opened again.
+    """Records one port, or two that hear the two directions of one line. A lost port is opened again.
+
+    It sends nothing. But `through` stands between two: what comes at one leaves at the other.
 
     `show` is told of everything, `on_state` of a port's number and how it is doing. In the capture the bytes of the
     first port are received ones, those of the second sent ones. `problems`: what the file lacks, known after `stop`.
@@ -132,6 +156,8 @@ class Recorder:
         capture: Capture | None,
         show: Callable[[Heard], None],
         on_state: Callable[[int, str], None] = lambda number, state: None,
+        *,
+        through: bool = False,
     ) -> None:
         self.clock = clock
         self.problems: list[str] = []
@@ -139,6 +165,9 @@ class Recorder:
         self._show = show
         self._missing = False
         self.wires = [_Wire(number, port, WAYS[number], self._heard) for number, port in enumerate(ports)]
+        if through:
+            first, second = self.wires
+            first.other, second.other = second, first
         self._drivers = [
             Driver(wire, wire.port, clock, lambda state, number=wire.number: on_state(number, state))  # type: ignore[misc]
             for wire in self.wires
@@ -147,20 +176,22 @@ class Recorder:
     @classmethod
     def at(
         cls, urls: Sequence[str], path: Path | None, show: Callable[[Heard], None], *, line: LineFormat,
-        on_state: Callable[[int, str], None],
+        on_state: Callable[[int, str], None], through: bool = False,
     ) -> Recorder:  # fmt: skip
         """A recorder of one or two ports, in the running loop. Raises RequestError; OSError if there can be no file."""
         clock = clock_of_loop()
         if len(set(urls)) < len(urls):
             raise RequestError(f"'{urls[0]}' is named twice – name the port that hears the other direction")
+        if through and len(urls) < len(WAYS):
+            raise RequestError("--through stands between two ports – name the second one")
         if len(urls) > len(WAYS):
             raise RequestError(f"{len(urls)} ports are too many – a line has two directions")
         try:
-            ports = [open_port(url, line, clock, listen_only=True) for url in urls]
+            ports = [open_port(url, line, clock, listen_only=not through) for url in urls]
         except ValueError as error:
             raise RequestError(str(error)) from None
         capture = None if path is None else Capture(path, (1,), clock, later=True)
-        return cls(ports, clock, capture, show, on_state)
+        return cls(ports, clock, capture, show, on_state, through=through)
 
     @property
     def loads(self) -> list[LineLoad]:
@@ -182,6 +213,11 @@ class Recorder:
                 self._tell_missing(wait=True)
             self._capture.close()
             self.problems = self._capture.troubles
+        self.problems += [
+            f"{plural(wire.counts.stuck, 'byte')} from {wire.port.name} not passed on: the other port is closed or slow"
+            for wire in self.wires
+            if wire.counts.stuck
+        ]
         missing = sum(wire.counts.missing for wire in self.wires)
         if missing:
             self.problems.append(

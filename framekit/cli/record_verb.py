@@ -50,6 +50,9 @@ def add_record_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--speeds", metavar="N,N…", help="what --try tries; default: 1200 to 115200")
     parser.add_argument("--formats", metavar="F,F…", help="what --try tries; default: 8N1,8E1,8O1,7E1,7O1,7N1")
     parser.add_argument("--each", metavar="TIME", help="how long --try listens to each; default: 2s")
+    parser.add_argument(
+        "--through", action="store_true", help="stand between two ports: what comes at one leaves at the other"
+    )
     parser.add_argument("--pause", metavar="TIME", help="a pause that is shown; default: 5 characters, 5 ms at least")
     parser.add_argument("--quiet", action="store_true", help="show no bytes")
     add(parser, "--for", "--log", "--json")
@@ -135,7 +138,7 @@ async def _record(arguments: argparse.Namespace, line: LineFormat, duration: int
     with in_words():
         recorder = Recorder.at(
             arguments.ports, arguments.output, lambda heard: None if arguments.quiet else view.show(heard),
-            line=line, on_state=state,
+            line=line, on_state=state, through=arguments.through,
         )  # fmt: skip
     if not arguments.quiet and not arguments.json:
         at = f" at {line}" if recorder.wires[0].port.settings is not None else ""

@@ -45,6 +45,7 @@ class Wire(Port):
         self.events: PortEvents | None = None
         self.is_there = True
         self.opened = 0
+        self.sent: list[bytes | str] = []
 
     def open(self, events: PortEvents) -> None:
         self.opened += 1
@@ -55,10 +56,10 @@ class Wire(Port):
             self.clock.call_soon(lambda: events.closed(self.clock.now(), f"{self.name}: there is no such device"))
 
     def write(self, data: bytes) -> None:
-        raise AssertionError("a recorder sends nothing")
+        self.sent.append(data)
 
     def send_break(self, duration: int) -> None:
-        raise AssertionError("a recorder sends nothing")
+        self.sent.append("break")
 
     def close(self) -> None:
         self.events = None
@@ -76,7 +77,7 @@ class Wire(Port):
 class Bench:
     """A recorder on virtual time, at one wire or two."""
 
-    def __init__(self, path: Path | None, wires: int = 1) -> None:
+    def __init__(self, path: Path | None, wires: int = 1, *, through: bool = False) -> None:
         self.clock = VirtualClock()
         self.wires = [Wire(f"wire{number}", self.clock) for number in range(wires)]
         self.shown: list[Heard] = []
@@ -87,7 +88,8 @@ class Bench:
             self.clock,
             capture,
             self.shown.append,
-            lambda number, state: self.states.append((number, state)),
+            lambda *state: self.states.append(state),
+            through=through,
         )
         self.recorder.start()
         self.clock.run_for(0)
@@ -137,6 +139,7 @@ def test_bytes_damage_breaks_and_losses_are_in_the_file(tmp_path: Path, name: st
         "wire0: the device is gone", "wire0: there is no such device",
     ]  # fmt: skip
     assert [heard.event.kind for heard in bench.shown] == [event.kind for event in found]
+    assert wire.sent == [], "a recorder sends nothing"
 
 
 @pytest.mark.parametrize("name", ["x.pcap", "x.jsonl"])
@@ -153,6 +156,39 @@ def test_two_ports_are_two_directions_that_are_decoded(tmp_path: Path, name: str
     assert data[1].at == 100 * MS
     decoder = CaptureDecoder(path, load_protocol("modbus-rtu"), line=NINE, client="out")
     assert [seen.frame for _, seen in decoder.seen() if seen.kind == "frame"] == ["request_adu", "reply_adu"] * 3
+
+
+def test_through_passes_on_what_comes_at_one_port_to_the_other(tmp_path: Path) -> None:
+    bench = Bench(path := tmp_path / "x.jsonl", wires=2, through=True)
+    master, device = bench.wires
+    master.hear(ASK)
+    bench.clock.run_for(50 * MS)
+    device.hear(ANSWER)
+    assert device.events is not None
+    device.events.line_break(bench.clock.now())
+    assert (master.sent, device.sent) == ([ANSWER, "break"], [ASK])
+    device.lose()
+    master.hear(ASK)
+    bench.recorder.stop()
+    assert [(event.direction, event.data) for event in events_of(path) if event.data] == [
+        ("in", ASK), ("out", ANSWER), ("in", ASK),
+    ]  # fmt: skip
+    assert bench.recorder.problems == ["8 bytes from wire0 not passed on: the other port is closed or slow"]
+
+
+def test_what_waits_to_be_passed_on_is_bounded() -> None:
+    bench = Bench(None, wires=2, through=True)
+    fast, slow = bench.wires
+    for _ in range(200):
+        fast.hear(bytes(1000))
+    waiting = len(slow.sent)
+    assert 64 <= waiting <= 67
+    assert slow.events is not None
+    slow.events.sent(bench.clock.now())
+    fast.hear(b"!")
+    assert slow.sent[waiting:] == [b"!"]
+    bench.recorder.stop()
+    assert bench.recorder.problems[0].startswith(f"{(200 - waiting) * 1000} bytes from wire0 not passed on")
 
 
 def test_what_a_killed_recorder_has_heard_is_there(tmp_path: Path) -> None:
@@ -391,6 +427,28 @@ def test_the_file_is_whole_when_its_shower_has_gone(tmp_path: Path) -> None:
     assert [event.kind for event in events_of(path)][-1] == "closed"
 
 
+def test_a_conversation_goes_through_by_the_verb(tmp_path: Path) -> None:
+    path = tmp_path / "x.pcap"
+    with PtyPair() as one, PtyPair() as other:
+        with recording(one.first, other.first, "--through", "-o", str(path), "--json") as process:
+            assert process.stdout is not None
+            assert {json.loads(process.stdout.readline())["event"] for _ in range(2)} == {"open"}
+            master, device = (os.open(pair.second, os.O_RDWR | os.O_NOCTTY) for pair in (one, other))
+            for sender, receiver, data in ((master, device, ASK), (device, master, ANSWER)) * 2:
+                os.write(sender, data)
+                came = b""
+                while len(came) < len(data):
+                    came += os.read(receiver, 100)
+                assert came == data
+            process.send_signal(signal.SIGINT)
+            process.communicate(timeout=180)
+            assert process.returncode == 0
+        os.close(master)
+        os.close(device)
+    data = [(event.direction, event.data) for event in events_of(path) if event.data]
+    assert data == [("in", ASK), ("out", ANSWER)] * 2
+
+
 def test_two_ports_by_the_verb(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "x.jsonl"
     with PtyPair() as one, PtyPair() as other:
@@ -427,6 +485,7 @@ def test_what_record_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str])
         (2, ["loop://", "--try", "--speeds", "fast"], "'fast' is not a speed"),
         (2, ["loop://", "spy://", "--try"], "one port"),
         (2, ["tcp://127.0.0.1:1", "--try"], "has no speed"),
+        (2, ["loop://", "--through"], "name the second one"),
         (2, ["nowhere:1", "-o", file], "is no port"),
         (2, ["loop://", "loop://", "-o", file], "named twice"),
         (2, ["loop://", "a", "b", "-o", file], "too many"),
