@@ -42,6 +42,7 @@ from framekit.api.fleet import (
 )
 from framekit.api.replaced_file import ReplacedFile, digest_of
 from framekit.api.run import RunCalls, content_of, reasons
+from framekit.codec.shown import explain
 from framekit.definition.problems import DefinitionError, Problem
 from framekit.definition.sources import fingerprint
 from framekit.run.edit import Edit
@@ -239,7 +240,7 @@ class Gateway:
             return
         except Exception as error:  # whatever a file brings about, this gateway is ready for the next one
             log.exception("fleet: a rolled file")
-            self._refuse([f"{type(error).__name__}: {error}"])
+            self._refuse([f"this gateway cannot apply it: {explain(error)}"])
             return
 
         def applied(edit: Edit) -> None:
