@@ -8,7 +8,7 @@ STAMP := $(VENV)/.installed
 # Hundreds of tests start Python anew, which must not compile framekit every time.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test check lint bench clean
+.PHONY: demo test check lint bench guess-score clean
 
 demo: $(STAMP)
 	$(BIN)/framekit run examples/third-party-plc.run.yaml --for 5s
@@ -26,6 +26,9 @@ lint: $(STAMP)
 
 bench: $(STAMP)
 	$(BIN)/python -m benchmarks
+
+guess-score: $(STAMP)
+	$(BIN)/python -m benchmarks.guess_score
 
 $(STAMP): pyproject.toml
 	$(PYTHON) -m venv $(VENV)

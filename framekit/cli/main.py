@@ -33,6 +33,8 @@ VERBS = {
     "serve": "answer requests on a port, with memory",
     "monitor": "listen to a line between others",
     "record": "record the bytes of a line of which nothing is known, or find its speed and format",
+    "guess": "say what can be said of an unknown line",
+    "diff": "tell which fields differ between two recordings",
     "replay": "send the bytes of a capture again",
     "loopback": "test a port that is wired back to itself",
     "points": "make points of a register list",
@@ -44,6 +46,7 @@ TOGETHER = {
     "device_verbs": ("read", "write", "call"),
     "definition_verbs": ("check", "test", "encode", "decode", "frames", "generate"),
     "points_verbs": ("points", "history"),
+    "guess_verb": ("guess", "diff"),
     "line_verbs": ("monitor", "replay", "loopback"),
 }
 """Verbs that stand in one module; `run` stands in `run_verb`. A module has `add_VERB_arguments` and `run_VERB`."""

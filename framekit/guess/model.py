@@ -156,7 +156,11 @@ FieldKind = Literal[
 
 @dataclass(frozen=True, slots=True)
 class GuessedField:
-    """Bytes of a frame that belong together; `about`: what is known of them, in words."""
+    """Bytes of a frame that belong together; `about`: what is known of them, in words.
+
+    `is_mark`: constant bytes by which frames of this kind are known. `plus` and `unit` of a count: the frame has so
+    many bytes more than so many times that.
+    """
 
     name: str
     offset: int
@@ -164,16 +168,20 @@ class GuessedField:
     kind: FieldKind
     about: str = ""
     evidence: Evidence = Evidence(0, 0)
+    is_mark: bool = False
+    plus: int = 0
+    unit: int = 1
 
 
 @dataclass(frozen=True, slots=True)
 class FrameKind:
-    """Frames of one form: they go one way, and have the same fields. `rest`: the field whose size varies, if any."""
+    """Frames of one form: they go one way, and have the same fields. `side`: client or server, '' if not known."""
 
     name: str
     direction: Direction
     fields: tuple[GuessedField, ...]
     frames: tuple[HeardFrame, ...]
+    side: str = ""
 
 
 @dataclass(slots=True)

@@ -1,0 +1,339 @@
+"""Unknown lines from Python: bytes of files, what can be said of them, and a definition made of that.
+
+`heard` reads captures, hex text and pcap files of TCP or UDP; `guess` says what it can; `write_definition` makes YAML
+of it that passes its check and its vectors; `known_protocols` tries the definitions that are there.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter, defaultdict
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+from framekit.api.check import check_file
+from framekit.codec.codec import compile_protocol
+from framekit.definition.load.protocol import load_protocol
+from framekit.definition.model.frames import flat
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.segments import Check
+from framekit.definition.problems import DefinitionError, plural
+from framekit.definition.sources import shipped_definitions
+from framekit.guess.framing import cut_line
+from framekit.guess.guess import guess as guess
+from framekit.guess.model import Chunk as Chunk
+from framekit.guess.model import Direction
+from framekit.guess.model import Guess as Guess
+from framekit.guess.pieces import joined, streams_of
+from framekit.guess.stuffing import plain_frame
+from framekit.guess.writing import definition_text
+from framekit.link.events import Seen
+from framekit.link.frame_table import table_of
+from framekit.link.listener import Listener
+from framekit.service.capture import CaptureError, CaptureReader
+
+LARGEST = 16 << 20
+"""Bytes of one file that are read."""
+MOST_VECTORS = 3
+"""Frames of a kind that become vectors."""
+MOST_TRIED = 4096
+"""So many bytes are tried with each definition that is there."""
+NEARLY_ALL = 0.9
+LEAST_FRAMES = 3
+
+_HEX_LINE = re.compile(
+    r"\s*(?:(?P<time>[0-9]+(?:\.[0-9]+)?)\s+)?(?:(?P<way>>|<|->|<-|→|←|out|in|tx|rx)\s*:?\s+)?"
+    r"(?P<bytes>(?:[0-9a-f]{2}[\s,:]*)+)", re.IGNORECASE,
+)  # fmt: skip
+_WAYS: dict[str, Direction] = {
+    ">": "out", "->": "out", "→": "out", "out": "out", "tx": "out",
+    "<": "in", "<-": "in", "←": "in", "in": "in", "rx": "in",
+}  # fmt: skip
+
+
+class HeardError(ValueError):
+    """A file in which there are no bytes of a line, or that cannot be read."""
+
+
+def heard(path: Path) -> list[Chunk]:
+    """The bytes of a file, in their order. Raises HeardError.
+
+    Captures of framekit (pcap and JSON lines), pcap files of TCP and UDP (needs dpkt), else hex text: a line for the
+    bytes that came together, before them a time in seconds if it is known, and `>` or `<` for the way they went.
+    """
+    try:
+        with path.open("rb") as file:
+            head = file.read(LARGEST + 1)
+    except OSError as error:
+        raise HeardError(f"{path}: {error.strerror or error}") from None
+    if len(head) > LARGEST:
+        raise HeardError(f"{path} has more than {LARGEST >> 20} MiB – cut a part out")
+    if head[:1] == b"{" or head[:4] in _PCAPS:
+        return _of_capture(path, head)
+    return _of_text(path, head)
+
+
+_PCAPS = {bytes.fromhex(magic) for magic in ("a1b2c3d4", "d4c3b2a1", "a1b23c4d", "4d3cb2a1", "0a0d0d0a")}
+
+
+def _of_capture(path: Path, head: bytes) -> list[Chunk]:
+    try:
+        with CaptureReader(path) as reader:
+            return [
+                Chunk(event.at, event.direction or "", event.data)
+                for _, event in reader.events()
+                if event.kind == "data" and event.data
+            ]
+    except CaptureError as error:
+        if head[:1] == b"{":
+            raise HeardError(str(error)) from None
+    from framekit.api.network_capture import chunks_of_pcap
+
+    return chunks_of_pcap(path)
+
+
+def _of_text(path: Path, head: bytes) -> list[Chunk]:
+    try:
+        text = head.decode("utf-8")
+    except UnicodeDecodeError:
+        raise HeardError(f"{path} is no capture and no text – write hex digits, a line for each frame") from None
+    found = []
+    for number, line in enumerate(text.splitlines(), 1):
+        line = line.partition("#")[0].strip()
+        if not line:
+            continue
+        match = _HEX_LINE.fullmatch(line)
+        if match is None:
+            raise HeardError(f"{path}:{number}:1: this is no line of hex digits – write 01 03 00 00, or > 01 03 00 00")
+        time = None if match["time"] is None or not match["way"] else round(float(match["time"]) * 1e9)
+        way = _WAYS[match["way"].lower()] if match["way"] else ""
+        found.append(Chunk(time, way, bytes.fromhex(re.sub(r"[\s,:]", "", match["bytes"]))))
+    return found
+
+
+# ---- a definition -----------------------------------------------------------------------------------------------
+
+
+def write_definition(found: Guess, path: Path, source: str) -> list[str]:
+    """Writes `NAME.yaml` and `NAME.vectors.yaml` beside it; what its check says. Raises OSError, HeardError."""
+    if not found.kinds:
+        raise HeardError("no frames were found – nothing can be written")
+    name = path.name.removesuffix(".yaml")
+    if re.fullmatch(r"[a-z][a-z0-9_-]*", name) is None:
+        raise HeardError(
+            f"'{name}' is no name of a protocol – write small letters, digits, - and _, such as meter.yaml"
+        )
+    path.write_text(definition_text(found, name, _shown(source)), "utf-8")
+    vectors = path.with_name(f"{name}.vectors.yaml")
+    vectors.unlink(missing_ok=True)
+    try:
+        protocol = load_protocol(path)
+    except DefinitionError as error:
+        return [str(problem) for problem in error.problems]
+    codec = compile_protocol(protocol)
+    lines = [f"vectors: {name}", "frames:"]
+    for kind in found.kinds:
+        for frame in list(dict.fromkeys(one.data for one in kind.frames))[:MOST_VECTORS]:
+            fields = codec.frames[kind.name].decode(frame, {})
+            lines += [
+                f"  - frame: {kind.name}", f"    source: {_shown(source)}", f"    values: {_values(fields)}",
+                f"    bytes: {frame.hex(' ').upper()}",
+            ]  # fmt: skip
+    vectors.write_text("\n".join(lines) + "\n", "utf-8")
+    return [str(problem) for problem in check_file(str(path)).problems if not problem.warning]
+
+
+def _shown(source: str) -> str:
+    return re.sub(r"[^\w .,/+-]", "_", source)
+
+
+def _values(fields: dict[str, Any]) -> str:
+    def plain(value: Any) -> str:
+        return f'"{value.hex(" ").upper()}"' if isinstance(value, (bytes, bytearray)) else str(int(value))
+
+    return "{" + ", ".join(f"{name}: {plain(value)}" for name, value in fields.items()) + "}"
+
+
+# ---- protocols that are there -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class KnownProtocol:
+    """A definition that reads a line: frames that are good, bytes in them, of how many."""
+
+    name: str
+    frames: int
+    covered: int
+    of: int
+
+
+def explained(name: str | Path, chunks: Sequence[Chunk], client: Literal["in", "out"] = "out") -> KnownProtocol:
+    """How much of a line a definition reads. Raises DefinitionError."""
+    protocol = load_protocol(name)
+    good: list[bytes] = []
+
+    def monitor(seen: Seen) -> None:
+        if seen.kind == "frame":
+            good.append(seen.raw)
+
+    both = len({chunk.direction for chunk in chunks}) > 1
+    _listen(protocol, chunks, client if both else None, monitor)
+    whole = sum(len(chunk.data) for chunk in chunks)
+    return KnownProtocol(protocol.name, len(good), sum(map(len, good)), whole)
+
+
+def _listen(
+    protocol: Protocol, chunks: Sequence[Chunk], client: Literal["in", "out"] | None, monitor: Callable[[Seen], None]
+) -> None:
+    """Lets a definition hear the bytes; where no time is known there is a second between two pieces."""
+    listener = Listener(protocol, compile_protocol(protocol), monitor, client=client)
+    now = 0
+    for number, chunk in enumerate(chunks):
+        at = chunk.time if chunk.time is not None else number * 1_000_000_000
+        now = max(now, at + listener.scope.line.chars(len(chunk.data)))
+        listener.receive(chunk.data, now, (), chunk.direction)
+    listener.ended(now + 1_000_000_000)
+
+
+def known_protocols(chunks: Sequence[Chunk]) -> list[KnownProtocol]:
+    """The shipped definitions with checks that read nearly all of a line, the best first."""
+    few = _first_of(chunks, MOST_TRIED)
+    found: list[KnownProtocol] = []
+    for path in shipped_definitions():
+        if path.name.count(".") > 1:
+            continue
+        try:
+            protocol = load_protocol(path)
+            if protocol.kind == "application" or not _has_checks(protocol):
+                continue
+            ways: tuple[Literal["in", "out"], ...] = (
+                ("out", "in") if len({one.direction for one in few}) > 1 else ("out",)
+            )
+            found += [explained(path, few, way) for way in ways]
+        except (DefinitionError, ValueError):
+            continue
+    likely = [one for one in found if one.covered >= NEARLY_ALL * one.of and one.frames >= LEAST_FRAMES]
+    best: dict[str, KnownProtocol] = {}
+    for one in sorted(likely, key=lambda one: one.covered):
+        best[one.name] = one
+    return sorted(best.values(), key=lambda one: -one.covered)
+
+
+def _first_of(chunks: Sequence[Chunk], most: int) -> list[Chunk]:
+    found, size = [], 0
+    for chunk in chunks:
+        found.append(chunk)
+        size += len(chunk.data)
+        if size >= most:
+            break
+    return found
+
+
+def _has_checks(protocol: Protocol) -> bool:
+    """Whether all frames that stand on the line by themselves have a check, so that few others are taken for them."""
+    table = table_of(protocol, compile_protocol(protocol))
+    return all(
+        any(isinstance(segment, Check) for segment in flat(protocol.frames[name].segments)) for name in table.on_line
+    )
+
+
+# ---- going on ---------------------------------------------------------------------------------------------------
+
+
+class Difference(NamedTuple):
+    """A field whose values differ between two recordings."""
+
+    frame: str
+    offset: int
+    field: str
+    first: str
+    second: str
+
+
+def differences(one: Sequence[Chunk], two: Sequence[Chunk]) -> list[Difference]:
+    """The bytes of frames, guessed from both together, that have other values in the second recording.
+
+    Counters and checks differ always, and are left out.
+    """
+    found = guess([*one, *two])
+    framing = found.framing
+    if framing is None:
+        return []
+    own = [{frame.data for frame in cut_line(framing, streams_of(joined(part))).frames} for part in (one, two)]
+    rows = []
+    for kind in found.kinds:
+        for field in kind.fields:
+            if field.kind in ("counter", "check", "length", "count") or not field.size:
+                continue
+            values = [
+                {
+                    plain_frame(framing, frame.data)[field.offset : field.offset + field.size]
+                    for frame in kind.frames
+                    if frame.data in part
+                }
+                for part in own
+            ]
+            if all(values) and not values[0] & values[1]:
+                rows.append(Difference(kind.name, field.offset, field.name, *map(_some, values)))
+    return rows
+
+
+class Reading(NamedTuple):
+    """What a definition makes of recordings: in words, and for programs."""
+
+    text: str
+    data: dict[str, Any]
+
+
+def reading_of(name: str | Path, chunks: Sequence[Chunk]) -> Reading:
+    """What of a line is frames of a definition, what is noise or bad, and how fields behave. Raises DefinitionError."""
+    protocol = load_protocol(name)
+    seen: list[Seen] = []
+    both = len({chunk.direction for chunk in chunks}) > 1
+    client: Literal["in", "out"] | None = "out" if both else None
+    _listen(protocol, chunks, client, seen.append)
+    counts = Counter(one.kind for one in seen)
+    fields: dict[str, dict[str, list[Any]]] = defaultdict(lambda: defaultdict(list))
+    for one in seen:
+        if one.kind == "frame":
+            for key, value in one.fields.items():
+                fields[one.frame][key].append(value)
+    noise = sum(len(one.raw) for one in seen if one.kind == "noise")
+    lines = [
+        f"{plural(counts['frame'], 'frame')}, {counts['bad']} bad, {noise} bytes of noise"
+        f" of {sum(len(chunk.data) for chunk in chunks)}"
+    ]
+    data: dict[str, Any] = {"frames": counts["frame"], "bad": counts["bad"], "noise": noise, "fields": {}}
+    for frame, columns in fields.items():
+        for key, values in columns.items():
+            told = _behaviour(key, values, columns)
+            if told:
+                lines.append(f"{frame}.{key}: {told}")
+                data["fields"][f"{frame}.{key}"] = told
+    return Reading("\n".join(lines), data)
+
+
+def _behaviour(key: str, values: list[Any], columns: dict[str, list[Any]]) -> str:
+    """What all values of a field have in common, in words; '' for nothing."""
+    if len(values) < LEAST_FRAMES:
+        return ""
+    shown = {repr(value) for value in values}
+    if len(shown) == 1:
+        return f"always {shown.pop()}"
+    for other, beside in columns.items():
+        if other < key and beside == values:
+            return f"the same as {other}"
+    numbers = [value for value in values if isinstance(value, int)]
+    if len(numbers) == len(values) and len(values) > 3:
+        steps = {after - before for before, after in pairwise(numbers)}
+        if len(steps) == 1:
+            return f"goes up by {steps.pop()} from frame to frame"
+    return f"{len(shown)} values"
+
+
+def _some(values: set[bytes]) -> str:
+    shown = [value.hex(" ").upper() for value in sorted(values)]
+    return ", ".join(shown[:3]) + (f" … {len(shown)} values" if len(shown) > 3 else "")

@@ -1,0 +1,143 @@
+"""`framekit guess FILE…` and `framekit diff A B`: what can be said of an unknown line, and what differs between two."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from framekit.cli.common import VerbError, WordsError, add, existing, print_json, table
+from framekit.definition.problems import plural
+
+if TYPE_CHECKING:
+    from framekit.api.guess import Chunk, Guess
+
+FILES_HELP = "captures (pcap, JSON lines), pcap files of TCP or UDP, or hex text: a line for each frame"
+
+
+def add_guess_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("files", metavar="FILE", nargs="+", type=Path, help=FILES_HELP)
+    parser.add_argument("--write", metavar="NAME.yaml", type=Path, help="write a definition of what was found")
+    parser.add_argument(
+        "--with",
+        dest="definition",
+        metavar="NAME.yaml",
+        help="go on from a definition: what of the files is still noise",
+    )
+    add(parser, "--json")
+
+
+def run_guess(arguments: argparse.Namespace) -> int:
+    from framekit.api.guess import guess, known_protocols, reading_of
+
+    if arguments.write is not None and arguments.definition is not None:
+        raise WordsError("--write makes a definition, --with goes on from one – leave one of them out")
+    if arguments.write is not None and arguments.write.exists():
+        raise WordsError(f"--write: {arguments.write} is there already – name another file")
+    chunks = heard_in(arguments.files)
+    if arguments.definition is not None:
+        reading = reading_of(arguments.definition, chunks)
+        print_json(reading.data) if arguments.json else print(reading.text)
+        return 0
+    found, known = guess(chunks), known_protocols(chunks)
+    if arguments.json:
+        print_json(data_of(found) | {"known": [{"protocol": one.name, "frames": one.frames} for one in known]})
+    else:
+        for one in known:
+            print(f"this is {one.name}: {plural(one.frames, 'frame')}, {one.covered} of {one.of} bytes")
+        print(text_of(found))
+    if arguments.write is not None:
+        write(found, arguments.write, ", ".join(path.name for path in arguments.files))
+    return 0
+
+
+def heard_in(files: list[Path]) -> list[Chunk]:
+    """The bytes of all files. Raises VerbError where there are none."""
+    from framekit.api.guess import HeardError, heard
+
+    try:
+        chunks = [chunk for file in files for chunk in heard(existing(file))]
+    except HeardError as error:
+        raise VerbError(str(error)) from None
+    if not chunks:
+        raise VerbError("no bytes were found in there")
+    return chunks
+
+
+def write(found: Guess, path: Path, source: str) -> None:
+    """The definition, with its vectors. Raises VerbError."""
+    from framekit.api.guess import HeardError, write_definition
+
+    try:
+        problems = write_definition(found, path, source)
+    except (HeardError, OSError) as error:
+        raise VerbError(str(error)) from None
+    for problem in problems:
+        print(f"not right yet: {problem}")
+    print(f"{path} is written, and its vectors beside it – framekit test {path}")
+
+
+def text_of(found: Guess) -> str:
+    """What was found, in words."""
+    whole = sum(len(chunk.data) for chunk in found.chunks)
+    noise = f", {found.noise} bytes of {whole} in none" if found.noise else ""
+    lines = [f"{plural(len(found.frames), 'frame')} in {plural(len(found.chunks), 'piece')}{noise}", ""]
+    for one in found.statements:
+        lines.append(f"{'sure ' if one.is_sure else 'maybe'}  {one.text}  ({one.evidence})")
+    for kind in found.kinds:
+        rows = [
+            (str(field.offset), str(field.size) if field.size else "…", field.name, field.kind, field.about)
+            for field in kind.fields
+        ]
+        side = f", {kind.side}" if kind.side else ""
+        lines += ["", f"{kind.name}: {plural(len(kind.frames), 'frame')}{side}"]
+        lines.append(table(rows, ("offset", "bytes", "field", "is", "what is known")))
+    return "\n".join(lines)
+
+
+def data_of(found: Guess) -> dict[str, Any]:
+    """The same for programs."""
+    return {
+        "frames": len(found.frames),
+        "noise": found.noise,
+        "statements": [
+            {
+                "text": one.text, "sure": one.is_sure, "holds": one.evidence.holds, "of": one.evidence.of,
+                **({"against": one.against} if one.against else {}),
+            }
+            for one in found.statements
+        ],
+        "kinds": [
+            {
+                "name": kind.name, "side": kind.side, "frames": len(kind.frames),
+                "fields": [
+                    {"name": one.name, "offset": one.offset, "size": one.size, "is": one.kind, "about": one.about}
+                    for one in kind.fields
+                ],
+            }
+            for kind in found.kinds
+        ],
+    }  # fmt: skip
+
+
+# ---- diff -------------------------------------------------------------------------------------------------------
+
+
+def add_diff_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("files", metavar="FILE", nargs=2, type=Path, help=f"two recordings: {FILES_HELP}")
+    add(parser, "--json")
+
+
+def run_diff(arguments: argparse.Namespace) -> int:
+    from framekit.api.guess import differences
+
+    one, two = (heard_in([file]) for file in arguments.files)
+    rows = differences(one, two)
+    if arguments.json:
+        for row in rows:
+            print_json(row._asdict())
+    elif rows:
+        print(table([tuple(map(str, row)) for row in rows], ("frame", "offset", "field", "first", "second")))
+    else:
+        print("no field differs")
+    return 0

@@ -1,0 +1,426 @@
+"""The check of frames nobody told of: every place, every range, every method, and what holds in nearly all frames.
+
+Sums and exclusive ors are looked for with any constant, CRCs of the catalogue with any register at the start, others by
+algebra. Hypotheses are tried on a few pairs of frames first; what survives is held against all of them.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from functools import cache
+from typing import NamedTuple
+
+from framekit.codec.checks import compute
+from framekit.definition.expression import parse_expression
+from framekit.definition.model.checks import CheckMethod, crc_catalogue, ready_methods
+from framekit.definition.problems import NOWHERE
+from framekit.guess.crc_algebra import difference, plain_crc, polynomials, starts_of
+from framekit.guess.model import CheckGuess, CheckPlace, Evidence, Order
+
+LARGEST_START = 6
+"""The first byte that counts is looked for among so many."""
+LARGEST_TAIL = 3
+NEARLY = 0.6
+"""A CRC of 16 bits or more holds in so much of the frames, at least: others are damaged, or cut at the wrong place."""
+MOST = 0.8
+"""And any other code."""
+SURE = 24.0
+"""Bits of luck from which a check is believed."""
+TRIED = 16.0
+"""So many bits are taken off for the number of hypotheses."""
+LEAST_CODES = 40
+"""A code has so many values, or one for every other frame: what hardly ever changes is none."""
+MOST_PAIRS = 7
+MOST_SOLVED = 4
+FLETCHER = "(((acc & 0xFF) + byte) & 0xFF) | ((((acc >> 8) + (acc & 0xFF) + byte) & 0xFF) << 8)"
+
+
+class Cut(NamedTuple):
+    """A frame at a place: the bytes that count, and the code."""
+
+    data: bytes
+    code: int
+
+
+class Family(NamedTuple):
+    """CRCs that differ in register and end only."""
+
+    width: int
+    poly: int
+    refin: bool
+    refout: bool
+
+
+@cache
+def families() -> tuple[Family, ...]:
+    """Those of the catalogue with whole bytes."""
+    methods = [entry.method for entry in crc_catalogue() if entry.method.width in (8, 16, 24, 32)]
+    return tuple(dict.fromkeys(Family(one.width, one.poly, one.refin, one.refout) for one in methods))
+
+
+@cache
+def _ready_crcs() -> dict[tuple[Family, int, int], str]:
+    found: dict[tuple[Family, int, int], str] = {}
+    for name, one in ready_methods().items():
+        if one.kind == "crc":
+            family = Family(one.width, one.poly, one.refin, one.refout)
+            found.setdefault((family, one.initial, one.xorout), name)
+    return found
+
+
+def fletcher(data: bytes) -> int:
+    """Fletcher's code of two bytes: the sum in the low one, the sum of the sums in the high one."""
+    low = high = 0
+    for byte in data:
+        low = low + byte & 0xFF
+        high = high + low & 0xFF
+    return high << 8 | low
+
+
+def code_of(check: CheckGuess, data: bytes) -> int:
+    """The code over these bytes."""
+    return fletcher(data) if check.method.kind == "fold" else compute(check.method, data)
+
+
+def holds(check: CheckGuess, frame: bytes) -> bool:
+    """Whether the check of a frame, without its stuffing, is right."""
+    cut = cut_at(check.place, frame)
+    return cut is not None and cut.code == code_of(check, cut.data)
+
+
+def cut_at(place: CheckPlace, frame: bytes) -> Cut | None:
+    """What counts in a frame, and its code; None where it is too short, or has other signs than digits."""
+    end = len(frame) - place.tail
+    begin = end - place.size if place.at is None else place.at
+    if place.at is not None:
+        data = frame[begin + place.size + place.start : len(frame) - place.stop]
+        end = begin + place.size
+    else:
+        data = frame[place.start : begin]
+    if begin < place.start and place.at is None:
+        return None
+    raw = frame[begin:end]
+    if len(raw) < place.size or not data:
+        return None
+    if place.form == "hex":
+        number = _digits(raw)
+        if number is None:
+            return None
+        raw = number
+    if place.counted == "hex":
+        number = _digits(data)
+        if number is None:
+            return None
+        data = number
+    return Cut(data, int.from_bytes(raw, place.order))
+
+
+def _digits(text: bytes) -> bytes | None:
+    if len(text) % 2 or any(sign not in b"0123456789ABCDEFabcdef" for sign in text):
+        return None
+    return bytes.fromhex(text.decode("ascii"))
+
+
+def find_checks(frames: Sequence[bytes], start: int = 0, tail: int = 0, most: int = 3) -> list[CheckGuess]:
+    """The checks that hold, the best first; none where none is sure.
+
+    Frames are whole and unstuffed, begin with `start` constant bytes and end with `tail` such.
+    """
+    distinct = list(dict.fromkeys(frames))
+    if len(distinct) < 3:
+        return []
+    found: list[CheckGuess] = []
+    for place in _places(distinct, start, tail):
+        found += _at_place(place, distinct)
+        if any(one.name and _is_good_enough(one, distinct) for one in found):
+            break
+    if not any(_is_good_enough(one, distinct) for one in found):
+        for place in _places(distinct, start, tail):
+            found += _by_algebra(place, distinct)
+            if found:
+                break
+    found.sort(key=_rank, reverse=True)
+    return _together(found)[:most]
+
+
+def _is_good_enough(one: CheckGuess, frames: Sequence[bytes]) -> bool:
+    return one.evidence.holds >= 0.95 * len(frames) and one.evidence.chance > 2 * SURE
+
+
+def _rank(one: CheckGuess) -> tuple[float, ...]:
+    method = one.method
+    ones = (1 << method.width) - 1
+    plain = int(method.initial in (0, ones)) + int(method.kind != "crc" or method.xorout in (0, ones))
+    share = round(one.evidence.holds / one.evidence.of, 2)
+    known = bool(one.name) or method.kind == "fold"
+    return share, one.place.at is None, -one.place.tail, known, plain, -one.place.start
+
+
+def _together(found: Sequence[CheckGuess]) -> list[CheckGuess]:
+    """The best of those at one place, which names the others."""
+    groups: dict[tuple[int | None, int, int], list[CheckGuess]] = defaultdict(list)
+    for one in found:
+        groups[one.place.at, one.place.tail, one.place.size].append(one)
+    result = []
+    for group in groups.values():
+        best = group[0]
+        others = [
+            f"{other.name or other.method.kind} from byte {other.place.start} on" for other in group[1:]
+        ]  # fmt: skip
+        method = best.method
+        result.append(CheckGuess(best.place, method, best.name, best.evidence, 0, tuple(dict.fromkeys(others))))
+    return result
+
+
+def _places(frames: Sequence[bytes], start: int, tail: int) -> Iterator[CheckPlace]:
+    """Where a code may stand, and what may count, the usual first."""
+    shortest = sorted(map(len, frames))[len(frames) // 4]  # a few may be cut
+    tails = dict.fromkeys((tail, *range(LARGEST_TAIL + 1)))
+    starts = list(dict.fromkeys((0, start, *range(LARGEST_START + 1))))
+    for behind in tails:
+        for size in (2, 1, 4, 3):
+            for first in starts:
+                if first + size + behind >= shortest:
+                    continue
+                orders: tuple[Order, ...] = ("big",) if size == 1 else ("little", "big")
+                for order in orders:
+                    yield CheckPlace(size, order, tail=behind, start=first)
+        if all(_digits(frame[len(frame) - behind - 2 : len(frame) - behind]) for frame in frames[:20]):
+            for size in (4, 2, 8, 6):
+                for first in starts[:4]:
+                    if first + size + behind >= shortest:
+                        continue
+                    orders = ("big",) if size == 2 else ("big", "little")
+                    for order in orders:
+                        yield CheckPlace(size, order, "hex", behind, start=first)
+                        yield CheckPlace(size, order, "hex", behind, start=first, counted="hex")
+    for at in range(start, min(start + LARGEST_START, shortest - 3)):
+        for size in (1, 2):
+            for stop in dict.fromkeys((0, tail)):
+                orders = ("big",) if size == 1 else ("little", "big")
+                for order in orders:
+                    yield CheckPlace(size, order, at=at, stop=stop)
+
+
+def _cuts(place: CheckPlace, frames: Sequence[bytes]) -> list[Cut]:
+    cuts = [cut_at(place, frame) for frame in frames]
+    return list(dict.fromkeys(cut for cut in cuts if cut is not None))
+
+
+def _bytes_of(place: CheckPlace) -> int:
+    return place.size // 2 if place.form == "hex" else place.size
+
+
+def _at_place(place: CheckPlace, frames: Sequence[bytes]) -> Iterator[CheckGuess]:
+    cuts = _cuts(place, frames)
+    if len(cuts) < max(3, NEARLY * len(frames)) or len({cut.code for cut in cuts}) < min(LEAST_CODES, len(cuts) / 2):
+        return
+    width = 8 * _bytes_of(place)
+    if width <= 16:
+        yield from _simple(place, cuts, width, len(frames))
+    yield from _crcs(place, cuts, width, len(frames))
+
+
+# ---- sums and exclusive ors -------------------------------------------------------------------------------------
+
+Simple = Callable[[bytes], int]
+
+
+@cache
+def _plain_methods(width: int) -> tuple[tuple[CheckMethod, bool], ...]:
+    """Methods of a width that start at 0, and whether they add up (else: exclusive or)."""
+    names = {8: ("sum8", "xor8"), 16: ("sum16", "wsum16", "wsum16-little", "xor16", "xor16-little")}[width]
+    return tuple((ready_methods()[name], "sum" in name) for name in names)
+
+
+def _simple(place: CheckPlace, cuts: Sequence[Cut], width: int, of: int) -> Iterator[CheckGuess]:
+    ones = (1 << width) - 1
+    sample = cuts[:: max(1, len(cuts) // 12)][:12]
+    for method, adds in _plain_methods(width):
+        for complement in ("", "twos") if adds else ("",):
+            if _mode(sample, method, adds, complement, ones)[1] < 0.6 * len(sample):
+                continue
+            constant, held = _mode(cuts, method, adds, complement, ones)
+            if held >= MOST * of:
+                yield from _simple_guess(place, cuts, method, constant, complement, held, of)
+    if width == 8 and all(cut.code < 0x80 for cut in cuts):
+        for name in ("sum7", "xor7"):
+            held = sum(compute(ready_methods()[name], cut.data) == cut.code for cut in cuts)
+            if held >= MOST * of and 7 * (held - 1) - TRIED >= SURE and not _is_copy(cuts):
+                yield CheckGuess(place, ready_methods()[name], name, Evidence(held, of, 7 * (held - 1) - TRIED))
+    if width == 16:
+        held = sum(fletcher(cut.data) == cut.code for cut in cuts)
+        if held >= MOST * of and 16 * held - TRIED >= SURE:
+            method = CheckMethod(name="fletcher", kind="fold", width=16, expression=parse_expression(FLETCHER, NOWHERE))
+            yield CheckGuess(place, method, "", Evidence(held, of, 16.0 * held - TRIED))
+
+
+def _mode(
+    cuts: Sequence[Cut], method: CheckMethod, adds: bool, complement: str, ones: int
+) -> tuple[int, int]:  # fmt: skip
+    """The constant that most frames have between code and method, and how many do."""
+    if not adds:
+        rests = Counter(cut.code ^ compute(method, cut.data) for cut in cuts)
+    elif complement:
+        rests = Counter(cut.code + compute(method, cut.data) & ones for cut in cuts)
+    else:
+        rests = Counter(cut.code - compute(method, cut.data) & ones for cut in cuts)
+    return rests.most_common(1)[0]
+
+
+def _simple_guess(
+    place: CheckPlace, cuts: Sequence[Cut], method: CheckMethod, constant: int, complement: str, held: int, of: int
+) -> Iterator[CheckGuess]:
+    width, ones = method.width, (1 << method.width) - 1
+    chance = width * (held - 1) - TRIED
+    if chance < SURE or _is_copy(cuts):
+        return
+    name = method.name
+    if complement and constant == ones:
+        found = _changed(method, complement="ones")
+    elif complement:
+        found = ready_methods()["lrc8"] if not constant and name == "sum8" else _changed(
+            method, complement="twos", initial=-constant & ones
+        )  # fmt: skip
+    else:
+        found = method if not constant else _changed(method, initial=constant)
+    ready = found.name if found in ready_methods().values() else ""
+    yield CheckGuess(place, found, ready, Evidence(held, of, chance))
+
+
+def _changed(method: CheckMethod, **parameters: object) -> CheckMethod:
+    return replace(method, name="own", **parameters)  # type: ignore[arg-type]
+
+
+def _is_copy(cuts: Sequence[Cut]) -> bool:
+    """Whether a byte of the code goes with one byte of the frame alone, as a counter beside another one would."""
+    shortest = min(len(cut.data) for cut in cuts)
+    for shift in (0, 8):
+        codes = [cut.code >> shift & 0xFF for cut in cuts]
+        if len(set(codes)) < 2:
+            continue
+        for place in [*range(min(shortest, 32)), *range(-min(shortest, 8), 0)]:
+            column = [cut.data[place] for cut in cuts]
+            if len(set(column)) < 2:
+                continue
+            for combined in (
+                [code - byte & 0xFF for code, byte in zip(codes, column, strict=True)],
+                [code + byte & 0xFF for code, byte in zip(codes, column, strict=True)],
+                [code ^ byte for code, byte in zip(codes, column, strict=True)],
+            ):
+                if Counter(combined).most_common(1)[0][1] >= 0.6 * len(cuts):
+                    return True
+    return False
+
+
+# ---- CRCs -------------------------------------------------------------------------------------------------------
+
+
+def _pairs(cuts: Sequence[Cut]) -> list[tuple[Cut, Cut]]:
+    """Frames of one size that differ, each once."""
+    groups: dict[int, list[Cut]] = defaultdict(list)
+    for cut in cuts:
+        groups[len(cut.data)].append(cut)
+    found = []
+    for group in sorted(groups.values(), key=len, reverse=True):
+        found += [(one, two) for one, two in zip(group[::2], group[1::2], strict=False) if one.data != two.data]
+    return found
+
+
+def _crcs(place: CheckPlace, cuts: Sequence[Cut], width: int, of: int) -> Iterator[CheckGuess]:
+    pairs = _pairs(cuts)
+    step = max(1, len(pairs) // MOST_PAIRS)
+    some = pairs[::step][:MOST_PAIRS]
+    alone = cuts[:: max(1, len(cuts) // MOST_PAIRS)][:MOST_PAIRS]
+    for family in families():
+        if family.width != width:
+            continue
+        if len(some) >= 2:
+            alike = sum(_agree(family, one, two) for one, two in some)
+            if alike >= 0.6 * len(some) and alike >= 2:
+                yield from _with_start(place, cuts, family, of)
+        else:
+            yield from _ready_in(place, cuts, alone, family, of)
+
+
+def _agree(family: Family, one: Cut, two: Cut) -> bool:
+    changed = bytes(a ^ b for a, b in zip(one.data, two.data, strict=True))
+    return plain_crc(changed, *family) == one.code ^ two.code
+
+
+def _ready_in(
+    place: CheckPlace, cuts: Sequence[Cut], alone: Sequence[Cut], family: Family, of: int
+) -> Iterator[CheckGuess]:
+    """Ready methods of a family, where frames of one size are too few."""
+    for (other, init, xorout), name in _ready_crcs().items():
+        if other != family:
+            continue
+        good = sum(plain_crc(cut.data, *family, init) ^ xorout == cut.code for cut in alone)
+        if good >= 0.6 * len(alone):
+            held = sum(plain_crc(cut.data, *family, init) ^ xorout == cut.code for cut in cuts)
+            chance = family.width * held - TRIED
+            if held >= NEARLY * of and chance >= SURE:
+                yield CheckGuess(place, ready_methods()[name], name, Evidence(held, of, chance))
+
+
+def _with_start(place: CheckPlace, cuts: Sequence[Cut], family: Family, of: int) -> Iterator[CheckGuess]:
+    """A family whose differences agree, with the registers that explain all sizes."""
+    rests: dict[int, Counter[int]] = defaultdict(Counter)
+    for cut in cuts:
+        rests[len(cut.data)][cut.code ^ plain_crc(cut.data, *family)] += 1
+    known = {size: counts.most_common(1)[0] for size, counts in rests.items()}
+    if all(often < 2 for _, often in known.values()):
+        return
+    ones = (1 << family.width) - 1
+    likely = [init for (other, init, _) in _ready_crcs() if other == family]
+    found = 0
+    for init, xorout in starts_of(known, *family, [*likely, 0, ones]):
+        held = sum(plain_crc(cut.data, *family, init) ^ xorout == cut.code for cut in cuts)
+        if held < (NEARLY if family.width >= 16 else MOST) * of:
+            continue
+        fitted = 1 if len(known) == 1 or init in (0, ones, *likely) else 2
+        chance = family.width * (held - fitted - 1) - TRIED
+        name = _ready_crcs().get((family, init, xorout), "")
+        if name:
+            chance = family.width * held - TRIED
+        if chance < SURE:
+            continue
+        method = ready_methods()[name] if name else CheckMethod(
+            name="own", kind="crc", width=family.width, poly=family.poly, initial=init, refin=family.refin,
+            refout=family.refout, xorout=xorout,
+        )  # fmt: skip
+        yield CheckGuess(place, method, name, Evidence(held, of, chance))
+        found += 1
+        if found == MOST_SOLVED:
+            return
+
+
+def _by_algebra(place: CheckPlace, frames: Sequence[bytes]) -> Iterator[CheckGuess]:
+    """CRCs with a polynomial of their own."""
+    if place.counted == "hex" and place.form != "hex":
+        return
+    cuts = _cuts(place, frames)
+    width = 8 * _bytes_of(place)
+    if len(cuts) < max(4, NEARLY * len(frames)) or len({cut.code for cut in cuts}) < 3:
+        return
+    pairs = _pairs(cuts)
+    if len(pairs) < 2:
+        return
+    for mirrored in (False, True):
+        tried: set[int] = set()
+        for turn in range(3):
+            some = pairs[turn::3] if len(pairs) >= 12 else pairs
+            told = [difference(one.data, two.data, one.code ^ two.code, width, mirrored) for one, two in some[:6]]
+            differences = [one for one in told if one]
+            if len(differences) < 2:
+                continue
+            for poly in polynomials(differences, width):
+                if poly in tried:
+                    continue
+                tried.add(poly)
+                family = Family(width, poly, mirrored, mirrored)
+                yield from _with_start(place, cuts, family, len(frames))
+            if len(pairs) < 12:
+                break

@@ -1,0 +1,299 @@
+"""Which bytes of frames are what: constants, counters, addresses, lengths, copies of the request, values.
+
+Frames are told apart by the way they go and by the byte that goes with their form. In each kind a byte is named by what
+holds of it in nearly all frames; what nothing is known of stays unknown.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+from math import log2
+from typing import NamedTuple
+
+from framekit.guess.model import (
+    CheckGuess,
+    Evidence,
+    FieldKind,
+    FrameKind,
+    Framing,
+    GuessedField,
+    HeardFrame,
+    LengthField,
+    Order,
+)
+
+HEAD = 12
+"""So many bytes of a frame's head are looked at one by one."""
+MOST_KINDS = 12
+NEARLY = 0.97
+LEAST_STEPS = 6
+MOST_COPIED = 6
+"""A reply repeats so many bytes of the head of its request, at most."""
+LEAST_OF_KIND = 3
+SURE = 20.0
+"""Bits of luck from which a counter, a count or a copy is sure."""
+
+
+class Shape(NamedTuple):
+    """What of a plain frame belongs to its framing: bytes of the start mark, and bytes of check and end mark."""
+
+    head: int
+    tail: int
+
+
+class Pair(NamedTuple):
+    """A request and its reply, as plain frames."""
+
+    request: bytes
+    reply: bytes
+
+
+def shape_of(framing: Framing, check: CheckGuess | None) -> Shape:
+    """Where content begins, and what follows it."""
+    has_marks = framing.kind in ("marks", "length")
+    tail = len(framing.end) if has_marks else 0
+    if check is not None and check.place.at is None:
+        tail = max(tail, check.place.tail + check.place.size)
+    return Shape(len(framing.start) if has_marks else 0, tail)
+
+
+def directed(frames: Sequence[HeardFrame], plain: Sequence[bytes]) -> tuple[list[str], float]:
+    """Who sent each frame: `client`, `server`, or '' where that cannot be told; and the bits of luck behind it.
+
+    Where the capture knows two ways, the way of the first frame is the client's. On one wire frames take turns.
+    """
+    ways = [frame.direction for frame in frames]
+    if "in" in ways and "out" in ways:
+        first = ways[0]
+        return ["client" if way == first else "server" for way in ways], 0.0
+    if "" not in ways or len(frames) < 6:
+        return ["client" if way else "" for way in ways], 0.0
+    forms = [(len(one), one[:2]) for one in plain]
+    even, odd = Counter(forms[::2]), Counter(forms[1::2])
+    together = [sum(one[:2] == two[:2] for one, two in list(pairwise(plain))[first::2]) for first in (0, 1)]
+    counts = len(plain) // 2, (len(plain) - 1) // 2
+    if together[0] >= NEARLY * counts[0] and together[1] <= 0.85 * counts[1]:
+        return ["client" if number % 2 == 0 else "server" for number in range(len(frames))], 8.0
+    apart = sum(count for form, count in even.items() if form not in odd and count > 1)
+    apart += sum(count for form, count in odd.items() if form not in even and count > 1)
+    if apart >= 0.9 * len(frames):
+        return ["client" if number % 2 == 0 else "server" for number in range(len(frames))], float(apart)
+    return ["" for _ in frames], 0.0
+
+
+def pairs_of(sides: Sequence[str], plain: Sequence[bytes]) -> list[Pair]:
+    """A frame of the client and the server's frame right behind it."""
+    together = list(zip(sides, plain, strict=True))
+    return [Pair(one, two) for (first, one), (second, two) in pairwise(together) if (first, second) == CLIENT_SERVER]
+
+
+CLIENT_SERVER = ("client", "server")
+
+
+def function_place(texts: Sequence[bytes], shape: Shape, known: set[int], likely: set[int]) -> int | None:
+    """The byte of the head that goes with the form of frames, but for their counts; rather one of the likely ones."""
+    shortest = min(len(text) for text in texts)
+    before = _surprise(Counter(map(len, texts)))
+    best: tuple[float, int] | None = None
+    for place in range(shape.head, min(shortest - shape.tail, shape.head + 6)):
+        values = Counter(text[place] for text in texts)
+        often = sum(count for count in values.values() if count >= LEAST_OF_KIND)
+        if place in known or not 2 <= len(values) <= MOST_KINDS or often < 0.8 * len(texts):
+            continue
+        after = sum(
+            count * _surprise(Counter(len(text) for text in texts if text[place] == value))
+            for value, count in values.items()
+        ) / len(texts)  # fmt: skip
+        gain = before - after + (1.0 if place in likely else 0.0)
+        if before - after > 0.2 and not _is_count(place, texts) and (best is None or gain > best[0] + 0.2):
+            best = gain, place
+    return None if best is None else best[1]
+
+
+def _is_count(place: int, texts: Sequence[bytes]) -> bool:
+    """Whether a byte goes with the size in most frames."""
+    for unit in (1, 2):
+        rest, often = Counter(len(text) - unit * text[place] for text in texts).most_common(1)[0]
+        sizes = {len(text) for text in texts if len(text) - unit * text[place] == rest}
+        if len(sizes) >= 3 and often >= 0.5 * len(texts):
+            return True
+    return False
+
+
+def _surprise(counts: Counter[int]) -> float:
+    """Bits that a value of these tells."""
+    whole = sum(counts.values())
+    return -sum(count / whole * log2(count / whole) for count in counts.values())
+
+
+def kinds_of(
+    frames: Sequence[HeardFrame], plain: Sequence[bytes], sides: Sequence[str], framing: Framing,
+    check: CheckGuess | None,
+) -> list[FrameKind]:  # fmt: skip
+    """The kinds of frames with their fields. `plain`: the frames without their stuffing."""
+    shape = shape_of(framing, check)
+    known = _known_places(framing, check)
+    groups: dict[tuple[str, int | None], list[int]] = defaultdict(list)
+    pairs = pairs_of(sides, plain)
+    copies = _copies(pairs, shape, known)
+    places: dict[str, int | None] = {}
+    for side in dict.fromkeys(sides):
+        own = [number for number, one in enumerate(sides) if one == side]
+        place = places[side] = function_place([plain[number] for number in own], shape, known, set(copies))
+        for number in own:
+            groups[side, None if place is None else plain[number][place]].append(number)
+    found = []
+    for (side, value), numbers in groups.items():
+        name = {"client": "asked", "server": "told"}.get(side, "frame")
+        name = name if value is None else f"{name}_{value:02x}"
+        texts = [plain[number] for number in numbers]
+        fields = fields_of(
+            texts, shape, framing.length, check, copies, is_reply=side == "server", function=places[side]
+        )
+        own_frames = tuple(frames[number] for number in numbers)
+        found.append(FrameKind(name, own_frames[0].direction, fields, own_frames, side))
+    return found
+
+
+def _known_places(framing: Framing, check: CheckGuess | None) -> set[int]:
+    places = set(range(len(framing.start)))
+    if framing.length is not None:
+        places |= set(range(framing.length.offset, framing.length.end))
+    if check is not None and check.place.at is not None:
+        places |= set(range(check.place.at, check.place.at + check.place.size))
+    return places
+
+
+def _copies(pairs: Sequence[Pair], shape: Shape, known: set[int]) -> dict[int, Evidence]:
+    """Places of a reply that have what stands there in the request."""
+    found: dict[int, Evidence] = {}
+    if len(pairs) < LEAST_STEPS:
+        return found
+    shortest = min(min(len(pair.request), len(pair.reply)) for pair in pairs)
+    for place in range(shape.head, min(shape.head + MOST_COPIED, shortest - shape.tail)):
+        same = sum(pair.request[place] == pair.reply[place] for pair in pairs)
+        values = len({pair.request[place] for pair in pairs})
+        if place not in known and same >= NEARLY * len(pairs):
+            found[place] = Evidence(same, len(pairs), 8.0 * (values - 1))
+    return found
+
+
+def fields_of(
+    texts: Sequence[bytes], shape: Shape, length: LengthField | None, check: CheckGuess | None,
+    copies: dict[int, Evidence], *, is_reply: bool, function: int | None,
+) -> tuple[GuessedField, ...]:  # fmt: skip
+    """The fields of frames of one kind, from the first byte to the last. `function`: the byte that tells the kind."""
+    shortest, longest = min(map(len, texts)), max(map(len, texts))
+    inner = min(shortest - shape.tail, HEAD if longest > shortest else max(HEAD, shortest - shape.tail))
+    found: list[GuessedField] = []
+    at = 0
+    if shape.head:
+        found.append(GuessedField("start", 0, shape.head, "constant", texts[0][: shape.head].hex(" ").upper()))
+        at = shape.head
+    names = Counter[str]()
+    while at < inner:
+        if at == function:
+            value = f"{texts[0][at]:02X}"
+            field = GuessedField("function", at, 1, "constant", value, Evidence(len(texts), len(texts)), is_mark=True)
+        elif at in copies:
+            about = "as in the request" if is_reply else "the reply repeats it"
+            field = GuessedField(f"copy_{at}", at, 1, "copy", about, copies[at])
+        else:
+            field = _field_at(at, inner, texts, length, check)
+        found.append(field)
+        at += field.size
+    found = _merged(found, texts)
+    if longest > shortest:
+        while found and found[-1].kind == "unknown":
+            at = found.pop().offset
+        found.append(
+            GuessedField("data", at, 0, "value", f"{shortest - shape.tail - at} to {longest - shape.tail - at} bytes")
+        )
+    if check is not None and check.place.at is None:
+        found.append(
+            GuessedField("check", -(check.place.tail + check.place.size), check.place.size, "check", check.name)
+        )
+        behind = check.place.tail
+    else:
+        behind = shape.tail
+    if behind:
+        found.append(
+            GuessedField("end", -behind, behind, "constant", texts[0][len(texts[0]) - behind :].hex(" ").upper())
+        )
+    return tuple(_named(field, names) for field in found)
+
+
+def _field_at(
+    at: int, inner: int, texts: Sequence[bytes], length: LengthField | None, check: CheckGuess | None
+) -> GuessedField:
+    if length is not None and at == length.offset and length.end <= inner:
+        return GuessedField("length", at, length.size, "length", f"the frame has {length.plus} bytes more")
+    if check is not None and check.place.at == at:
+        return GuessedField("check", at, check.place.size, "check", check.name)
+    value, often = Counter(text[at] for text in texts).most_common(1)[0]
+    same = Evidence(often, len(texts), 8.0 * (often - 1))
+    if often == len(texts):
+        return GuessedField("constant", at, 1, "constant", f"{value:02X}", same)
+    counter = _counter(at, inner, texts)
+    if counter is not None:
+        return counter
+    count = _count(at, texts)
+    if count is not None:
+        return count
+    values = len({text[at] for text in texts})
+    about = f"{values} values, {min(text[at] for text in texts):02X} to {max(text[at] for text in texts):02X}"
+    return GuessedField("unknown", at, 1, "unknown", about)
+
+
+def _counter(at: int, inner: int, texts: Sequence[bytes]) -> GuessedField | None:
+    """A number that goes up by one from frame to frame: the widest that does."""
+    choices: tuple[tuple[int, Order], ...] = ((2, "big"), (2, "little"), (1, "big"))
+    for width, order in choices:
+        if at + width > inner or len(texts) <= LEAST_STEPS:
+            continue
+        numbers = [int.from_bytes(text[at : at + width], order) for text in texts]
+        steps = sum((two - one) % (1 << 8 * width) == 1 for one, two in pairwise(numbers))
+        low = {number & 0xFF for number in numbers}
+        if steps >= 0.9 * (len(numbers) - 1) and len(low) > LEAST_STEPS:
+            about = "goes up by one from frame to frame" + ("" if width == 1 else f", {order}")
+            return GuessedField("counter", at, width, "counter", about, Evidence(steps, len(numbers) - 1, 8.0 * steps))
+    return None
+
+
+def _count(at: int, texts: Sequence[bytes]) -> GuessedField | None:
+    """A byte that goes with the size of the frame."""
+    for unit in (1, 2):
+        rests = Counter(len(text) - unit * text[at] for text in texts)
+        rest, often = rests.most_common(1)[0]
+        sizes = len({len(text) for text in texts})
+        if often >= NEARLY * len(texts) and sizes > 1 and at < rest <= at + 40:
+            about = f"the frame has {rest} bytes more than {'that' if unit == 1 else 'twice that'}"
+            evidence = Evidence(often, len(texts), 8.0 * (sizes - 1))
+            return GuessedField("count", at, 1, "count", about, evidence, plus=rest, unit=unit)
+    return None
+
+
+def _merged(fields: Sequence[GuessedField], texts: Sequence[bytes]) -> list[GuessedField]:
+    """Constants beside each other are one field."""
+    found: list[GuessedField] = []
+    for field in fields:
+        last = found[-1] if found else None
+        together: set[FieldKind] = {"constant"}
+        if last is not None and last.kind == field.kind and field.kind in together and last.name == field.name:
+            size = last.size + field.size
+            about = texts[0][last.offset : last.offset + size].hex(" ").upper()
+            found[-1] = GuessedField(last.name, last.offset, size, last.kind, about, last.evidence)
+        else:
+            found.append(field)
+    return found
+
+
+def _named(field: GuessedField, names: Counter[str]) -> GuessedField:
+    """With a name of its own."""
+    names[field.name] += 1
+    many = names[field.name] > 1 or field.name in ("unknown", "constant")
+    name = f"{field.name}_{names[field.name]}" if many else field.name
+    return replace(field, name=name)

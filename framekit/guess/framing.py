@@ -1,0 +1,349 @@
+"""Where frames begin and end: hypotheses made from the pieces in which bytes came, each held against all bytes."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from math import log2
+
+from framekit.guess.model import Chunk, Evidence, Framing, HeardFrame, LengthField, Order
+from framekit.guess.pieces import Stream, joined, streams_of
+from framekit.guess.stuffing import StuffingError, find_stuffing, plain_frame
+
+MOST_MARK = 2
+"""Bytes of a mark that are looked for."""
+LARGEST_OFFSET = 8
+LARGEST_PLUS = 40
+"""Bytes around what a length counts, at most."""
+LONGEST_FRAME = 4096
+MOST_PIECES = 2000
+"""So many pieces are looked at when hypotheses are made; all of them count when they are held against the line."""
+MOST = 0.85
+"""What most of the pieces have in common is a hypothesis."""
+SURE = 8.0
+"""Bits of luck from which a length field or a mark is sure."""
+
+
+@dataclass(frozen=True, slots=True)
+class CutLine:
+    """What a framing makes of a line: the frames in order of their time, and how well its ends are those of pieces."""
+
+    framing: Framing
+    frames: tuple[HeardFrame, ...]
+    noise: int
+    fit: float
+
+
+def framings_of(chunks: Sequence[Chunk]) -> list[CutLine]:
+    """What the framing may be, the most likely first; the last one takes the pieces as they came."""
+    pieces = joined(chunks)
+    streams = streams_of(pieces)
+    texts = [piece.data for piece in pieces[:MOST_PIECES]]
+    seen, found = set[Framing](), list[CutLine]()
+    for framing in _hypotheses(texts, streams):
+        if framing not in seen:
+            seen.add(framing)
+            cut = cut_line(framing, streams)
+            if cut.fit >= ENOUGH:
+                found.append(_weighed(cut, texts))
+    found.sort(key=_rank, reverse=True)
+    start, end = _common(texts)
+    plain = Framing("pauses", start[:MOST_MARK], end[:MOST_MARK], evidence=Evidence(len(texts), len(texts)))
+    lengths = {len(text) for text in texts}
+    if len(lengths) == 1 and len(texts) > 2:
+        plain = replace(plain, kind="fixed", fixed=lengths.pop())
+    return [*found, cut_line(plain, streams)]
+
+
+FEW = 3
+"""Fewer pieces say little of themselves."""
+COVERED = 0.85
+ENOUGH = 0.7
+"""A framing whose frames hold fewer of the bytes, or whose ends are those of pieces more seldom, is none: a few frames
+come in two pieces, or two in one."""
+_PREFERRED = {"marks": 2, "length": 1, "fixed": 0, "pauses": 0}
+
+
+def _rank(cut: CutLine) -> tuple[float, ...]:
+    framing = cut.framing
+    return (
+        framing.start == framing.end != b"" and framing.kind == "marks", framing.stuffing is not None,
+        framing.evidence.chance >= SURE, _PREFERRED[framing.kind], len(framing.end), -abs(len(framing.start) - 1),
+        round(cut.fit, 2), framing.evidence.chance,
+    )  # fmt: skip
+
+
+# ---- cutting ----------------------------------------------------------------------------------------------------
+
+
+def cut_line(framing: Framing, streams: Sequence[Stream]) -> CutLine:
+    """The frames that a framing finds."""
+    frames: list[tuple[int, int, HeardFrame]] = []
+    covered = whole = bounds = hit = ends = hit_ends = 0
+    for stream in streams:
+        found = cut_stream(framing, stream)
+        starts = {*stream.starts, len(stream.data)}
+        for begin, end in found:
+            piece = stream.piece_at(begin)
+            frame = HeardFrame(stream.times[piece], stream.direction, stream.data[begin:end])
+            frames.append((stream.numbers[piece], begin, frame))
+        covered += sum(end - begin for begin, end in found)
+        whole += len(stream.data)
+        edges = {edge for pair in found for edge in pair}
+        bounds += len(starts)
+        hit += len(starts & edges)
+        ends += len(found)
+        begin_mark = framing.start
+        hit_ends += sum(
+            end in starts or (bool(begin_mark) and stream.data.startswith(begin_mark, end)) for _, end in found
+        )
+    frames.sort(key=lambda one: one[:2])
+    fit = 0.0
+    if ends and whole and covered >= COVERED * whole:
+        fit = min(covered / whole, hit / bounds, hit_ends / ends)
+    return CutLine(framing, tuple(one for _, _, one in frames), whole - covered, fit)
+
+
+def cut_stream(framing: Framing, stream: Stream) -> list[tuple[int, int]]:
+    """Where frames begin and end in a stream; what is between them is noise."""
+    if framing.kind == "pauses":
+        return [(start, start + len(piece)) for start, piece in zip(stream.starts, stream.pieces, strict=True)]
+    data, starts = stream.data, {*stream.starts, len(stream.data)}
+    ordered, at_start = [*stream.starts, len(data)], 0
+    found, at, mark = list[tuple[int, int]](), 0, framing.start
+    shared = framing.kind == "marks" and len(mark) == 1 and mark == framing.end
+    while at < len(data):
+        end = _end_of(framing, data, at, starts)
+        if end is not None:
+            found.append((at, end))
+            at = end
+            if shared and at < len(data) and not data.startswith(mark, at):
+                at -= 1
+            continue
+        while ordered[at_start] <= at:
+            at_start += 1
+        after = ordered[at_start]
+        if mark:
+            place = data.find(mark, at + 1)
+            after = min(after, place) if place >= 0 else after
+        at = after
+    return found
+
+
+def _end_of(framing: Framing, data: bytes, at: int, starts: set[int]) -> int | None:
+    """Where the frame ends that begins here; None: none does."""
+    if not data.startswith(framing.start, at):
+        return None
+    if framing.kind == "fixed":
+        end = at + framing.fixed
+    elif framing.kind == "length":
+        assert framing.length is not None
+        number = value_at(framing.length, data, at)
+        if number is None:
+            return None
+        end = at + number * framing.length.unit + framing.length.plus
+        if end < at + framing.length.end or end - at > LONGEST_FRAME:
+            return None
+    else:
+        return _end_by_mark(framing, data, at)
+    if end > len(data) or (framing.end and data[end - len(framing.end) : end] != framing.end):
+        return None
+    return end if end in starts or not framing.start or data.startswith(framing.start, end) or framing.end else None
+
+
+def _end_by_mark(framing: Framing, data: bytes, at: int) -> int | None:
+    start, end = framing.start, framing.end
+    place = at + len(start)
+    if start == end and data.startswith(end, place):
+        return None  # the end of a frame before, and the start of this one
+    stuffing = framing.stuffing
+    while True:
+        place = data.find(end, place)
+        if place < 0 or place - at > LONGEST_FRAME:
+            return None
+        if stuffing is not None and stuffing.kind == "doubled":
+            first = place
+            while first > at + len(start) and data[first - 1] == stuffing.escape:
+                first -= 1
+            if (place - first) % 2:
+                place += 1
+                continue
+        return place + len(end)
+
+
+def value_at(length: LengthField, data: bytes, at: int) -> int | None:
+    """The number of a length field in a frame that begins here; None: there is none."""
+    raw = data[at + length.offset : at + length.end]
+    if len(raw) < length.size:
+        return None
+    if length.form == "hex":
+        try:
+            raw = bytes.fromhex(raw.decode("ascii"))
+        except ValueError:
+            return None
+        if len(raw) != length.width:
+            return None
+    return int.from_bytes(raw, length.order)
+
+
+# ---- hypotheses -------------------------------------------------------------------------------------------------
+
+
+def _common(texts: Sequence[bytes]) -> tuple[bytes, bytes]:
+    """What most pieces begin with, and what they end with: four bytes at most."""
+
+    def longest(ends: Sequence[bytes]) -> bytes:
+        for size in range(4, 0, -1):
+            some = Counter(end[:size] for end in ends if len(end) >= size)
+            if some and some.most_common(1)[0][1] >= MOST * len(ends):
+                return some.most_common(1)[0][0]
+        return b""
+
+    start, end = longest([text[:4] for text in texts]), longest([text[:-5:-1] for text in texts])[::-1]
+    if len(texts) < FEW:  # what a few pieces have in common is a mark only if it comes again
+        start = next((start[:size] for size in (2, 1) if _often(start[:size], texts)), b"")
+        end = next((end[-size:] for size in (2, 1) if _often(end[-size:], texts)), b"")
+    return start, end
+
+
+def _often(mark: bytes, texts: Sequence[bytes]) -> bool:
+    return bool(mark) and sum(text.count(mark) for text in texts) >= 2 * FEW
+
+
+def _hypotheses(texts: Sequence[bytes], streams: Sequence[Stream]) -> Iterator[Framing]:
+    start, end = _common(texts)
+    starts = [start[:size] for size in range(min(MOST_MARK, len(start)), -1, -1)]
+    ends = [end[len(end) - size :] for size in range(min(MOST_MARK, len(end)), 0, -1)]
+    for last in ends:
+        for first in starts:
+            yield from _with_stuffing(Framing("marks", first, last), streams)
+    for length in _lengths(texts):
+        for last in (*ends, b""):
+            for first in starts:
+                if len(first) <= length.offset:
+                    yield Framing("length", first, last, length=length)
+    if len(texts) < 2 * len(streams) + 3 or max(map(len, texts)) > 300:
+        for length in _lengths_of_stream(streams):
+            for first in starts:
+                if len(first) <= length.offset:
+                    yield Framing("length", first, length=length)
+    usual, often = Counter(map(len, texts)).most_common(1)[0]
+    if often >= MOST * len(texts) and often < len(texts) and usual > 1:
+        yield Framing("fixed", start[:MOST_MARK], fixed=usual)
+
+
+def _with_stuffing(framing: Framing, streams: Sequence[Stream]) -> Iterator[Framing]:
+    """As it is, and with the stuffing that its content shows."""
+    start, end = framing.start, framing.end
+    if len(end) == 2 and len(start) == 2 and start[0] == end[0] and start != end:
+        # a lone end mark may stand in the content as the second half of a doubled byte
+        pieces = [piece for stream in streams for piece in stream.pieces]
+    else:
+        pieces = [stream.data[begin:last] for stream in streams for begin, last in cut_stream(framing, stream)]
+    inner = [
+        piece[len(start) : len(piece) - len(end)]
+        for piece in pieces[:MOST_PIECES]
+        if len(piece) > len(start) + len(end) and piece.startswith(start) and piece.endswith(end)
+    ]
+    found = find_stuffing(inner, start, end) if inner else None
+    if found is not None:
+        yield replace(framing, stuffing=found[0], evidence=found[1])
+    yield framing
+
+
+def _lengths(texts: Sequence[bytes]) -> Iterator[LengthField]:
+    """Numbers in the head of most pieces that go with their sizes."""
+    whole = [text for text in texts if len(text) > 2]
+    if len({len(text) for text in whole}) < 2:
+        return
+    shortest = min(map(len, whole))
+    found: list[tuple[int, LengthField]] = []
+    for length in _fields(min(LARGEST_OFFSET, shortest)):
+        if length.end > shortest:
+            continue
+        rests = Counter[int]()
+        for text in whole:
+            value = value_at(length, text, 0)
+            if value is not None:
+                rests[len(text) - value * length.unit] += 1
+        if not rests:
+            continue
+        plus, often = rests.most_common(1)[0]
+        if often >= 0.6 * len(whole) and -4 <= plus <= LARGEST_PLUS:
+            found.append((often, replace(length, plus=plus)))
+    found.sort(key=lambda one: (-one[0], one[1].unit, one[1].offset, -one[1].width))
+    for _, length in found[:6]:
+        yield length
+
+
+def _fields(offsets: int) -> Iterator[LengthField]:
+    for offset in range(offsets):
+        for width in (1, 2, 4):
+            orders: tuple[Order, ...] = ("big",) if width == 1 else ("big", "little")
+            for order in orders:
+                for unit in (1, 2):
+                    yield LengthField(offset, width, order, 0, unit)
+        for width in (1, 2):
+            yield LengthField(offset, width, "big", 0, form="hex")
+
+
+def _lengths_of_stream(streams: Sequence[Stream]) -> Iterator[LengthField]:
+    """Numbers that lead from frame to frame through streams whose pieces say little."""
+    found: list[tuple[float, LengthField]] = []
+    for length in _fields(LARGEST_OFFSET):
+        for plus in range(length.end - 4 if length.offset else length.end, length.end + 12):
+            one = replace(length, plus=plus)
+            worth = _worth(one, streams)
+            if worth > 0:
+                found.append((worth, one))
+    found.sort(key=lambda one: -one[0])
+    for _, length in found[:4]:
+        yield length
+
+
+def _worth(length: LengthField, streams: Sequence[Stream]) -> float:
+    """How much of the streams it leads through, while frames begin alike; 0: it leads nowhere."""
+    heads: list[bytes] = []
+    for stream in streams:
+        at, data = 0, stream.data
+        while at < len(data):
+            value = value_at(length, data, at)
+            if value is None or not length.end <= value * length.unit + length.plus <= LONGEST_FRAME:
+                return 0.0
+            heads.append(data[at : at + LARGEST_OFFSET])
+            at += value * length.unit + length.plus
+        if at != len(data):
+            return 0.0
+    if len(heads) < 3:
+        return 0.0
+    own = range(length.offset, length.end)
+    alike = [
+        place for place in range(LARGEST_OFFSET)
+        if place not in own
+        and Counter(head[place : place + 1] for head in heads).most_common(1)[0][1] >= MOST * len(heads)
+    ]  # fmt: skip
+    return len(alike) * log2(1 + len(heads)) if alike else 0.0
+
+
+def _weighed(cut: CutLine, texts: Sequence[bytes]) -> CutLine:
+    """With the evidence for the framing: frames that it finds, and what that would be as luck."""
+    framing, frames = cut.framing, cut.frames
+    plain = []
+    for frame in frames:
+        try:
+            plain.append(plain_frame(framing, frame.data))
+        except StuffingError:
+            continue
+    chance = framing.evidence.chance
+    if framing.kind == "length" and framing.length is not None:
+        sizes = {len(frame.data) for frame in frames}
+        chance = 8.0 * framing.length.width * (len(sizes) - 1) - 7 - 8 * (framing.length.width - 1)
+    elif framing.kind == "marks":
+        inside = sum(len(frame.data) - len(framing.start) - len(framing.end) for frame in frames)
+        chance = max(chance, inside * log2(256 / 255) * len(framing.end))
+        around = len(framing.start), len(framing.end)
+        text = all(0x20 <= byte < 0x7F for one in frames for byte in one.data[around[0] : len(one.data) - around[1]])
+        if inside and text and not 0x20 <= framing.end[-1] < 0x7F:
+            chance += SURE
+    return replace(cut, framing=replace(framing, evidence=Evidence(len(plain), len(frames), chance)))

@@ -1,0 +1,206 @@
+"""From what was heard on a line to what can be said of it, each statement with its evidence."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from statistics import median
+
+from framekit.guess.checks import find_checks, holds
+from framekit.guess.fields import SURE, directed, kinds_of
+from framekit.guess.framing import SURE as SURE_FRAMING
+from framekit.guess.framing import CutLine, framings_of
+from framekit.guess.model import CheckGuess, Chunk, Evidence, FrameKind, Framing, Guess, HeardFrame, Statement
+from framekit.guess.stuffing import StuffingError, plain_frame
+from framekit.guess.writing import named_apart
+
+MOST_FRAMINGS = 4
+"""So many are tried for a check that tells them apart."""
+MOST_PIECES = 4
+"""A frame that the system handed over in pieces has fewer than that, mostly."""
+MOST_CHECKED = 400
+"""Frames in which a check is looked for."""
+
+
+def guess(chunks: Sequence[Chunk]) -> Guess:
+    """What can be said of these bytes, in the order in which they came. Nothing is said of none."""
+    found = Guess(chunks)
+    if not any(chunk.data for chunk in chunks):
+        return found
+    cut, plain, check = _cut_and_check(chunks)
+    if check is not None:
+        cut, plain = _mended(cut, plain, check)
+    found.framing, found.frames, found.noise, found.check = cut.framing, list(cut.frames), cut.noise, check
+    whole = [number for number, text in enumerate(plain) if text is not None and _is_good(text, check)]
+    frames = [cut.frames[number] for number in whole]
+    texts = [text for number in whole if (text := plain[number]) is not None]
+    if texts:
+        sides, luck = directed(frames, texts)
+        found.kinds = named_apart(kinds_of(frames, texts, sides, cut.framing, check))
+        found.statements = [
+            *_of_framing(cut),
+            *_of_check(check),
+            *_of_sides(frames, sides, luck),
+            *_of_fields(found.kinds),
+        ]
+    return found
+
+
+def _cut_and_check(chunks: Sequence[Chunk]) -> tuple[CutLine, list[bytes | None], CheckGuess | None]:
+    """The likeliest framing in whose frames there is a check; without any, the likeliest one."""
+    first: tuple[CutLine, list[bytes | None]] | None = None
+    cuts = framings_of(chunks)
+    for cut in [*cuts[:-1][:MOST_FRAMINGS], cuts[-1]]:
+        plain = [_plain(cut.framing, frame.data) for frame in cut.frames]
+        texts = [text for text in plain if text is not None][:MOST_CHECKED]
+        first = first or (cut, plain)
+        checks = find_checks(texts, len(cut.framing.start), len(cut.framing.end)) if texts else []
+        if checks:
+            return cut, plain, checks[0]
+    assert first is not None
+    return *first, None
+
+
+def _mended(cut: CutLine, plain: list[bytes | None], check: CheckGuess) -> tuple[CutLine, list[bytes | None]]:
+    """Frames that came in two pieces are one, where the check says so."""
+    if cut.framing.kind not in ("pauses", "fixed") or cut.framing.stuffing is not None:
+        return cut, plain
+    frames: list[HeardFrame] = []
+    at = 0
+    while at < len(cut.frames):
+        frame = cut.frames[at]
+        at += 1
+        whole = frame.data
+        if not holds(check, whole):
+            for more in range(1, MOST_PIECES):
+                after = cut.frames[at : at + more]
+                if len(after) < more or any(one.direction != frame.direction for one in after):
+                    break
+                together = whole + b"".join(one.data for one in after)
+                if holds(check, together):
+                    frame, at = frame._replace(data=together), at + more
+                    break
+        frames.append(frame)
+    framing = cut.framing
+    evidence = Evidence(sum(holds(check, one.data) for one in frames), len(frames), framing.evidence.chance)
+    framing = replace(framing, kind="pauses", fixed=0, evidence=evidence)
+    return replace(cut, frames=tuple(frames), framing=framing), [one.data for one in frames]
+
+
+def _plain(framing: Framing, data: bytes) -> bytes | None:
+    try:
+        return plain_frame(framing, data)
+    except StuffingError:
+        return None
+
+
+def _is_good(text: bytes, check: CheckGuess | None) -> bool:
+    """Whether its check is right, where there is one."""
+    return check is None or holds(check, text)
+
+
+# ---- statements -------------------------------------------------------------------------------------------------
+
+
+def _of_framing(cut: CutLine) -> Iterator[Statement]:
+    framing, frames = cut.framing, cut.frames
+    marks = [f"begins with {_hex(framing.start)}"] * bool(framing.start)
+    marks += [f"ends with {_hex(framing.end)}"] * bool(framing.end)
+    alike = Evidence(
+        sum(one.data.startswith(framing.start) and one.data.endswith(framing.end) for one in frames), len(frames)
+    )
+    if marks:
+        yield Statement(f"a frame {' and '.join(marks)}", alike, False, "a frame without that")
+    sure = framing.evidence.chance >= SURE_FRAMING
+    if framing.kind == "length" and framing.length is not None:
+        length = framing.length
+        order = "" if length.width == 1 else f", {length.order} end first"
+        what = f"{length.width} byte{'s' * (length.width > 1)} at {length.offset}{order}"
+        unit = "" if length.unit == 1 else f"{length.unit} × "
+        text = f"its size is {unit}the number in {what}, and {length.plus} bytes"
+        yield Statement(text, framing.evidence, sure, "a frame of another size")
+    elif framing.kind == "fixed":
+        yield Statement(f"every frame has {framing.fixed} bytes", alike, False, "a frame of another size")
+    elif framing.kind == "pauses":
+        yield Statement("frames are told apart by pauses", alike, False, "a pause inside of a frame")
+    else:
+        yield Statement("its end is told by that mark", framing.evidence, sure, "the mark inside of a frame")
+    if framing.stuffing is not None:
+        yield Statement(f"inside, {_stuffed(framing)}", framing.evidence, sure, "an escape byte before anything else")
+
+
+def _stuffed(framing: Framing) -> str:
+    stuffing = framing.stuffing
+    assert stuffing is not None
+    match stuffing.kind:
+        case "cobs":
+            return "bytes are written by COBS"
+        case "doubled":
+            return f"{stuffing.escape:02X} is written twice"
+        case "escape_xor":
+            return f"a mark is written as {stuffing.escape:02X} and the byte xor {stuffing.xor:02X}"
+    codes = ", ".join(f"{code:02X} for {byte:02X}" for code, byte in stuffing.codes)
+    return f"a mark is written as {stuffing.escape:02X} and a code: {codes}"
+
+
+def _of_check(check: CheckGuess | None) -> Iterator[Statement]:
+    if check is None:
+        return
+    place = check.place
+    where = f"at {place.at}" if place.at is not None else "at the end"
+    if place.at is None and place.tail:
+        where = f"before the last {place.tail} byte{'s' * (place.tail > 1)}"
+    name = check.name or _own_name(check)
+    text = f"the check {where} is {name}, from byte {place.start} on"
+    text += f", {place.order} end first" if place.size > 1 and place.form == "binary" else ""
+    text += ", as hex digits" if place.form == "hex" else ""
+    if check.others:
+        text += f" (or {', or '.join(check.others[:3])})"
+    yield Statement(text, check.evidence, True, "a frame in which it does not hold, and that was not damaged")
+
+
+def _own_name(check: CheckGuess) -> str:
+    method = check.method
+    if method.kind == "crc":
+        reflected = ", reflected" if method.refin else ""
+        return (
+            f"a CRC of {method.width} bits, polynomial {method.poly:X}, init {method.initial:X}{reflected}, "
+            f"xorout {method.xorout:X}"
+        )
+    complement = f", {method.complement}' complement" if method.complement else ""
+    return f"{method.kind} of {method.width} bits{complement}, and {method.initial:X}"
+
+
+def _of_sides(frames: Sequence[HeardFrame], sides: Sequence[str], luck: float) -> Iterator[Statement]:
+    counts = Counter(sides)
+    if counts["client"] and counts["server"]:
+        turns = sum(one != two for one, two in pairwise(sides))
+        evidence = Evidence(turns, len(sides) - 1, luck)
+        yield Statement("requests and replies take turns", evidence, False, "two of one side in a row")
+    times = [frame.time for frame, side in zip(frames, sides, strict=True) if side == "client"]
+    known = [time for time in times if time is not None]
+    if len(known) > 3:
+        periods = [two - one for one, two in pairwise(known)]
+        middle = median(periods)
+        near = sum(abs(period - middle) <= 0.2 * middle for period in periods)
+        if middle and near >= 0.8 * len(periods):
+            yield Statement(f"one side asks about every {middle / 1e9:.3g} s", Evidence(near, len(periods)), False)
+
+
+def _of_fields(kinds: Sequence[FrameKind]) -> Iterator[Statement]:
+    for kind in kinds:
+        for field in kind.fields:
+            if field.kind in ("counter", "count") or (field.kind == "copy" and kind.side == "server"):
+                where = (
+                    f"byte {field.offset}"
+                    if field.size == 1
+                    else f"bytes {field.offset} to {field.offset + field.size - 1}"
+                )
+                is_sure = field.evidence.chance >= SURE
+                yield Statement(f"{kind.name}: {where} {field.name}: {field.about}", field.evidence, is_sure)
+
+
+def _hex(data: bytes) -> str:
+    return data.hex(" ").upper()

@@ -1,0 +1,219 @@
+"""What was guessed of a line, as a definition in YAML: frames, checks, request and reply.
+
+Only numbers and hex digits of the capture go into it, and names made here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+
+from framekit.guess.checks import FLETCHER
+from framekit.guess.model import CheckGuess, FrameKind, Framing, Guess, GuessedField
+
+FIRST_NAMED = 16
+"""Unknown bytes beyond so many of one frame are one field of bytes."""
+
+
+def definition_text(guess: Guess, name: str, source: str) -> str:
+    """The definition. `name`: of the protocol; `source`: where the bytes come from, in words for its first line."""
+    has_sides = {kind.side for kind in guess.kinds} >= {"client", "server"}
+    lines = [
+        f"# Guessed from {source}: {len(guess.frames)} frames. What stands here was seen; what it means is not known.",
+        f"protocol: {name}",
+    ]
+    if has_sides:
+        lines.append("extends: standard")
+    lines += ["order: big", *_check_section(guess.check), *_receiver(guess, has_sides)]
+    if has_sides:
+        lines += ["groups:", "  request: {from: client}"]
+    lines.append("frames:")
+    for kind in guess.kinds:
+        lines += _frame(kind, guess, has_sides)
+    return "\n".join(lines) + "\n"
+
+
+def _check_section(check: CheckGuess | None) -> Iterator[str]:
+    if check is None or check.name:
+        return
+    method = check.method
+    if method.kind == "crc":
+        yes = "yes" if method.refin else "no"
+        keys = (
+            f"width: {method.width}, poly: 0x{method.poly:X}, init: 0x{method.initial:X}, refin: {yes}, "
+            f"xorout: 0x{method.xorout:X}"
+        )
+    elif method.kind == "fold":
+        keys = f'fold: "{FLETCHER}", initial: 0, width: 16'
+    else:
+        base = {"sum": f"sum{method.width}", "word_sum": f"wsum{method.width}", "xor": f"xor{method.width}"}[
+            method.kind
+        ]
+        base += "-little" if method.kind != "sum" and method.order == "little" and method.width > 8 else ""
+        keys = f"method: {base}"
+        keys += f", complement: {method.complement}" if method.complement else ""
+        keys += f", initial: 0x{method.initial:X}" if method.initial else ""
+    yield f"checks: {{own: {{{keys}}}}}"
+
+
+def _receiver(guess: Guess, has_sides: bool) -> Iterator[str]:
+    """A pause ends a frame where nothing else does: half of the shortest one that was seen between two frames."""
+    framing = guess.framing
+    if framing is None or framing.kind not in ("pauses", "fixed"):
+        if not has_sides:
+            yield "receiver: {gap: 1 s}"
+        return
+    times = [frame.time for frame in guess.frames if frame.time is not None]
+    steps = [after - before for before, after in pairwise(times) if after > before]
+    gap = max(5, sorted(steps)[len(steps) // 10] // 2_000_000) if steps else 50
+    yield f"receiver: {{gap: {gap} ms, quiet: {gap} ms}}"
+
+
+def _frame(kind: FrameKind, guess: Guess, has_sides: bool) -> Iterator[str]:
+    framing = guess.framing
+    assert framing is not None
+    keys = []
+    if kind.side == "client" and has_sides:
+        keys.append("group: request")
+    elif kind.side == "server" and has_sides:
+        keys.append("from: server")
+        echoed = [field.name for field in kind.fields if field.kind == "copy"]
+        if echoed:
+            keys.append(f"echo: [{', '.join(echoed)}]")
+    yield f"  {kind.name}:"
+    for key in keys:
+        yield f"    {key}"
+    yield "    body:"
+    yield from (f"      {line}" for line in _body(kind, framing, guess.check))
+
+
+def _body(kind: FrameKind, framing: Framing, check: CheckGuess | None) -> Iterator[str]:
+    segments = list(_segments(kind, framing, check))
+    if framing.stuffing is None:
+        yield from (f"- {text}" for text in segments)
+        return
+    inner = [text for text, field in zip(segments, kind.fields, strict=True) if field.name not in ("start", "end")]
+    if framing.start:
+        yield f"- {{const: {_hex(framing.start)}}}"
+    yield f"- wrap: {_wrap(framing)}"
+    yield "  of:"
+    yield from (f"    - {text}" for text in inner)
+    yield f"- {{const: {_hex(framing.end)}}}"
+
+
+def _wrap(framing: Framing) -> str:
+    stuffing = framing.stuffing
+    assert stuffing is not None
+    if stuffing.kind == "cobs":
+        return "cobs"
+    if stuffing.kind == "doubled":
+        return f"{{escape: {stuffing.escape:02X}}}"
+    if stuffing.kind == "escape_xor":
+        marks = dict.fromkeys((*framing.start, *framing.end, stuffing.escape))
+        inside = ", ".join(f"{byte:02X}" for byte in marks)
+        return f"{{escape: {stuffing.escape:02X}, xor: {stuffing.xor:02X}, bytes: [{inside}]}}"
+    codes = ", ".join(f"{byte:02X}: {code:02X}" for code, byte in stuffing.codes)
+    return f"{{escape: {stuffing.escape:02X}, codes: {{{codes}}}}}"
+
+
+def _segments(kind: FrameKind, framing: Framing, check: CheckGuess | None) -> Iterator[str]:
+    """A segment for each field."""
+    sized = next((field for field in kind.fields if field.kind in ("length", "count")), None)
+    for field in kind.fields:
+        about = f"  # {field.about}" if field.about and field.kind in ("unknown", "counter", "copy") else ""
+        match field.kind:
+            case "constant" if field.name in ("start", "end", "function") or field.is_mark:
+                yield f"{{const: {field.about}}}"
+            case "length" | "count" if field is sized:
+                yield _length(field, kind, framing)
+            case "value" if field.name == "data":
+                size = "rest" if sized is None else _size_of_data(sized, kind, framing)
+                yield f"{{data: data, size: {size}}}{about}"
+            case "check":
+                yield _check(field, kind, framing, check)
+            case "constant":
+                yield f"{_plain(field)}  # always {field.about}"
+            case _:
+                yield f"{_plain(field)}{about}"
+
+
+def _plain(field: GuessedField) -> str:
+    if field.size in (1, 2, 4):
+        order = ", order: little" if "little" in field.about else ""
+        return f"{{field: {field.name}, type: u{8 * field.size}{order}}}"
+    return f"{{data: {field.name}, size: {field.size}}}"
+
+
+def _length(field: GuessedField, kind: FrameKind, framing: Framing) -> str:
+    """A length counts the data, and what else goes with it."""
+    length = framing.length
+    if field.kind == "length" and length is not None:
+        wire = f"hex, size: {length.size}" if length.form == "hex" else f"u{8 * length.width}"
+        order = ", order: little" if length.order == "little" else ""
+        unit, plus = length.unit, length.plus
+    else:
+        wire, order, unit, plus = "u8", "", field.unit, field.plus
+    if not any(one.name == "data" for one in kind.fields):
+        at = field.offset
+        wires = {frame.data[at : at + field.size] for frame in kind.frames}
+        if framing.stuffing is None and len(wires) == 1:
+            return f"{{const: {_hex(wires.pop())}}}  # {field.name}: {field.about}"
+        return f"{{field: {field.name}, type: {wire}{order}}}"
+    more = _around(kind) - plus
+    if unit == 2:
+        return f"{{field: {field.name}, type: {wire}{order}}}  # counts words" if more else (
+            f"{{length: {field.name}, type: {wire}{order}, of: [data], unit: words}}"
+        )  # fmt: skip
+    return f"{{length: {field.name}, type: {wire}{order}, of: [data]" + (f", plus: {more}" if more else "") + "}"
+
+
+def _size_of_data(field: GuessedField, kind: FrameKind, framing: Framing) -> str:
+    length = framing.length
+    is_length = field.kind == "length" and length is not None
+    unit = length.unit if is_length and length is not None else field.unit
+    plus = length.plus if is_length and length is not None else field.plus
+    less = _around(kind) - plus
+    text = field.name if unit == 1 else f"{field.name} * {unit}"
+    return f'"{text} - {less}"' if less > 0 else f'"{text} + {-less}"' if less < 0 else text
+
+
+def _around(kind: FrameKind) -> int:
+    """Bytes of a frame beside its data."""
+    return sum(field.size for field in kind.fields if field.name != "data")
+
+
+def _check(field: GuessedField, kind: FrameKind, framing: Framing, check: CheckGuess | None) -> str:
+    assert check is not None
+    place = check.place
+    keys = [f"check: {check.name or 'own'}"]
+    if place.form == "hex":
+        keys.append("as: hex")
+    if place.order == "little" and place.size > 1:
+        keys.append("order: little")
+    first = len(framing.start) if framing.stuffing is not None else 0  # in a wrap its own content counts
+    if place.at is not None:
+        keys.append(f"over: {place.at + place.size + place.start}..{_last_counted(kind)}")
+    elif place.start != first:
+        keys.append(f"over: {place.start - first}..here")
+    return "{" + ", ".join(keys) + "}"
+
+
+def _last_counted(kind: FrameKind) -> str:
+    """The last field that counts for a check in the head."""
+    names = [field.name for field in kind.fields if field.name != "end"]
+    return names[-1]
+
+
+def _hex(data: bytes) -> str:
+    return data.hex(" ").upper()
+
+
+def named_apart(kinds: Sequence[FrameKind]) -> list[FrameKind]:
+    """Kinds with names of their own."""
+    seen: dict[str, int] = {}
+    found = []
+    for kind in kinds:
+        seen[kind.name] = seen.get(kind.name, 0) + 1
+        name = kind.name if seen[kind.name] == 1 else f"{kind.name}_{seen[kind.name]}"
+        found.append(FrameKind(name, kind.direction, kind.fields, kind.frames, kind.side))
+    return found

@@ -1,0 +1,154 @@
+"""Unknown lines: framing, fields and sides, made-up protocols of the score, and the verbs."""
+
+from __future__ import annotations
+
+import json
+import random
+import sys
+from pathlib import Path
+
+import pytest
+
+from framekit.api.guess import HeardError, heard, known_protocols
+from framekit.cli.main import main
+from framekit.codec.checks import compute
+from framekit.definition.model.checks import ready_methods
+from framekit.guess.guess import guess
+from framekit.guess.model import Chunk, LengthField
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
+from benchmarks.guess_score import draw_case, judged
+
+MODBUS = ready_methods()["crc16-modbus"]
+
+
+def rtu(data: bytes) -> bytes:
+    return data + compute(MODBUS, data).to_bytes(2, "little")
+
+
+def polls(count: int, one_wire: bool = False) -> list[Chunk]:
+    """Modbus RTU of two stations, with three functions."""
+    rng, found = random.Random(1), list[Chunk]()
+    for at in range(count):
+        head = bytes([rng.choice([1, 2]), rng.choice([3, 3, 4, 6])])
+        size = rng.randrange(1, 9)
+        asked = told = head + rng.randrange(100).to_bytes(2, "big") + rng.randrange(65536).to_bytes(2, "big")
+        if head[1] != 6:
+            asked = asked[:4] + size.to_bytes(2, "big")
+            told = head + bytes([2 * size]) + bytes(rng.randrange(256) for _ in range(2 * size))
+        now = at * 100_000_000
+        found.append(Chunk(now, "" if one_wire else "out", rtu(asked)))
+        found.append(Chunk(now + 20_000_000, "" if one_wire else "in", rtu(told)))
+    return found
+
+
+@pytest.mark.parametrize("one_wire", [False, True])
+def test_requests_and_replies_are_told_apart(one_wire: bool) -> None:
+    found = guess(polls(40, one_wire))
+    assert found.framing is not None and found.framing.kind == "pauses" and len(found.frames) == 80
+    assert found.check is not None and found.check.name == "crc16-modbus"
+    assert [kind.name for kind in found.kinds] == ["asked", "told_03", "told_04", "told_06"]
+    told = next(kind for kind in found.kinds if kind.name == "told_03")
+    assert [(field.name, field.kind) for field in told.fields] == [
+        ("copy_0", "copy"), ("function", "constant"), ("count", "count"), ("data", "value"), ("check", "check"),
+    ]  # fmt: skip
+
+
+def test_a_stream_without_pieces_is_cut_by_its_length_field() -> None:
+    rng, data = random.Random(2), b""
+    for at in range(60):
+        inner = bytes([1, 3]) + bytes(rng.randrange(256) for _ in range(rng.choice([4, 7, 11])))
+        data += at.to_bytes(2, "big") + b"\0\0" + len(inner).to_bytes(2, "big") + inner
+    found = guess([Chunk(None, "in", data)])
+    assert found.framing is not None and len(found.frames) == 60
+    length = found.framing.length
+    assert length is not None and length.end == LengthField(4, 2, "big", 6).end and length.plus == 6
+
+
+def test_frames_in_two_pieces_are_put_together_where_the_check_says_so() -> None:
+    chunks = []
+    for chunk in polls(40):
+        is_cut = chunk.time is not None and chunk.time % 700_000_000 == 0
+        parts = [chunk.data[:2], chunk.data[2:]] if is_cut else [chunk.data]
+        chunks += [chunk._replace(data=part) for part in parts]
+    assert len(chunks) > 80
+    assert [frame.data for frame in guess(chunks).frames] == [chunk.data for chunk in polls(40)]
+
+
+@pytest.mark.parametrize("chunks", [[], [Chunk(0, "", b"")], [Chunk(0, "", b"A")], [Chunk(None, "in", bytes(9))] * 3])
+def test_little_is_said_of_little(chunks: list[Chunk]) -> None:
+    found = guess(chunks)
+    assert not any(one.is_sure for one in found.statements) and found.check is None
+
+
+def test_made_up_protocols() -> None:
+    marks = [judged(draw_case(seed)) for seed in range(90)]
+    assert sum(one.framing for one in marks) >= 86
+    checks = [one.check for one in marks if one.check is not None]
+    assert sum(checks) >= 0.94 * len(checks)
+    assert sum(len(one.wrong) for one in marks) <= 2
+
+
+def test_hex_text_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "heard.txt"
+    path.write_text("# a line\n> 01 03\n1.5 < 0103,0A\n\n02:04 tx\n".replace("02:04 tx", "tx: 02:04"), "utf-8")
+    assert heard(path) == [
+        Chunk(None, "out", b"\1\3"), Chunk(1_500_000_000, "in", b"\1\3\n"), Chunk(None, "out", b"\2\4"),
+    ]  # fmt: skip
+    path.write_text("01 03\n01 0G\n", "utf-8")
+    with pytest.raises(HeardError, match=r"heard.txt:2:1: this is no line of hex digits"):
+        heard(path)
+    path.write_bytes(b"\xff\xfe\0")
+    with pytest.raises(HeardError, match="is no capture and no text"):
+        heard(path)
+
+
+def test_connections_of_a_pcap_file_are_read(tmp_path: Path) -> None:
+    dpkt = pytest.importorskip("dpkt")
+    one, two = b"\x7f\0\0\1", b"\x7f\0\0\2"
+    with (tmp_path / "some.pcap").open("wb") as file:
+        writer = dpkt.pcap.Writer(file, linktype=dpkt.pcap.DLT_RAW)
+        sent = [(one, two, 10, b"ask"), (two, one, 50, b"told"), (one, two, 10, b"ask more"), (one, two, 18, b"!")]
+        for at, (source, target, number, data) in enumerate(sent):
+            ports = (5000, 502) if source == one else (502, 5000)
+            tcp = dpkt.tcp.TCP(sport=ports[0], dport=ports[1], seq=number, data=data)
+            ip = dpkt.ip.IP(src=source, dst=target, p=dpkt.ip.IP_PROTO_TCP, data=tcp)
+            ip.len = len(ip)
+            writer.writepkt(ip, ts=float(at))
+    found = heard(tmp_path / "some.pcap")
+    assert [one[1:] for one in found] == [("out", b"ask"), ("in", b"told"), ("out", b" more"), ("out", b"!")]
+
+
+def test_a_protocol_that_is_there_is_named() -> None:
+    names = [one.name for one in known_protocols(polls(10))]
+    assert "modbus-rtu" in names
+    assert known_protocols([Chunk(None, "", bytes(range(1, 99)))]) == []
+
+
+def test_a_definition_is_written_checked_and_read_back(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = "".join(f"{'>' if chunk.direction == 'out' else '<'} {chunk.data.hex(' ')}\n" for chunk in polls(40))
+    (tmp_path / "heard.txt").write_text(text, "utf-8")
+    written = tmp_path / "meter.yaml"
+    assert main(["guess", str(tmp_path / "heard.txt"), "--write", str(written)]) == 0
+    assert "this is modbus-rtu: 80 frames" in capsys.readouterr().out
+    assert main(["check", str(written)]) == 0 and main(["test", str(written)]) == 0
+    capsys.readouterr()
+    assert main(["guess", str(tmp_path / "heard.txt"), "--with", str(written), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["frames"], told["bad"], told["noise"]) == (80, 0, 0)
+    assert main(["guess", str(tmp_path / "heard.txt"), "--write", str(written)]) == 2
+    assert "is there already" in capsys.readouterr().err
+    assert main(["guess", str(tmp_path / "heard.txt"), "--write", str(tmp_path / "A B.yaml")]) == 1
+    assert "is no name of a protocol" in capsys.readouterr().err
+
+
+def test_what_differs_between_two_recordings(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rng = random.Random(4)
+    for name, switch in (("off", 0), ("on", 1)):
+        frames = [rtu(bytes([2, 3, switch, rng.randrange(256), rng.randrange(256)])) for _ in range(20)]
+        (tmp_path / name).write_text("".join(f"{frame.hex()}\n" for frame in frames), "utf-8")
+    assert main(["diff", str(tmp_path / "off"), str(tmp_path / "on")]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split() for line in lines[1:]] == [["frame", "2", "unknown_1", "00", "01"]]
+    assert main(["diff", str(tmp_path / "off"), str(tmp_path / "off")]) == 0
+    assert capsys.readouterr().out == "no field differs\n"
