@@ -155,7 +155,7 @@ def _rank(one: CheckGuess) -> tuple[float, ...]:
     plain = int(method.initial in (0, ones)) + int(method.kind != "crc" or method.xorout in (0, ones))
     share = round(one.evidence.holds / one.evidence.of, 2)
     known = bool(one.name) or method.kind == "fold"
-    return share, one.place.at is None, -one.place.tail, known, plain, -one.place.start
+    return share, one.place.at is None, -one.place.tail, known, method.kind != "crc", plain, -one.place.start
 
 
 def _together(found: Sequence[CheckGuess]) -> list[CheckGuess]:

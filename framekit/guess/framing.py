@@ -14,6 +14,8 @@ from framekit.guess.stuffing import StuffingError, find_stuffing, plain_frame
 MOST_MARK = 2
 """Bytes of a mark that are looked for."""
 LARGEST_OFFSET = 8
+USUAL_WIDTHS = {2: 0, 1: 1, 4: 2}
+"""Which of several that fit is taken: where the high byte is always 0, nothing tells them apart."""
 LARGEST_PLUS = 40
 """Bytes around what a length counts, at most."""
 LONGEST_FRAME = 4096
@@ -272,7 +274,7 @@ def _lengths(texts: Sequence[bytes]) -> Iterator[LengthField]:
         plus, often = rests.most_common(1)[0]
         if often >= 0.6 * len(whole) and -4 <= plus <= LARGEST_PLUS:
             found.append((often, replace(length, plus=plus)))
-    found.sort(key=lambda one: (-one[0], one[1].unit, one[1].offset, -one[1].width))
+    found.sort(key=lambda one: (-one[0], one[1].unit, USUAL_WIDTHS[one[1].width], one[1].offset))
     for _, length in found[:6]:
         yield length
 
@@ -297,7 +299,7 @@ def _lengths_of_stream(streams: Sequence[Stream]) -> Iterator[LengthField]:
             worth = _worth(one, streams)
             if worth > 0:
                 found.append((worth, one))
-    found.sort(key=lambda one: -one[0])
+    found.sort(key=lambda one: (-one[0], USUAL_WIDTHS[one[1].width]))
     for _, length in found[:4]:
         yield length
 
@@ -338,7 +340,10 @@ def _weighed(cut: CutLine, texts: Sequence[bytes]) -> CutLine:
     chance = framing.evidence.chance
     if framing.kind == "length" and framing.length is not None:
         sizes = {len(frame.data) for frame in frames}
-        chance = 8.0 * framing.length.width * (len(sizes) - 1) - 7 - 8 * (framing.length.width - 1)
+        length = framing.length
+        columns = [{frame.data[place] for frame in frames} for place in range(length.offset, length.end)]
+        moving = max(1, sum(len(values) > 1 for values in columns))
+        chance = 8.0 * moving * (len(sizes) - 1) - 7 - 8 * (moving - 1)
     elif framing.kind == "marks":
         inside = sum(len(frame.data) - len(framing.start) - len(framing.end) for frame in frames)
         chance = max(chance, inside * log2(256 / 255) * len(framing.end))

@@ -12,7 +12,17 @@ from framekit.guess.checks import find_checks, holds
 from framekit.guess.fields import SURE, directed, kinds_of
 from framekit.guess.framing import SURE as SURE_FRAMING
 from framekit.guess.framing import CutLine, framings_of
-from framekit.guess.model import CheckGuess, Chunk, Evidence, FrameKind, Framing, Guess, HeardFrame, Statement
+from framekit.guess.model import (
+    CheckGuess,
+    Chunk,
+    Evidence,
+    FrameKind,
+    Framing,
+    Guess,
+    HeardFrame,
+    LengthField,
+    Statement,
+)
 from framekit.guess.stuffing import StuffingError, plain_frame
 from framekit.guess.writing import named_apart
 
@@ -116,8 +126,9 @@ def _of_framing(cut: CutLine) -> Iterator[Statement]:
     sure = framing.evidence.chance >= SURE_FRAMING
     if framing.kind == "length" and framing.length is not None:
         length = framing.length
-        order = "" if length.width == 1 else f", {length.order} end first"
-        what = f"{length.width} byte{'s' * (length.width > 1)} at {length.offset}{order}"
+        what = _place_of(length)
+        other = _or_narrower(length, frames)
+        what += f" (or {_place_of(other)})" if other is not None else ""
         unit = "" if length.unit == 1 else f"{length.unit} × "
         text = f"its size is {unit}the number in {what}, and {length.plus} bytes"
         yield Statement(text, framing.evidence, sure, "a frame of another size")
@@ -129,6 +140,21 @@ def _of_framing(cut: CutLine) -> Iterator[Statement]:
         yield Statement("its end is told by that mark", framing.evidence, sure, "the mark inside of a frame")
     if framing.stuffing is not None:
         yield Statement(f"inside, {_stuffed(framing)}", framing.evidence, sure, "an escape byte before anything else")
+
+
+def _place_of(length: LengthField) -> str:
+    digits = " as hex digits" if length.form == "hex" else ""
+    order = "" if length.width == 1 else f", {length.order} end first"
+    return f"{length.width} byte{'s' * (length.width > 1)} at {length.offset}{digits}{order}"
+
+
+def _or_narrower(length: LengthField, frames: Sequence[HeardFrame]) -> LengthField | None:
+    """The low byte alone, where the high ones are always 0."""
+    low = length.end - 1 if length.order == "big" else length.offset
+    high = [place for place in range(length.offset, length.end) if place != low]
+    if length.form == "hex" or not high or any(frame.data[place] for frame in frames for place in high):
+        return None
+    return replace(length, offset=low, width=1, order="big")
 
 
 def _stuffed(framing: Framing) -> str:
