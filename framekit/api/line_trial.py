@@ -198,7 +198,7 @@ def judge(heard: Iterable[HeardAt], doubles: Iterable[HeardAt] = ()) -> Verdict:
     best = ranking[0]
     others = [one for one in ranking[1:] if replace(one.line, stop_bits=best.line.stop_bits) != best.line]
     margin = bits(best) - (max(bits(others[0]), 0.0) if others else 0.0)
-    if bits(best) <= 0 or not best.characters:
+    if best.sees_damage and bits(best) <= 0:
         why = "none of these speeds and formats fits – try others with --speeds and --formats"
         return Verdict("nothing fits", ranking, why, [bits(one) for one in ranking])
     what = f"{plural(best.characters, 'character')} heard"

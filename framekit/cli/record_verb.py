@@ -123,17 +123,22 @@ async def _record(arguments: argparse.Namespace, line: LineFormat, duration: int
         pause = time_of("--pause", arguments.pause)
     rows = None if arguments.json else ByteRows(began, pause)
     view = ByteView(clock_of_loop(), began, rows, _print, lambda: loop.call_soon_threadsafe(stopped.set))
-    states: dict[int, list[str]] = {number: [] for number in range(len(arguments.ports))}
+    last: dict[int, str] = {}
+    failed: list[str] = []
+    opened: set[int] = set()
 
     def state(number: int, text: str) -> None:
-        known = states[number]
-        known.append(text)
-        if "open" not in known:
+        if text == "open":
+            url = arguments.ports[number]
+            if number not in opened and not recorder.wires[number].port.sees_damage:
+                _say(f"{url}: damaged characters and breaks cannot be seen here, only bytes and times")
+            opened.add(number)
+        elif number not in opened:
+            failed.append(text)
             stopped.set()
-        elif text == "open" and len(known) == 1 and not recorder.wires[number].port.sees_damage:
-            _say(f"{arguments.ports[number]}: damaged characters and breaks cannot be seen here, only bytes and times")
-        elif text != "open":
+        elif text != last[number]:  # else it still is as it was at the last try
             _say(f"{text} – trying again")
+        last[number] = text
 
     with in_words():
         recorder = Recorder.at(
@@ -150,10 +155,9 @@ async def _record(arguments: argparse.Namespace, line: LineFormat, duration: int
     finally:
         recorder.stop()
         view.close()
-    for known in states.values():
-        if known and "open" not in known:
-            _drop_empty(arguments.output, recorder)
-            raise PortError(known[0])
+    if failed:
+        _drop_empty(arguments.output, recorder)
+        raise PortError(failed[0])
     if isinstance(view.error, BrokenPipeError):
         raise view.error
     _summary(arguments, recorder)

@@ -170,6 +170,10 @@ def test_where_damage_is_not_seen_only_text_speaks_for_a_speed() -> None:
     assert "does not tell damaged characters" in found.text
     silent = [HeardAt(one.line, sees_damage=False) for one in speeds if one.line != NINE]
     assert judge([speeds[2], *silent]).certainty == "unsure", "others heard nothing to compare it with"
+    assert judge([HeardAt(NINE, sees_damage=False)]).certainty == "silent"
+    poll = HeardAt(NINE, sees_damage=False)
+    poll.add(bytes(8))
+    assert judge([poll]).certainty == "unsure", "nothing speaks for it, and nothing against it"
     for one in silent:
         one.add(b"TEMPERATURE=21.5 PRESSURE=3\r\n")
     assert judge([speeds[2], *silent]).certainty == "unsure", "a port without bit times hears the same at each speed"
