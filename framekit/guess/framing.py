@@ -307,6 +307,7 @@ def _lengths_of_stream(streams: Sequence[Stream]) -> Iterator[LengthField]:
 def _worth(length: LengthField, streams: Sequence[Stream]) -> float:
     """How much of the streams it leads through, while frames begin alike; 0: it leads nowhere."""
     heads: list[bytes] = []
+    empty = 0
     for stream in streams:
         at, data = 0, stream.data
         while at < len(data):
@@ -314,11 +315,12 @@ def _worth(length: LengthField, streams: Sequence[Stream]) -> float:
             if value is None or not length.end <= value * length.unit + length.plus <= LONGEST_FRAME:
                 return 0.0
             heads.append(data[at : at + LARGEST_OFFSET])
+            empty += value == 0
             at += value * length.unit + length.plus
         if at != len(data):
             return 0.0
-    if len(heads) < 3:
-        return 0.0
+    if len(heads) < 3 or empty > 0.3 * len(heads):
+        return 0.0  # what counts nothing again and again is no length
     own = range(length.offset, length.end)
     alike = [
         place for place in range(LARGEST_OFFSET)

@@ -531,6 +531,8 @@ def result_pieces(block: Block, result: TransferResult) -> Iterator[Piece]:
             value = compile_expression(place.result)(names)
         except EVALUATION_ERRORS:
             raise ValueError(f"the call gave no '{place.result}'") from None
+        if value is None:
+            continue  # what the reply does not have leaves its place as it is, as in a frame that is received
         bits, data = _stored(place, value, block.packing or Packing())
         yield place.place, bits, data
 

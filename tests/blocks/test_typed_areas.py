@@ -175,3 +175,29 @@ def test_elements_are_moved_between_places_of_the_same_type(tmp_path: Path) -> N
         VirtualRun(path)
     (problem,) = caught.value.problems
     assert problem.what == "I0 holds int32, and F8:1 holds float32"
+
+
+def test_a_result_that_the_reply_does_not_have_leaves_its_place(tmp_path: Path) -> None:
+    definition = """
+protocol: told
+extends: standard
+station: {type: number, range: 0..9, default: 1}
+groups: {request: {from: client}, answer: {from: server}}
+frames:
+  GET: {group: request, body: [{const: ENQ}, {field: station, type: u8}]}
+  GOT: {group: answer, body: [{const: STX}, {field: a, type: u8}, {length: n, type: u8, of: [b]}, {name: b, wrap: none, size: n, of: [{optional: [{field: more, type: u8}]}]}]}
+services: {get: [{request: {GET: {station: station}}, reply: {GOT: {a: 7}}, gives: {a: reply.a, more: reply.more}}]}
+"""  # noqa: E501
+    (tmp_path / "told.yaml").write_text(definition, "utf-8")
+    (tmp_path / "told.device.yaml").write_text("device: told\nprotocol: told.yaml\nstation: 1\n", "utf-8")
+    block = "{call: get, into: {a: W0, more: W1}, channel: 1, every: 1 s}"
+    (tmp_path / "told.run.yaml").write_text(
+        f"run: told\nmemory: {AREAS}\n"
+        "channels: {1: {port: 'sim:told.device.yaml', protocol: told.yaml, station: 1}}\n"
+        f"blocks: {{0: {block}}}\n", "utf-8",
+    )  # fmt: skip
+    run = VirtualRun(tmp_path / "told.run.yaml")
+    run.memory.write("W0", [1, 2])
+    run.run_for("1500 ms")
+    assert run.blocks[0].failed == 0 and run.memory.read("W0", 2) == [7, 2]
+    run.stop()

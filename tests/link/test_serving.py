@@ -678,10 +678,9 @@ def test_a_field_that_is_absent_is_nothing_and_fields_not_given_have_their_defau
     assert (loop.device["seen"], loop.device["more"], loop.troubles) == (5, 6, [])
 
 
-@pytest.mark.parametrize("value", ["request.b", "request.b + 1"])
-def test_nothing_is_never_stored_and_arithmetic_with_it_is_a_fault(value: str) -> None:
+def test_arithmetic_with_nothing_is_a_fault() -> None:
     text = (ABSENT % "{wrap: none, name: part, size: n - 1, of: [{optional: [{field: b, type: u8}]}]}").replace(
-        "'either(request.b, 3)'", value
+        "'either(request.b, 3)'", "request.b + 1"
     )
     loop = Loop(text)
     loop.serve(loop.request(bytes.fromhex("01 01 05")))

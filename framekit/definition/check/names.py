@@ -35,11 +35,19 @@ from framekit.definition.expression import (
 )
 from framekit.definition.kinds.base import Segment
 from framekit.definition.model.checks import ready_methods
-from framekit.definition.model.frames import WIRE, Frame, expressions_of, field_names, flat, parts_of
+from framekit.definition.model.frames import (
+    WIRE,
+    Frame,
+    expressions_of,
+    field_names,
+    flat,
+    names_always_there,
+    parts_of,
+)
 from framekit.definition.model.procedure import Action, Row, Sequence, Step, Target
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import INDEX, LAST, PREVIOUS
-from framekit.definition.model.services import AS_NUMBERS, ServiceRow
+from framekit.definition.model.services import AS_NUMBERS, ServeWork, ServiceRow
 from framekit.definition.model.values import Value
 from framekit.definition.problems import Position, Problem, did_you_mean, listed
 
@@ -297,7 +305,22 @@ class NameChecker:
         if row.serve is not None:
             block = row.serve.block
             self._stored(row.serve.set)
+            self._there(row, row.serve)
             self._stored([item for after in (block.then if block else ()) for item in after.set])
+
+    def _there(self, row: ServiceRow, serve: ServeWork) -> None:
+        """A variable holds something: a field that may be absent is none of its values."""
+        frame = self.protocol.frames.get(row.request.frame) if row.request is not None else None
+        if frame is None or row.when is not None or frame.name in self.broken:
+            return
+        unsure = field_names(frame.segments) - names_always_there(frame.segments)
+        for target, value in serve.set:
+            root = value.root if isinstance(value, Expression) else None
+            if not isinstance(root, Attribute) or not isinstance(root.value, Name) or root.value.name != "request":
+                continue
+            if root.name in unsure:
+                what = f"'request.{root.name}' may be absent, and '{target.name}' is never nothing"
+                self._note(root.at, what, f"write either(request.{root.name}, …) with what it is then")
 
     def _stored(self, targets: Iterable[tuple[Target, Value]]) -> None:
         for target, value in targets:
