@@ -50,7 +50,7 @@ def signature(token: str, group: str, name: str, number: str, identity: str, fil
     """What only those can say of a rolled file who know the token."""
     parts = (group.encode(), name.encode(), number.encode(), identity.encode(), hashlib.sha256(file).digest())
     said = b"".join(len(part).to_bytes(4, "big") + part for part in parts)
-    return hmac.new(token.encode(), said, hashlib.sha256).hexdigest()
+    return hmac.new(token.encode(errors="surrogateescape"), said, hashlib.sha256).hexdigest()
 
 
 def as_message(data: Mapping[str, Any]) -> bytes:
@@ -58,10 +58,14 @@ def as_message(data: Mapping[str, Any]) -> bytes:
     return json.dumps(data, ensure_ascii=False, allow_nan=False).encode(errors="backslashreplace")
 
 
+def _no_number(text: str) -> None:
+    raise ValueError(f"{text} is no number")
+
+
 def from_message(payload: bytes) -> dict[str, Any]:
     """What others have published; nothing where that is no object of JSON."""
     try:
-        found = json.loads(payload) if len(payload) <= LARGEST_MESSAGE else None
+        found = json.loads(payload, parse_constant=_no_number) if len(payload) <= LARGEST_MESSAGE else None
     except (ValueError, RecursionError):
         found = None
     return found if isinstance(found, dict) else {}
@@ -218,7 +222,8 @@ class Fleet:
             else:
                 number, identity = member.said("number"), secrets.token_hex(8)
                 signed = signature(token, self.group, name, number, identity, file)
-                data = {"id": identity, "number": number, "file": text, "signature": signed}
+                instance = member.birth.get("instance")
+                data = {"id": identity, "instance": instance, "number": number, "file": text, "signature": signed}
                 asked[name] = identity
                 with self._state:
                     self._answers[name, identity] = None

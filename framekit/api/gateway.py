@@ -15,7 +15,7 @@ import secrets
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import fields, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from ipaddress import ip_address
 from pathlib import Path
@@ -51,7 +51,7 @@ from framekit.runfile.fleet import FleetSection
 from framekit.runfile.run_file import load_run
 from framekit.sinks.base import SinkKind
 from framekit.sinks.broker import KEEPALIVE
-from framekit.sinks.secrets import Secret
+from framekit.transport.schemes import writes_files
 
 if TYPE_CHECKING:
     from paho.mqtt.client import Client
@@ -63,6 +63,8 @@ HEALTH_EVERY = 2_000_000_000
 MOST_TOLD = 50
 """So many problems of a file, and so many names of a kind of trouble, are told."""
 SHORTEST_TOKEN = 12
+LONGEST_HOLD = 30
+"""Seconds for which a rolled file waits until no exchange is under way."""
 LONGEST_WAIT = 60
 """Seconds until a lost broker is tried again, at most."""
 
@@ -102,8 +104,13 @@ class Gateway:
                 what = f"the token has {len(self._token)} characters"
                 raise ValueError(f"{what} – give {SHORTEST_TOKEN} or more")
             self._client = fleet.access.client(f"framekit/{fleet.group}/{self.name}/{self._instance}", reconnects=True)
+            if self._token:
+                self._file.hold()
         except ModuleNotFoundError:
             raise RequestError("fleet: needs the library paho-mqtt – pip install 'framekit[mqtt]'") from None
+        except BlockingIOError:
+            what = f"another process takes files for {path.name} already"
+            raise RequestError(f"fleet: {what} – end it, or run another file") from None
         except (OSError, ValueError) as error:
             raise RequestError(f"fleet: {error}") from None
 
@@ -126,6 +133,7 @@ class Gateway:
             self._client.publish(self._topic(ONLINE), NO, 1, retain=True).wait_for_publish(1)
         self._client.disconnect()
         self._client.loop_stop()
+        self._file.let_go()
 
     def _topic(self, what: str) -> str:
         return topic(self.fleet.group, self.name, what)
@@ -162,7 +170,8 @@ class Gateway:
 
     def _bear(self) -> None:
         """Tells what this gateway is. The number in it signs one rolled file."""
-        self._number = secrets.token_hex(16) if self._token else ""
+        if self._token and not self._number:
+            self._number = secrets.token_hex(16)
         if not self._client.is_connected():
             return  # it is told as soon as there is a connection
         birth = {
@@ -173,6 +182,7 @@ class Gateway:
             "file": digest_of(self._content),
             "channels": len(self._model.channels),
             "points": len(self._model.points),
+            "instance": self._instance,
             **({"number": self._number} if self._number else {}),
         }
         self._client.publish(self._topic(BIRTH), as_message(birth), 1, retain=True)
@@ -208,6 +218,8 @@ class Gateway:
         if not (isinstance(identity, str) and isinstance(text, str) and isinstance(signed, str)):
             log.warning("fleet: a message to %s is no rolled file", self._topic(ROLL))
             return
+        if data.get("instance") != self._instance:
+            return  # it is for another gateway that is called so
         said = {"id": identity[:64].encode(errors="backslashreplace").decode()}
         content = text.encode(errors="backslashreplace")
         wanted = signature(self._token, self.fleet.group, self.name, self._number, said["id"], content)
@@ -215,7 +227,9 @@ class Gateway:
             log.warning("fleet: a file that was rolled out is not signed with the token, or was sent before")
             self._answer(said, problems=["it is not signed with the token of this gateway, or was sent before"])
             return
+        self._number = ""
         if self._rolling is not None or self.next_run is not None:
+            self._bear()
             self._answer(said, problems=["another file is being applied – try again"])
             return
         self._rolling = said
@@ -243,21 +257,38 @@ class Gateway:
             self._refuse([f"this gateway cannot apply it: {explain(error)}"])
             return
 
+        assert self._before is not None
+        now = self._before[0]
+        waits = self._loop.call_later(LONGEST_HOLD, lambda: self._give_up(run, now))
+
         def applied(edit: Edit) -> None:
+            waits.cancel()
             self._keep()
             self._end_rolling(f"applied while it goes on: {edit}")
 
         def ended(edit: Edit) -> None:
+            waits.cancel()
             self.next_run = model
             self.over.set()
 
         try:
-            run.edit(model, applied)
-        except ValueError:  # it takes a new start, when no exchange is under way
             try:
-                run.edit(replace(run.run, blocks=()), ended)
-            except ValueError as error:
-                self._take_back(reasons(error))
+                if now.name != model.name or fingerprint(now.initial) != fingerprint(model.initial):
+                    raise ValueError("names and start values count from a start on")
+                run.edit(model, applied)
+            except ValueError:  # it takes a new start, when no exchange is under way
+                run.edit(replace(now, blocks=()), ended)
+        except Exception as error:
+            waits.cancel()
+            log.debug("fleet: a rolled file", exc_info=True)
+            self._take_back(reasons(error) if isinstance(error, ValueError) else [explain(error)])
+
+    def _give_up(self, run: RunCalls, now: RunModel) -> None:
+        """Exchanges that do not end keep a file from being applied; all channels stand still meanwhile."""
+        if self._before is None or self.next_run is not None:
+            return
+        run.edit(now)  # what waits is forgotten, and nothing is held any more
+        self._take_back([f"an exchange has not ended within {LONGEST_HOLD} s – try again"])
 
     def _checked(self, content: bytes) -> RunModel:
         """The run that a rolled file says. Raises DefinitionError, ValueError."""
@@ -369,7 +400,11 @@ def health_of(run: RunCalls) -> dict[str, Any]:
     sinks += [f"{sink.kind}: {sink.dropped} dropped" for sink in status.sinks if sink.dropped]
     points = run.points if run.run.points else {}
     return {
-        "down": [channel.number for channel in status.channels if channel.state != "open"][:MOST_TOLD],
+        "down": [
+            channel.number
+            for channel in status.channels
+            if channel.state != "open" and ((one := run.run.channels.get(channel.number)) is None or one.enabled)
+        ][:MOST_TOLD],
         "failing": failing[:MOST_TOLD],
         "bad": [name for name, point in points.items() if point.quality != "good"][:MOST_TOLD],
         "sinks": sinks[:MOST_TOLD],
@@ -386,15 +421,21 @@ def more_than(old: RunModel, new: RunModel, file: ReplacedFile, own: set[str]) -
         at = new.at if new.fleet is None else new.fleet.at
         yield Problem(at, "a rolled file stays in its fleet, and says the same of it", "change that on the gateway")
     known = {_in_essence(sink) for sink in old.sinks}
-    listening = {sink.listens for sink in old.sinks}
     for sink in new.sinks:
-        for secret in _secrets(sink) if _in_essence(sink) not in known else ():
-            what = f"the secret {secret.kind}:{secret.name} is for a sink that the present file does not have so"
+        if _in_essence(sink) in known:
+            continue
+        if sink.has_secret:
+            what = "a sink with a secret, or one that the system gives, is not of the present file"
             yield Problem(sink.at, what, "change that sink on the gateway first")
-        if sink.listens is not None and sink.listens not in listening and not _is_local(sink.listens[0]):
-            what = f"{sink.target} can be reached from outside, and the present file does not have it"
+        if sink.listens is not None and not _is_local(sink.listens[0]):
+            what = f"{sink.target} can be reached from outside, and the present file does not have it so"
             yield Problem(sink.at, what, "listen on 127.0.0.1, or change that on the gateway first")
-    here = file.path.parent
+    ports = {channel.port for channel in old.channels.values()}
+    for channel in new.channels.values():
+        if channel.port not in ports and writes_files(channel.port):
+            what = f"the port '{channel.port}' writes into a file, and the present file does not have it"
+            yield Problem(channel.port_at, what, "name another port")
+    here = Path(os.path.realpath(new.folder))
     for name in new.files:
         path = Path(os.path.realpath(name))
         if name in own:
@@ -402,9 +443,24 @@ def more_than(old: RunModel, new: RunModel, file: ReplacedFile, own: set[str]) -
         if not path.is_relative_to(here):
             what = f"'{name}' is not in the folder of the run file"
             yield Problem(new.at, f"{what}, and a rolled file writes nothing elsewhere", "name a file in that folder")
-        elif os.path.lexists(name) or path in file.companions:
-            what = f"'{name}' is there already, and no run of this gateway has written it"
+        elif path in file.companions or _is_taken(Path(name)):
+            what = f"'{name}', or a file named after it, is there already, and neither this run nor the last has it"
             yield Problem(new.at, what, "name a file that is not there")
+
+
+def _is_taken(path: Path) -> bool:
+    """Whether a file is there, or one that the same sink would name so: those before it, parts of it."""
+    if os.path.lexists(path):
+        return True
+    try:
+        names = os.listdir(path.parent)
+    except OSError:
+        return False
+    put_aside = f"{path.stem}."
+    return any(
+        one.startswith(path.name) or (path.suffix and one.startswith(put_aside) and one.endswith(path.suffix))
+        for one in names
+    )
 
 
 def _in_essence(sink: SinkKind) -> str:
@@ -416,11 +472,6 @@ def _is_local(host: str) -> bool:
     with suppress(ValueError):
         return ip_address(host).is_loopback
     return host == "localhost"
-
-
-def _secrets(sink: SinkKind) -> Iterator[Secret]:
-    """Those that a sink names."""
-    return (value for one in fields(sink) if isinstance(value := getattr(sink, one.name), Secret))
 
 
 def _files_of_before(path: Path, file: ReplacedFile) -> tuple[str, ...]:

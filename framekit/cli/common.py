@@ -332,7 +332,7 @@ def plain(value: Any) -> Any:
 def print_json(value: Any) -> None:
     import json
 
-    print(json.dumps(value, ensure_ascii=False))
+    print(json.dumps(value, ensure_ascii=False).encode(errors="backslashreplace").decode())
 
 
 class Unread:

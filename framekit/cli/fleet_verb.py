@@ -11,7 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from framekit.cli.common import VerbError, WordsError, add, duration_of, in_words, print_json, table
+from framekit.cli.common import VerbError, WordsError, add, duration_of, in_words, print_json, table, time_of
 from framekit.definition.problems import printable
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from framekit.sinks.secrets import Secret
 
 HEAD = ("gateway", "is", "since", "run", "channels", "points", "version", "file", "health")
+LONGEST_WITHIN = 86_400_000_000_000
 LONGEST_ANSWER = 60.0
 """Seconds in which gateways have to answer, unless said."""
 LOOKS_EVERY = 5.0
@@ -50,7 +51,9 @@ def run_fleet(arguments: argparse.Namespace) -> int:
 
     refuse_useless(arguments)
     duration = duration_of(arguments.duration)
-    within = duration_of(arguments.within)
+    within = None if arguments.within is None else time_of("--within", arguments.within)
+    if within is not None and within > LONGEST_WITHIN:
+        raise WordsError("--within: write a day at most")
     try:
         group = name_of(GROUP if arguments.group is None else arguments.group)
     except ValueError as error:
@@ -67,7 +70,9 @@ def run_fleet(arguments: argparse.Namespace) -> int:
     with fleet:
         missing = [name for name in arguments.gateways if name not in fleet.members]
         if file is not None:
-            names = [*arguments.gateways] or [name for name, one in sorted(fleet.members.items()) if one.takes_files]
+            names = [*arguments.gateways] or [
+                name for name, one in sorted(fleet.members.items()) if one.takes_files and one.online
+            ]
             seconds = LONGEST_ANSWER if within is None else within / 1e9
             return show_answers(fleet.roll(names, file, token, seconds), arguments.json)
         if missing:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import sys
-from dataclasses import asdict
+from collections import Counter
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 from framekit.api.rows import (
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
         Block,
         Edit,
         JobsStatus,
+        RemovedBlocks,
         RunCalls,
         RunModel,
         RunStatus,
@@ -133,8 +135,13 @@ def status_data(status: RunStatus, began: int) -> dict[str, Any]:
     if status.sinks:
         shown["sinks"] = [asdict(one) for one in status.sinks]
     if status.removed:
-        shown["removed"] = [asdict(one) for one in status.removed]
+        shown["removed"] = [removed_data(one) for one in status.removed]
     return shown if status.jobs is None else shown | {"jobs": _jobs_data(status.jobs, began)}
+
+
+def removed_data(gone: RemovedBlocks) -> dict[str, Any]:
+    """What blocks counted that are there no more."""
+    return asdict(replace(gone, reasons=Counter())) | {"reasons": dict(gone.reasons)}
 
 
 def _jobs_data(jobs: JobsStatus, began: int) -> dict[str, Any]:
@@ -278,7 +285,7 @@ class JsonOutput(RunOutput):
                 running=int(one.running), overruns=one.overruns, dead=one.dead, last=last,
             )  # fmt: skip
         for gone in status.removed:
-            self.data(event="removed", **asdict(gone))
+            self.data(event="removed", **removed_data(gone))
         for value in run.points.now():
             self.data(
                 event="point", point=value.name, value=value.value, unit=run.points[value.name].unit,

@@ -173,12 +173,15 @@ class RealRun:
         self._make_output, self._output = make_output, output
         self._ended = asyncio.Event()
         self._gateway: Gateway | None = None
+        self._run: AsyncRun | None = None
         self._left: int | None = None
         """How long it is still to go on (ns); None: until it is ended."""
 
     async def carry_out(self, loaded: RunModel, duration: int | None) -> list[str]:
         """Runs until the time is over, or SIGINT or SIGTERM asks to stop; what could not be kept or captured."""
         on_stop(self._ended.set)
+        if self._arguments.control:
+            self._read_control()
         unread = Unread(asyncio.get_running_loop(), self._ended.set)
         self._left = duration
         with self._in_fleet(loaded):
@@ -224,7 +227,7 @@ class RealRun:
         gateway, loop = self._gateway, asyncio.get_running_loop()
         run = self._begun(loaded, page)
         output = self._output
-        output.at_work = run
+        output.at_work = self._run = run
         self.watch.begin(run)
         if gateway is not None:
             gateway.begins(run)
@@ -233,8 +236,6 @@ class RealRun:
                 run.start()
                 if gateway is not None:
                     gateway.has_begun()
-                if self._arguments.control:
-                    control(run, output, self._ended.set)
                 watching = loop.create_task(self._watch_file(run)) if self._arguments.watch else None
                 began = loop.time()
                 try:
@@ -248,6 +249,24 @@ class RealRun:
         if self._left is not None:
             self._left = max(0, self._left - round((loop.time() - began) * 1e9))
         return [] if unread.error is not None else _summary(run, output)
+
+    def _read_control(self) -> None:
+        """Begins to read control lines; the end of the input ends the control, not the run."""
+        loop = asyncio.get_running_loop()
+
+        def take(line: str) -> None:
+            is_stop = line.strip().lower() == "stop"
+            if self._run is None or not (self._run.running or is_stop):
+                return
+            if trouble := controlled(self._run, line, self._ended.set):
+                self._output.warning(f"control: {trouble}")
+
+        def read() -> None:
+            with suppress(RuntimeError, OSError, ValueError):  # the loop, or the input, is closed
+                for line in sys.stdin:
+                    loop.call_soon_threadsafe(take, line)
+
+        threading.Thread(target=read, name="framekit-control", daemon=True).start()
 
     async def _watch_file(self, run: RunCalls) -> None:
         """Applies what the file says whenever it says something else; what it cannot apply is told, and the run goes
@@ -328,22 +347,6 @@ class RunWatch:
         else:
             print(f"\nstatus at {(status.at - began) / 1e9:.3f} s\n{status_text(status, began)}\n")
         sys.stdout.flush()
-
-
-def control(run: RunCalls, output: RunOutput, stop: Callable[[], None]) -> None:
-    """Begins to read; the end of the input ends the control, not the run. `stop` is called for the line `stop`."""
-    loop = asyncio.get_running_loop()
-
-    def take(line: str) -> None:
-        if run.running and (trouble := controlled(run, line, stop)):
-            output.warning(f"control: {trouble}")
-
-    def read() -> None:
-        with suppress(RuntimeError, OSError, ValueError):  # the loop, or the input, is closed
-            for line in sys.stdin:
-                loop.call_soon_threadsafe(take, line)
-
-    threading.Thread(target=read, name="framekit-control", daemon=True).start()
 
 
 def controlled(run: RunCalls, line: str, stop: Callable[[], None]) -> str:

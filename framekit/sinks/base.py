@@ -11,7 +11,7 @@ import os
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from fnmatch import fnmatchcase
 from importlib.util import find_spec
 from pathlib import Path
@@ -26,6 +26,7 @@ from framekit.memory.views import NumberView
 from framekit.run.model import Point
 from framekit.run.points import PointValue, scaled
 from framekit.run.status import RunStatus
+from framekit.sinks.secrets import Secret
 from framekit.transport.network import listening_at
 
 if sys.platform != "win32":
@@ -75,7 +76,9 @@ def value_type(point: Point) -> str:
 
 PERIOD = Form(ref("time"), lambda r, node: r.reader.time(node))
 FILE = Form(ref("text"), lambda r, node: r.loader.file(node))
-"""A file; a relative name counts from the folder of the run."""
+"""A file that it writes; a relative name counts from the folder of the run."""
+READ_FILE = Form(ref("text"), lambda r, node: str(r.loader.folder / r.reader.text(node).strip()))
+"""A file that it only reads."""
 
 
 def read_listening(reading: KeyReading, node: Node) -> tuple[str, int]:
@@ -119,6 +122,11 @@ class SinkKind(ABC):
     def target(self) -> str:
         """Where the values go, for people: what stands behind the word of the kind."""
         return str(getattr(self, self.word))
+
+    @property
+    def has_secret(self) -> bool:
+        """Whether it gives a secret to the other side."""
+        return any(isinstance(getattr(self, one.name), Secret) for one in fields(self))
 
     @property
     def listens(self) -> tuple[str, int] | None:

@@ -13,7 +13,9 @@ import threading
 import time
 import zlib
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from ipaddress import ip_address
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -57,7 +59,14 @@ def place_of(text: str) -> Place:
     match = _BROKER.fullmatch(text.strip())
     if match is None or (match["port"] is not None and not 0 < int(match["port"]) < 65536):
         raise ValueError(f"'{text.strip()}' is no address of a broker")
-    return Place(match["six"] or match["host"], None if match["port"] is None else int(match["port"]))
+    with suppress(ValueError):
+        ip_address(match["six"] or match["host"])
+        return Place(match["six"] or match["host"], None if match["port"] is None else int(match["port"]))
+    try:
+        match["host"].encode("idna")
+    except UnicodeError:
+        raise ValueError(f"'{text.strip()}' is no address of a broker") from None
+    return Place(match["host"], None if match["port"] is None else int(match["port"]))
 
 
 def read_place(reading: KeyReading, node: Node) -> Place:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from framekit.definition.keys import Form, key, ref
 from framekit.run.model import Point
 from framekit.run.points import PointValue
-from framekit.sinks.base import FILE, LISTENING, Host, Sampled, Sink, SinkKind, not_installed
+from framekit.sinks.base import LISTENING, READ_FILE, Host, Sampled, Sink, SinkKind, not_installed
 from framekit.sinks.secrets import SECRET, Secret
 from framekit.transport.network import bracketed
 
@@ -38,10 +38,10 @@ class Opcua(SinkKind):
         "The port of the OPC UA server, on 127.0.0.1 unless ADDRESS:PORT says another address; 0: a free one.",
     )  # fmt: skip
     certificate: str = key(
-        "certificate", FILE, "The server's certificate (PEM or DER): only clients that sign and encrypt come in.",
+        "certificate", READ_FILE, "The server's certificate (PEM or DER): only clients that sign and encrypt come in.",
         default="",
     )  # fmt: skip
-    private_key: str = key("private_key", FILE, "The private key of the certificate (PEM or DER).", default="")
+    private_key: str = key("private_key", READ_FILE, "The private key of the certificate (PEM or DER).", default="")
     user: str = key(
         "user", Form(ref("text"), lambda r, node: r.reader.text(node)),
         "The name that a client has to give; default: anyone who reaches the port may read and write.", default="",

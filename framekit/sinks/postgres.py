@@ -82,6 +82,10 @@ class Postgres(NetworkSink):
         """The database without its options."""
         return self.postgres.partition("?")[0]
 
+    @property
+    def has_secret(self) -> bool:
+        return True  # the system may give one: a variable of the environment, a file of the user
+
     def make(self) -> Sink:
         return PostgresSink(self)
 

@@ -22,7 +22,7 @@ class Secret:
         if self.kind == "env":
             found = os.environ.get(self.name)
             if found is None:
-                raise ValueError(f"the password is to stand in the environment as {self.name}, and does not")
+                raise ValueError(f"what is secret is to stand in the environment as {self.name}, and does not")
             return found
         return Path(self.name).read_text("utf-8").rstrip("\r\n")
 

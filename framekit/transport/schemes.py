@@ -111,6 +111,11 @@ def scheme_name(url: str) -> str:
     return found[1].lower() if found else ""
 
 
+def writes_files(url: str) -> bool:
+    """Whether a port writes what goes over it into a file that its name gives."""
+    return scheme_name(url) == "spy" or "file=" in url.lower()
+
+
 def scheme_of(url: str) -> Scheme | None:
     """The kind of a port; None where no kind has that scheme."""
     name = scheme_name(url)

@@ -169,10 +169,15 @@ def test_a_run_file_is_rolled_out_or_refused_whole(
             wrong = {
                 "every: 100 ms": ("every: soon", "meter.run.yaml:5:48: 'soon' is not a time"),
                 "rows.jsonl": ("../rows.jsonl", "is not in the folder of the run file"),
-                "payload: plain": ("payload: plain, user: a, password: env:HOME", "env:HOME is for a sink that the"),
+                "payload: plain": (
+                    "payload: plain, user: a, password: env:HOME",
+                    "a sink with a secret, or one that the system gives",
+                ),
                 "jsonl: rows.jsonl": ("prometheus: '0.0.0.0:0'", "0.0.0.0:0 can be reached from outside"),
-                "rows.jsonl}": ("printed}", "printed' is there already, and no run of this gateway has written it"),
-                "{jsonl: rows.jsonl": ("{jsonl: meter.run.yaml.before", "is there already"),
+                "rows.jsonl}": ("printed}", "printed', or a file named after it, is there already"),
+                "{jsonl: rows.jsonl": ("{jsonl: meter.run.yaml.before", "there already"),
+                'port: "sim:meter.device.yaml"': ("port: 'spy:///dev/null?file=rows'", "writes into a file"),
+                "- {jsonl: rows.jsonl": ("- {postgres: 'postgresql://127.0.0.1:1/x'", "one that the system gives"),
                 "sim:meter.device": (f"sim:{'a' * 300}.device", "there is no file 'aaaa"),
                 "name: one": ("name: two", "a rolled file stays in its fleet"),
                 "run: meter": ("run: [", "meter.run.yaml:"),
@@ -206,14 +211,19 @@ def test_a_run_file_is_rolled_out_or_refused_whole(
 def test_a_run_that_cannot_begin_is_the_one_of_before_again(tmp_path: Path) -> None:
     with Broker(tmp_path) as broker, Watcher(broker.port) as watcher:
         path = write_run(tmp_path / "one", "one", broker.port)
-        path.with_name("kept").write_text("this is no state")
         old = path.read_bytes()
         with gateway(path):
             watcher.wait("one", is_well)
             wrong = old.replace(b"sinks:", b"memory: masterlogic\nstate: kept\nsinks:")
+            for text in (wrong, old):  # from now on that file is one of this gateway's own
+                (answer,) = watcher.fleet.roll(["one"], text, TOKEN)
+                assert answer.ok, answer
+                watcher.wait("one", is_well)
+            before = path.with_name("meter.run.yaml.before").read_bytes()
+            path.with_name("kept").write_text("this is no state")
             (answer,) = watcher.fleet.roll(["one"], wrong, TOKEN)
-            assert not answer.ok and "kept" in answer.problems[0], answer
-            assert path.read_bytes() == old
+            assert not answer.ok and "kept is no state file" in answer.problems[0], answer
+            assert path.read_bytes() == old and path.with_name("meter.run.yaml.before").read_bytes() == before == wrong
             watcher.wait("one", is_well)
             part = path.with_name(".meter.run.yaml.part")
             part.mkdir()
@@ -224,6 +234,7 @@ def test_a_run_that_cannot_begin_is_the_one_of_before_again(tmp_path: Path) -> N
                 assert not answer.ok and "cannot be replaced" in answer.problems[0], answer
                 assert path.read_bytes() == old
             wait_for(lambda: len(rows(path.with_name("rows.jsonl"))) > before + 3)  # the run goes on
+            assert not list(path.parent.glob("*.trial"))
             part.rmdir()
             (answer,) = watcher.fleet.roll(["one"], other, TOKEN)
             assert answer.ok
@@ -249,12 +260,15 @@ def test_what_was_rolled_out_once_cannot_be_sent_again(tmp_path: Path) -> None:
             listener.say("framekit/one/roll", message.decode())
             listener.wait(lambda: len(listener.of("framekit/one/rolled")) == 3)
             assert b"was sent before" in listener.of("framekit/one/rolled")[-1]
+            listener.wait(lambda: listener.of("framekit/one/birth"))
+            instance = json.loads(listener.of("framekit/one/birth")[-1])["instance"]
+            mine = f'"id": "1", "instance": "{instance}"'
             some = (
+                f'{{{mine}, "file": 3, "signature": "x"}}',
+                f'{{{mine}, "file": "", "signature": "é"}}',
                 '{"id": 5}',
-                '{"id": "1", "file": 3, "signature": "x"}',
-                '{"id": "1", "file": "", "signature": "é"}',
             )
-            odd = '{"id": "\\ud800", "file": "\\ud800", "signature": "\\ud800"}'
+            odd = f'{{"instance": "{instance}", "id": "\\ud800", "file": "\\ud800", "signature": "\\ud800"}}'
             for rubbish in ("", "[]", "{", "\0" * 10, odd, *some):
                 listener.say("framekit/one/roll", rubbish)
             (answer,) = watcher.fleet.roll(["one"], old, TOKEN)
@@ -288,8 +302,7 @@ def test_a_trial_that_a_kill_cut_off_is_over(tmp_path: Path) -> None:
         ReplacedFile(path).put(old.replace(b"run: meter", b"run: other"))
         with gateway(path):
             assert watcher.wait("one", is_well).said("run") == "meter" and path.read_bytes() == old
-        assert {one.name for one in path.parent.iterdir()} >= {"meter.run.yaml.before"}
-        assert not list(path.parent.glob("*.trial"))
+        assert not list(path.parent.glob("*.trial")) and not list(path.parent.glob("*.before"))
 
 
 @needs_mosquitto
@@ -408,6 +421,8 @@ def test_a_kill_leaves_the_old_file_or_the_new_one(tmp_path: Path) -> None:
     [
         ("a:b", "'a:b' is no address of a broker – write HOST or HOST:PORT"),
         ("a --all", "--all has no effect without --roll"),
+        ("a --roll x.run.yaml --all --token env:HOME --within 1000000h", "--within: write a day at most"),
+        ("a..b", "'a..b' is no address of a broker"),
         ("a --within 3s", "--within has no effect without --roll"),
         ("a --token env:HOME", "--token has no effect without --roll"),
         ("a --for 3s", "--for has no effect without --watch"),
@@ -469,7 +484,75 @@ def test_a_token_that_cannot_be_used_is_told(
     path = write_run(tmp_path / "one", "one", 1883)
     monkeypatch.delenv("FLEET_TOKEN", raising=False)
     assert main(["run", str(path), "--for", "1s"]) == 1
-    assert "fleet: the password is to stand in the environment as FLEET_TOKEN" in capsys.readouterr().err
+    assert "fleet: what is secret is to stand in the environment as FLEET_TOKEN" in capsys.readouterr().err
     monkeypatch.setenv("FLEET_TOKEN", "short")
     assert main(["run", str(path), "--for", "1s"]) == 1
     assert "fleet: the token has 5 characters – give 12 or more" in capsys.readouterr().err
+
+
+@needs_mosquitto
+def test_what_was_changed_while_a_run_goes_on_stays_changed(tmp_path: Path) -> None:
+    """Also where exchanges have failed, and the output is for programs."""
+    with Broker(tmp_path) as broker, Watcher(broker.port) as watcher:
+        path = write_run(tmp_path / "one", "one", broker.port)
+        (path.parent / "other.device.yaml").write_text(DEVICE.replace("device: meter", "device: other"), "utf-8")
+        silent = path.read_text().replace("sim:meter.device.yaml", "tcp://127.0.0.1:1")
+        path.write_text(silent)
+        with gateway(path):
+            watcher.wait("one", lambda one: one.health.get("bad"))
+            other = silent.replace("tcp://127.0.0.1:1", "sim:other.device.yaml")
+            more = other.replace("sinks:", "  second: {channel: 1, address: '40001'}\nsinks:")
+            answers = []
+            for text in (other, more):
+                answers += watcher.fleet.roll(["one"], text.encode(), TOKEN)
+                (path.parent / "meter.device.yaml").unlink(missing_ok=True)
+            assert [one.ok for one in answers] == [True, True], answers
+            assert answers[0].how.startswith("applied while it goes on: channel 1 changed"), answers
+            watcher.wait("one", lambda one: is_well(one) and one.birth["points"] == 2)
+            assert path.read_text() == more
+        assert "Traceback" not in path.with_name("printed").read_text()
+
+
+@needs_mosquitto
+def test_one_process_at_a_time_takes_files_for_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with Broker(tmp_path) as broker, Watcher(broker.port) as watcher:
+        path = write_run(tmp_path / "one", "one", broker.port)
+        old = path.read_bytes()
+        with gateway(path), pytest.MonkeyPatch.context() as patch:
+            patch.setenv("FLEET_TOKEN", TOKEN)
+            watcher.wait("one", is_well)
+            ReplacedFile(path).put(old.replace(b"run: meter", b"run: other"))
+            assert not ReplacedFile(path).settle() and path.read_bytes() != old  # that is for the one at work
+            assert main(["run", str(path), "--for", "1s"]) == 1
+            assert "another process takes files for meter.run.yaml already" in capsys.readouterr().err
+        assert ReplacedFile(path).settle() and path.read_bytes() == old
+
+
+@needs_mosquitto
+def test_control_lines_come_to_the_run_at_work(tmp_path: Path) -> None:
+    with Broker(tmp_path) as broker, Watcher(broker.port) as watcher:
+        path = write_run(tmp_path / "one", "one", broker.port)
+        words = [sys.executable, "-m", "framekit", "run", str(path), "--control"]
+        with subprocess.Popen(
+            words, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, cwd=path.parent,
+            env=os.environ | {"FLEET_TOKEN": TOKEN},
+        ) as process:  # fmt: skip
+            watcher.wait("one", is_well)
+            for name in (b"a", b"b"):
+                text = path.read_bytes().replace(b"run: ", b"run: " + name)
+                (answer,) = watcher.fleet.roll(["one"], text, TOKEN)
+                assert answer.ok
+            assert process.stdin is not None
+            process.stdin.write("stop\n")
+            process.stdin.flush()
+            assert process.wait(30) == 0
+
+
+@needs_mosquitto
+def test_odd_messages_break_no_list(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with Broker(tmp_path) as broker, Listener(broker.port, "framekit/#") as listener:
+        listener.say("framekit/odd/birth", '{"run": "\\ud800", "points": NaN}', retain=True)
+        listener.say("framekit/odder/birth", '{"run": "\\ud800"}', retain=True)
+        listener.wait(lambda: listener.of("framekit/odder/birth"))
+        assert main(["fleet", f"127.0.0.1:{broker.port}", "--json"]) == 0
+        assert [json.loads(line)["gateway"] for line in capsys.readouterr().out.splitlines()] == ["odd", "odder"]
