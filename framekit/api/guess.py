@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter, defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -16,6 +16,7 @@ from typing import Any, Literal, NamedTuple
 
 from framekit.api.check import check_file
 from framekit.codec.codec import compile_protocol
+from framekit.codec.shown import explain
 from framekit.definition.load.protocol import load_protocol
 from framekit.definition.model.frames import flat
 from framekit.definition.model.protocol import Protocol
@@ -25,7 +26,7 @@ from framekit.definition.sources import shipped_definitions
 from framekit.guess.framing import cut_line
 from framekit.guess.guess import guess as guess
 from framekit.guess.model import Chunk as Chunk
-from framekit.guess.model import Direction
+from framekit.guess.model import Direction, GuessedField
 from framekit.guess.model import Guess as Guess
 from framekit.guess.pieces import joined, streams_of
 from framekit.guess.stuffing import plain_frame
@@ -45,9 +46,10 @@ NEARLY_ALL = 0.9
 LEAST_FRAMES = 3
 
 _HEX_LINE = re.compile(
-    r"\s*(?:(?P<time>[0-9]+(?:\.[0-9]+)?)\s+)?(?:(?P<way>>|<|->|<-|→|←|out|in|tx|rx)\s*:?\s+)?"
-    r"(?P<bytes>(?:[0-9a-f]{2}[\s,:]*)+)", re.IGNORECASE,
-)  # fmt: skip
+    r"\s*(?:(?P<time>[0-9]+(?:\.[0-9]+)?)\s+(?=[<>→←-]|out\b|in\b|tx\b|rx\b))?"
+    r"(?:(?P<way>>|<|->|<-|→|←|out|in|tx|rx)\s*:?\s+)?(?P<bytes>(?:[0-9a-f]{2}[\s,:]*)+)",
+    re.IGNORECASE,
+)
 _WAYS: dict[str, Direction] = {
     ">": "out", "->": "out", "→": "out", "out": "out", "tx": "out",
     "<": "in", "<-": "in", "←": "in", "in": "in", "rx": "in",
@@ -107,8 +109,9 @@ def _of_text(path: Path, head: bytes) -> list[Chunk]:
             continue
         match = _HEX_LINE.fullmatch(line)
         if match is None:
-            raise HeardError(f"{path}:{number}:1: this is no line of hex digits – write 01 03 00 00, or > 01 03 00 00")
-        time = None if match["time"] is None or not match["way"] else round(float(match["time"]) * 1e9)
+            what = "this is no line of hex digits"
+            raise HeardError(f"{path}:{number}:1: {what} – write 01 03 00 00, > 01 03, or with a time 0.500 > 01 03")
+        time = None if match["time"] is None else round(float(match["time"]) * 1e9)
         way = _WAYS[match["way"].lower()] if match["way"] else ""
         found.append(Chunk(time, way, bytes.fromhex(re.sub(r"[\s,:]", "", match["bytes"]))))
     return found
@@ -135,15 +138,21 @@ def write_definition(found: Guess, path: Path, source: str) -> list[str]:
         return [str(problem) for problem in error.problems]
     codec = compile_protocol(protocol)
     lines = [f"vectors: {name}", "frames:"]
+    problems = [str(problem) for problem in check_file(str(path)).problems if not problem.warning]
     for kind in found.kinds:
         for frame in list(dict.fromkeys(one.data for one in kind.frames))[:MOST_VECTORS]:
-            fields = codec.frames[kind.name].decode(frame, {})
+            shown = frame.hex(" ").upper()
+            try:
+                fields = codec.frames[kind.name].decode(frame, {})
+            except ValueError as error:
+                problems.append(f"{kind.name} does not read {shown}: {explain(error)}")
+                continue
             lines += [
                 f"  - frame: {kind.name}", f"    source: {_shown(source)}", f"    values: {_values(fields)}",
-                f"    bytes: {frame.hex(' ').upper()}",
+                f"    bytes: {shown}",
             ]  # fmt: skip
     vectors.write_text("\n".join(lines) + "\n", "utf-8")
-    return [str(problem) for problem in check_file(str(path)).problems if not problem.warning]
+    return problems
 
 
 def _shown(source: str) -> str:
@@ -263,22 +272,30 @@ def differences(one: Sequence[Chunk], two: Sequence[Chunk]) -> list[Difference]:
     if framing is None:
         return []
     own = [{frame.data for frame in cut_line(framing, streams_of(joined(part))).frames} for part in (one, two)]
-    rows = []
+    rows: list[Difference] = []
     for kind in found.kinds:
+        halves = [
+            [plain_frame(framing, frame.data) for frame in kind.frames if frame.data in part] for part in own
+        ]  # fmt: skip
         for field in kind.fields:
-            if field.kind in ("counter", "check", "length", "count") or not field.size:
-                continue
-            values = [
-                {
-                    plain_frame(framing, frame.data)[field.offset : field.offset + field.size]
-                    for frame in kind.frames
-                    if frame.data in part
-                }
-                for part in own
-            ]
-            if all(values) and not values[0] & values[1]:
-                rows.append(Difference(kind.name, field.offset, field.name, *map(_some, values)))
+            if field.kind not in ("counter", "check", "length", "count"):
+                rows += _of_field(kind.name, field, halves)
     return rows
+
+
+def _of_field(kind: str, field: GuessedField, halves: list[list[bytes]]) -> Iterator[Difference]:
+    """Where no value is in both halves; in data of varying size byte by byte, of frames of one size."""
+    if field.size:
+        parts = [(field.offset, field.size, halves)]
+    else:
+        sizes = Counter(len(text) for half in halves for text in half)
+        size = max(sizes, key=lambda one: (sizes[one], one), default=0)
+        same = [[text for text in half if len(text) == size] for half in halves]
+        parts = [(place, 1, same) for place in range(field.offset, size)]
+    for place, width, texts in parts:
+        values = [{text[place : place + width] for text in half} for half in texts]
+        if all(values) and not values[0] & values[1]:
+            yield Difference(kind, place, field.name, *map(_some, values))
 
 
 class Reading(NamedTuple):

@@ -34,11 +34,13 @@ def run_guess(arguments: argparse.Namespace) -> int:
         raise WordsError("--write makes a definition, --with goes on from one – leave one of them out")
     if arguments.write is not None and arguments.write.exists():
         raise WordsError(f"--write: {arguments.write} is there already – name another file")
+    if arguments.write is not None and not arguments.write.parent.is_dir():
+        raise WordsError(f"--write: there is no folder '{arguments.write.parent}' – make it first")
     chunks = heard_in(arguments.files)
     if arguments.definition is not None:
         reading = reading_of(arguments.definition, chunks)
         print_json(reading.data) if arguments.json else print(reading.text)
-        return 0
+        return 0 if reading.data["frames"] else 1
     found, known = guess(chunks), known_protocols(chunks)
     if arguments.json:
         print_json(data_of(found) | {"known": [{"protocol": one.name, "frames": one.frames} for one in known]})
@@ -74,7 +76,8 @@ def write(found: Guess, path: Path, source: str) -> None:
         raise VerbError(str(error)) from None
     for problem in problems:
         print(f"not right yet: {problem}")
-    print(f"{path} is written, and its vectors beside it – framekit test {path}")
+    if not problems:
+        print(f"{path} is written, and its vectors beside it – framekit test {path}")
 
 
 def text_of(found: Guess) -> str:

@@ -166,11 +166,14 @@ def _together(found: Sequence[CheckGuess]) -> list[CheckGuess]:
     result = []
     for group in groups.values():
         best = group[0]
-        others = [
-            f"{other.name or other.method.kind} from byte {other.place.start} on" for other in group[1:]
-        ]  # fmt: skip
+        starts = {best.place.start}
+        others = []
+        for other in group[1:]:
+            if other.place.start not in starts and other.evidence.holds >= best.evidence.holds:
+                starts.add(other.place.start)
+                others.append(f"{other.name or other.method.kind} from byte {other.place.start} on")
         method = best.method
-        result.append(CheckGuess(best.place, method, best.name, best.evidence, 0, tuple(dict.fromkeys(others))))
+        result.append(CheckGuess(best.place, method, best.name, best.evidence, 0, tuple(others)))
     return result
 
 
@@ -248,7 +251,7 @@ def _simple(place: CheckPlace, cuts: Sequence[Cut], width: int, of: int) -> Iter
     if width == 8 and all(cut.code < 0x80 for cut in cuts):
         for name in ("sum7", "xor7"):
             held = sum(compute(ready_methods()[name], cut.data) == cut.code for cut in cuts)
-            if held >= MOST * of and 7 * (held - 1) - TRIED >= SURE and not _is_copy(cuts):
+            if held >= MOST * of and 7 * (held - 1) - TRIED >= SURE and not _is_copy(cuts, 0.6):
                 yield CheckGuess(place, ready_methods()[name], name, Evidence(held, of, 7 * (held - 1) - TRIED))
     if width == 16:
         held = sum(fletcher(cut.data) == cut.code for cut in cuts)
@@ -275,7 +278,7 @@ def _simple_guess(
 ) -> Iterator[CheckGuess]:
     width, ones = method.width, (1 << method.width) - 1
     chance = width * (held - 1) - TRIED
-    if chance < SURE or _is_copy(cuts):
+    if chance < SURE or _is_copy(cuts, 0.9 if held >= 0.95 * of else 0.6):
         return
     name = method.name
     if complement and constant == ones:
@@ -294,8 +297,9 @@ def _changed(method: CheckMethod, **parameters: object) -> CheckMethod:
     return replace(method, name="own", **parameters)  # type: ignore[arg-type]
 
 
-def _is_copy(cuts: Sequence[Cut]) -> bool:
-    """Whether a byte of the code goes with one byte of the frame alone, as a counter beside another one would."""
+def _is_copy(cuts: Sequence[Cut], share: float) -> bool:
+    """Whether in so many frames a byte of the code goes with one byte of the frame alone, as of a counter that stands
+    beside another one."""
     shortest = min(len(cut.data) for cut in cuts)
     for shift in (0, 8):
         codes = [cut.code >> shift & 0xFF for cut in cuts]
@@ -310,7 +314,7 @@ def _is_copy(cuts: Sequence[Cut]) -> bool:
                 [code + byte & 0xFF for code, byte in zip(codes, column, strict=True)],
                 [code ^ byte for code, byte in zip(codes, column, strict=True)],
             ):
-                if Counter(combined).most_common(1)[0][1] >= 0.6 * len(cuts):
+                if Counter(combined).most_common(1)[0][1] >= share * len(cuts):
                     return True
     return False
 

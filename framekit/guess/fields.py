@@ -63,14 +63,15 @@ def shape_of(framing: Framing, check: CheckGuess | None) -> Shape:
 def directed(frames: Sequence[HeardFrame], plain: Sequence[bytes]) -> tuple[list[str], float]:
     """Who sent each frame: `client`, `server`, or '' where that cannot be told; and the bits of luck behind it.
 
-    Where the capture knows two ways, the way of the first frame is the client's. On one wire frames take turns.
+    Where the capture knows two ways, the way of the first frame is the client's. On one wire, and on a port that hears
+    both, frames take turns.
     """
     ways = [frame.direction for frame in frames]
     if "in" in ways and "out" in ways:
         first = ways[0]
         return ["client" if way == first else "server" for way in ways], 0.0
-    if "" not in ways or len(frames) < 6:
-        return ["client" if way else "" for way in ways], 0.0
+    if len(frames) < 6:
+        return [""] * len(frames), 0.0
     forms = [(len(one), one[:2]) for one in plain]
     even, odd = Counter(forms[::2]), Counter(forms[1::2])
     together = [sum(one[:2] == two[:2] for one, two in list(pairwise(plain))[first::2]) for first in (0, 1)]
@@ -257,6 +258,8 @@ def _counter(at: int, inner: int, texts: Sequence[bytes]) -> GuessedField | None
         numbers = [int.from_bytes(text[at : at + width], order) for text in texts]
         steps = sum((two - one) % (1 << 8 * width) == 1 for one, two in pairwise(numbers))
         low = {number & 0xFF for number in numbers}
+        if width > 1 and not any(two == one + 1 and two & 0xFF == 0 for one, two in pairwise(numbers)):
+            continue  # no carry was seen: the low byte counts, and the other one is beside it
         if steps >= 0.9 * (len(numbers) - 1) and len(low) > LEAST_STEPS:
             about = "goes up by one from frame to frame" + ("" if width == 1 else f", {order}")
             return GuessedField("counter", at, width, "counter", about, Evidence(steps, len(numbers) - 1, 8.0 * steps))

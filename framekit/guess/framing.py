@@ -71,8 +71,8 @@ def _rank(cut: CutLine) -> tuple[float, ...]:
     framing = cut.framing
     return (
         framing.start == framing.end != b"" and framing.kind == "marks", framing.stuffing is not None,
-        framing.evidence.chance >= SURE, _PREFERRED[framing.kind], len(framing.end), -abs(len(framing.start) - 1),
-        round(cut.fit, 2), framing.evidence.chance,
+        framing.evidence.chance >= SURE, _PREFERRED[framing.kind], round(cut.fit, 2), len(framing.end),
+        -abs(len(framing.start) - 1), framing.evidence.chance,
     )  # fmt: skip
 
 
@@ -148,14 +148,16 @@ def _end_of(framing: Framing, data: bytes, at: int, starts: set[int]) -> int | N
         if end < at + framing.length.end or end - at > LONGEST_FRAME:
             return None
     else:
-        return _end_by_mark(framing, data, at)
+        return _end_by_mark(framing, data, at, starts)
     if end > len(data) or (framing.end and data[end - len(framing.end) : end] != framing.end):
         return None
     return end if end in starts or not framing.start or data.startswith(framing.start, end) or framing.end else None
 
 
-def _end_by_mark(framing: Framing, data: bytes, at: int) -> int | None:
+def _end_by_mark(framing: Framing, data: bytes, at: int, starts: set[int]) -> int | None:
+    """The first end mark; without stuffing rather the first one behind which a piece, or another frame, begins."""
     start, end = framing.start, framing.end
+    first_end: int | None = None
     place = at + len(start)
     if start == end and data.startswith(end, place):
         return None  # the end of a frame before, and the start of this one
@@ -163,7 +165,7 @@ def _end_by_mark(framing: Framing, data: bytes, at: int) -> int | None:
     while True:
         place = data.find(end, place)
         if place < 0 or place - at > LONGEST_FRAME:
-            return None
+            return first_end
         if stuffing is not None and stuffing.kind == "doubled":
             first = place
             while first > at + len(start) and data[first - 1] == stuffing.escape:
@@ -171,7 +173,11 @@ def _end_by_mark(framing: Framing, data: bytes, at: int) -> int | None:
             if (place - first) % 2:
                 place += 1
                 continue
-        return place + len(end)
+        after = place + len(end)
+        if stuffing is not None or after in starts or (start and data.startswith(start, after)):
+            return after
+        first_end = after if first_end is None else first_end
+        place += 1
 
 
 def value_at(length: LengthField, data: bytes, at: int) -> int | None:

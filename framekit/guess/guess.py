@@ -184,7 +184,12 @@ def _of_check(check: CheckGuess | None) -> Iterator[Statement]:
     text += ", as hex digits" if place.form == "hex" else ""
     if check.others:
         text += f" (or {', or '.join(check.others[:3])})"
-    yield Statement(text, check.evidence, True, "a frame in which it does not hold, and that was not damaged")
+    yield Statement(
+        f"{text}, in different frames",
+        check.evidence,
+        True,
+        "a frame in which it does not hold, and that was not damaged",
+    )
 
 
 def _own_name(check: CheckGuess) -> str:

@@ -10,6 +10,8 @@ from framekit.guess.model import Evidence, Framing, Stuffing
 
 USUAL = {(0x7E, 0x7D): ("xor", 0x20), (0xC0, 0xDB): ("codes", 0)}
 """Escape bytes that go with a delimiter by custom: few places are enough to see them."""
+LEAST_ESCAPES = 8
+"""An escape byte that no custom knows has to be seen so often."""
 LEAST = 12.0
 """Bits of luck below which a stuffing is not believed."""
 
@@ -149,16 +151,21 @@ def _escaped(inner: Sequence[bytes], start: bytes, end: int) -> Iterator[tuple[S
         usual = USUAL.get((end, escape))
         if escape in marks or followers[-1] > 0.02 * count or (count < 3 and usual is None):
             continue
-        if count >= 3 and places[escape].most_common(1)[0][1] > 0.6 * count:
+        most = places[escape].most_common(1)[0][1]
+        if usual is not None and count >= 3 and most > 0.6 * count:
             continue  # a field
+        if usual is None and (count < LEAST_ESCAPES or most > 0.25 * count):
+            continue  # what is escaped stands anywhere
         seen = {byte for byte, often in followers.items() if byte >= 0 and often > 0.02 * count}
         if len(seen) > 40 or seen & {*marks, escape}:
             continue  # behind an escape byte nothing stands that would have to be escaped
         found = _xor_of(seen, marks, escape, plain_seen, followers, usual)
         if found is not None:
             yield found
-        elif len(seen) <= 1 + len(marks):
-            yield from _codes_of(seen, marks, escape, followers, usual)
+        elif usual == ("codes", 0) and seen <= {0xDC, 0xDD}:
+            chance = count * log2(256 / 3)
+            evidence = Evidence(sum(followers[byte] for byte in seen), count, chance)
+            yield Stuffing("escape_codes", escape, codes=((0xDC, end), (0xDD, escape))), evidence
 
 
 def _xor_of(
@@ -174,6 +181,8 @@ def _xor_of(
         if raw > 0.02 * sum(followers.values()):  # what is escaped never stands there as it is
             continue
         known = len(meant & {*marks, escape})
+        if usual is None and known < 2:
+            continue
         often = sum(count for byte, count in followers.items() if byte ^ xor in (*marks, escape))
         if often < 0.8 * sum(followers.values()) and not (xor == 0x20 and max(meant - {*marks, escape}) < 0x20):
             continue  # only marks and the escape byte are escaped, or by custom control characters too
@@ -185,20 +194,3 @@ def _xor_of(
         if best is None or chance > best[1].chance:
             best = Stuffing("escape_xor", escape, xor), evidence
     return best
-
-
-def _codes_of(
-    seen: set[int], marks: set[int], escape: int, followers: Counter[int], usual: tuple[str, int] | None
-) -> Iterator[tuple[Stuffing, Evidence]]:
-    """Codes stand for the marks, in their order, and for the escape byte itself."""
-    bytes_meant = [*sorted(marks), escape]
-    codes = sorted(seen)
-    if usual == ("codes", 0):
-        codes = [0xDC, 0xDD]
-        if not seen <= set(codes):
-            return
-    if len(codes) != len(bytes_meant):
-        return
-    chance = sum(followers.values()) * log2(256 / (len(codes) + 1)) - 24 + (24 if usual else 0)
-    evidence = Evidence(sum(followers[byte] for byte in seen), sum(followers.values()), chance)
-    yield Stuffing("escape_codes", escape, codes=tuple(zip(codes, bytes_meant, strict=True))), evidence

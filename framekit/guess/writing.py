@@ -194,7 +194,8 @@ def _check(field: GuessedField, kind: FrameKind, framing: Framing, check: CheckG
     if place.at is not None:
         keys.append(f"over: {place.at + place.size + place.start}..{_last_counted(kind)}")
     elif place.start != first:
-        keys.append(f"over: {place.start - first}..here")
+        named = [one.name for one in kind.fields if one.offset == place.start and not one.is_mark and one.size >= 0]
+        keys.append(f"over: {named[0] if named and named[0] != 'start' else place.start - first}..here")
     return "{" + ", ".join(keys) + "}"
 
 

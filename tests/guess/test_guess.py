@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from framekit.api.guess import HeardError, heard, known_protocols
+from framekit.api.guess import HeardError, differences, heard, known_protocols
 from framekit.cli.main import main
 from framekit.codec.checks import compute
 from framekit.definition.model.checks import ready_methods
 from framekit.guess.guess import guess
-from framekit.guess.model import Chunk, LengthField
+from framekit.guess.model import Chunk, Guess, LengthField
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 from benchmarks.guess_score import draw_case, judged
@@ -95,6 +95,8 @@ def test_hex_text_is_read(tmp_path: Path) -> None:
     assert heard(path) == [
         Chunk(None, "out", b"\1\3"), Chunk(1_500_000_000, "in", b"\1\3\n"), Chunk(None, "out", b"\2\4"),
     ]  # fmt: skip
+    path.write_text("02 54 31\n0254 31\n", "utf-8")  # a first byte is no time
+    assert [one.data for one in heard(path)] == [b"\x02T1", b"\x02T1"]
     path.write_text("01 03\n01 0G\n", "utf-8")
     with pytest.raises(HeardError, match=r"heard.txt:2:1: this is no line of hex digits"):
         heard(path)
@@ -152,3 +154,55 @@ def test_what_differs_between_two_recordings(tmp_path: Path, capsys: pytest.Capt
     assert [line.split() for line in lines[1:]] == [["frame", "2", "unknown_1", "00", "01"]]
     assert main(["diff", str(tmp_path / "off"), str(tmp_path / "off")]) == 0
     assert capsys.readouterr().out == "no field differs\n"
+
+
+def of_one_direction(found: Guess) -> list[str]:
+    return [kind.name for kind in found.kinds]
+
+
+def test_nothing_is_stuffed_where_marks_explain_all() -> None:
+    rng = random.Random(8)
+    texts = [f"$WIMWV,{rng.randrange(360)},R,{rng.randrange(300) / 10},N,A*09\r\n".encode() for _ in range(60)]
+    words = [f"T={rng.uniform(-30, 30):+.1f} C P={rng.randrange(900, 1100)}\r\n".encode() for _ in range(60)]
+    framed = [
+        b"\xeb\x90" + bytes(rng.randrange(256) for _ in range(rng.choice([4, 7, 9]))) + b"\xaa" for _ in range(60)
+    ]
+    for frames in (texts, words, framed):
+        found = guess([Chunk(None, "", frame) for frame in frames])
+        assert found.framing is not None and found.framing.stuffing is None
+        assert [frame.data for frame in found.frames] == frames
+
+
+def test_a_counter_is_as_wide_as_its_carries_show() -> None:
+    rng = random.Random(9)
+
+    def counters(first: int, width: int) -> list[tuple[int, int]]:
+        numbers = [(first + at).to_bytes(4, "big")[4 - width :] for at in range(60)]
+        frames = [b"\x02" + number + b"\x07" + bytes([rng.randrange(256)]) for number in numbers]
+        found = guess([Chunk(None, "", frame) for frame in frames])
+        return [(one.offset, one.size) for kind in found.kinds for one in kind.fields if one.kind == "counter"]
+
+    assert counters(10, 1) == [(1, 1)]
+    assert counters(230, 2) == [(1, 2)]  # a carry into the high byte
+    assert counters(10, 2) == [(2, 1)]  # none
+
+
+def test_a_port_that_hears_both_sides_is_one_wire() -> None:
+    chunks = [chunk._replace(direction="in") for chunk in polls(40)]
+    assert of_one_direction(guess(chunks)) == ["asked", "told_03", "told_04", "told_06"]
+    alone = [Chunk(at * 10_000_000, "in", rtu(bytes([7, at, 3, at * 7 & 255]))) for at in range(40)]
+    assert of_one_direction(guess(alone)) == ["frame"]
+
+
+def test_data_of_varying_size_is_compared_byte_by_byte() -> None:
+    rng = random.Random(10)
+
+    def recording(pump: int) -> list[Chunk]:
+        sizes = [rng.choice([2, 5]) for _ in range(40)]
+        return [
+            Chunk(None, "", rtu(bytes([0xA5, size, pump]) + bytes(rng.randrange(256) for _ in range(size))))
+            for size in sizes
+        ]
+
+    found = differences(recording(0), recording(1))
+    assert [(one.offset, one.first, one.second) for one in found] == [(2, "00", "01")]
