@@ -133,12 +133,16 @@ def _others(some: list[Any]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class GatewayAnswer:
-    """What became of a file that was rolled out to a gateway: `how` it was applied, or the problems."""
+    """What became of a file that was rolled out to a gateway: `how` it was applied, or the problems.
+
+    `answered`: the gateway has said so itself.
+    """
 
     gateway: str
     ok: bool
     how: str = ""
     problems: tuple[str, ...] = ()
+    answered: bool = True
 
 
 class Fleet:
@@ -214,10 +218,10 @@ class Fleet:
         for name in dict.fromkeys(names):
             member = self.members.get(name)
             if member is None or not member.online:
-                found[name] = GatewayAnswer(name, False, problems=("it is not there",))
+                found[name] = GatewayAnswer(name, False, problems=("it is not there",), answered=False)
             elif not member.takes_files:
                 found[name] = GatewayAnswer(
-                    name, False, problems=("it takes no files: its run file has no fleet: token:",)
+                    name, False, problems=("it takes no files: its run file has no fleet: token:",), answered=False
                 )
             else:
                 number, identity = member.said("number"), secrets.token_hex(8)
@@ -288,7 +292,8 @@ class Fleet:
 
 def _answer(name: str, said: Mapping[str, Any] | None, within: float) -> GatewayAnswer:
     if said is None:
-        return GatewayAnswer(name, False, problems=(f"it has not answered within {within:g} s",))
+        what = f"it has not answered within {within:g} s; it may have applied the file, as the list shows"
+        return GatewayAnswer(name, False, problems=(what,), answered=False)
     problems = said.get("problems")
     told = tuple(str(one) for one in problems) if isinstance(problems, list) else ()
     return GatewayAnswer(name, said.get("ok") is True, str(said.get("how", "")), told)

@@ -241,7 +241,7 @@ class Gateway:
         """Refused without a trace, or on trial: the file is the new one, and the run changes when it can."""
         log.info("fleet: a run file of %d bytes is rolled out", len(content))
         if content == self._content == content_of(self.path):
-            self._end_rolling("it is this file already")
+            self._end_rolling("it is this file already; what it names beside counts from a new start on")
             return
         try:
             model = await asyncio.to_thread(self._checked, content)

@@ -9,11 +9,13 @@ from pathlib import Path
 import yaml
 
 from framekit.api.errors import RequestError
+from framekit.definition.problems import did_you_mean
 from framekit.run.points import iso_time as iso_time
 from framekit.runfile.run_file import load_run
 from framekit.runfile.vendor_tables import Imported as Imported
 from framekit.runfile.vendor_tables import label_of
 from framekit.runfile.vendor_tables import read_vendor_table as read_vendor_table
+from framekit.sinks.base import fits
 from framekit.sinks.sqlite import HistoryError, HistoryRow, SqliteHistory, read_history
 
 
@@ -40,7 +42,13 @@ def history_of(
     Raises RequestError for a run without a history, DefinitionError for a run file that is wrong.
     """
     if path.suffix in (".yaml", ".yml"):
-        found = [Path(sink.sqlite) for sink in load_run(path).sinks if isinstance(sink, SqliteHistory)]
+        run = load_run(path)
+        names = [point.name for point in run.points]
+        for pattern in points:
+            if not any(fits(pattern, name) for name in names):
+                hint = did_you_mean(pattern, names) or f"known: {', '.join(names[:10])}"
+                raise RequestError(f"no point of {path} is called '{pattern}' – {hint}")
+        found = [Path(sink.sqlite) for sink in run.sinks if isinstance(sink, SqliteHistory)]
         if not found:
             raise RequestError(f"{path} has no sqlite sink – add it, or name a file of one")
         path = found[0]

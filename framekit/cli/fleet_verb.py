@@ -208,7 +208,8 @@ def show_answers(answers: list[GatewayAnswer], as_json: bool) -> int:
             data = {"gateway": one.gateway, "ok": one.ok, "how": one.how, "problems": list(one.problems)}
             print_json({name: value for name, value in data.items() if value not in ("", [])})
             continue
-        print(printable(f"{one.gateway}: {one.how}" if one.ok else f"{one.gateway}: refused"))
+        word = one.how if one.ok else "refused" if one.answered else "not done"
+        print(printable(f"{one.gateway}: {word}"))
         for problem in one.problems:
             print(f"  {printable(problem)}")
     if not answers:

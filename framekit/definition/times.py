@@ -80,7 +80,7 @@ def parse_time(text: str) -> int:
         total += _scaled(match[1], UNITS[match[2]])
         end = match.end()
     if end == 0 or text[end:].strip():
-        raise ValueError(f"'{text}' is not a time – write a number and a unit, such as 50 ms or 3 s")
+        raise ValueError(f"'{text}' is not a time – write a number and a unit (ms, s, min, h, d), such as 50 ms or 3 s")
     return total
 
 

@@ -189,11 +189,11 @@ def test_a_run_file_is_rolled_out_or_refused_whole(
             assert "signed" in roll(old, "another token of letters")[1][1]
             assert roll(old, name="two") == (
                 1,
-                ["two: refused", "  it takes no files: its run file has no fleet: token:"],
+                ["two: not done", "  it takes no files: its run file has no fleet: token:"],
             )
-            assert roll(old, name="three") == (1, ["three: refused", "  it is not there"])
+            assert roll(old, name="three") == (1, ["three: not done", "  it is not there"])
 
-            assert roll(old) == (0, ["one: it is this file already"])
+            assert roll(old) == (0, ["one: it is this file already; what it names beside counts from a new start on"])
             more = old.replace("sinks:", "  second: {channel: 1, address: '40001', every: 100 ms}\nsinks:")
             assert roll(more) == (0, ["one: begun anew"])
             assert path.read_text() == more and path.with_name("meter.run.yaml.before").read_text() == old
