@@ -11,8 +11,7 @@ from functools import cache, lru_cache
 from typing import Any, Protocol
 
 from framekit.codec import ciphers, support
-from framekit.codec.python.runtime import RangeTable
-from framekit.codec.python.runtime import attribute as attribute_of
+from framekit.codec.python.runtime import RangeTable, attribute
 from framekit.definition.expression import ENGINE_FUNCTIONS, Attribute, Expression, LineTime, Name, Node, emit
 from framekit.definition.model import protocol as model
 from framekit.definition.model.sections import StateVariable
@@ -82,12 +81,7 @@ def compiled(node: Node, attribute: Callable[[Any, str], Any]) -> Callable[[Any]
 
 def evaluate(node: Node, names: Lookup) -> Any:
     """The value of `node`. Raises one of EVALUATION_ERRORS, and what `names` raises for a name without a value."""
-    return compiled(node, _attribute)(names)
-
-
-def _attribute(value: Any, name: str) -> Any:
-    """What is nothing has nothing."""
-    return None if value is None else attribute_of(value, name)
+    return compiled(node, attribute)(names)
 
 
 # ---- names that are no fields -------------------------------------------------------------------------------

@@ -582,6 +582,11 @@ def find_last(table: Any, value: Any) -> Any:
     return max([key for key, entry in entries if entry == value], default=None)
 
 
+def item_at(items: Any, place: Any) -> Any:
+    """What stands at a place that `find` or `find_last` gave; nothing at none."""
+    return None if place is None else items[place]
+
+
 def free(table: Any) -> int | None:
     """The least key without an entry, None if all are taken.
 

@@ -354,6 +354,11 @@ def emit(node: Node, names: NameWriter, level: int = CONDITIONAL) -> str:
     return f"({text})" if own < level else text
 
 
+def may_find_nothing(node: Node) -> bool:
+    """Whether a node is an item that is looked for, and nothing where there is none."""
+    return isinstance(node, Index) and isinstance(node.index, Call) and node.index.function in ("find", "find_last")
+
+
 class _Emitter:
     def __init__(self, names: NameWriter) -> None:
         self.names = names
@@ -380,6 +385,9 @@ class _Emitter:
                 return self.names.line_time(node), ATOM
             case Attribute():
                 return self.names.attribute(node), ATOM
+            case Index(value=value, index=index) if may_find_nothing(node):
+                parts = [self.at_least(value, CONDITIONAL), self.at_least(index, CONDITIONAL)]
+                return self.names.call("item_at", parts), ATOM
             case Index(value=value, index=index):
                 return f"{self.at_least(value, ATOM)}[{self.at_least(index, CONDITIONAL)}]", ATOM
             case Slice():

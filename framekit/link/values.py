@@ -96,6 +96,7 @@ def attribute(value: Any, name: str) -> Any:
     """`value.name` of the language. A list has its items' attributes. Raises KeyError for what cannot be there.
 
     A field that a received frame may have and has not is None; one that a made frame was not given is its default.
+    What is nothing has nothing.
     """
     if type(value) is FrameValue:
         if name in value.fields:
@@ -111,7 +112,7 @@ def attribute(value: Any, name: str) -> Any:
         return value[name]
     if isinstance(value, (list, tuple)):
         return [attribute(item, name) for item in value]
-    return value.language_attribute(name)
+    return None if value is None else value.language_attribute(name)
 
 
 def present(value: Any, name: str) -> Any:

@@ -133,6 +133,11 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
              "- {field: v, type: u8, is: 'items[find(items.id, wanted)].v if wanted in items.id else 0'}",
              {"wanted": 3, "items": [{"id": 1, "v": 5}, {"id": 3, "v": 7}]}, "03 01 05 03 07 07", {"v": 7},
              {"03 01 05 03 07 08": "value", "04 01 05 03 07 07": "value"}),
+        Case("the item of a list that is not there",
+             "- {field: wanted, type: u8}\n- {repeat: items, times: 2, of: [{field: id, type: u8}, {field: v, type: u8}]}\n"
+             "- {field: v, type: u8, is: 'either(items[find(items.id, wanted)].v, 9)'}",
+             {"wanted": 4, "items": [{"id": 1, "v": 5}, {"id": 3, "v": 7}]}, "04 01 05 03 07 09", {"v": 9},
+             {"04 01 05 03 07 08": "value", "03 01 05 03 07 09": "value"}),
         Case("always a number with a fraction", "- {field: a, type: f32, is: 0.1}\n- {field: b, type: u8, scale: 0.5, is: 1.5}",
              {}, "3D CC CC CD 03", {"a": 0.10000000149011612, "b": Decimal("1.5")}, {"3D CC CC CC 03": "value"}),
         Case("always computed", "- {field: a, type: u8}\n- {field: b, type: u8, is: a + 1}", {"a": 4}, "04 05", {"b": 5},

@@ -61,6 +61,9 @@ EXPRESSIONS = [
     "get(table, 9, 8)",
     "find(table, 'two')",
     "find_last(table, 'nothing')",
+    "items[find(items.x, 1)].x",
+    "either(items[find_last(items.x, 99)].x, 4)",
+    "items[find(items.x, 99)].x + 1",
     "either(c, 4)",
     "only(t, 'Tex1t')",
     "span(a, 9)",
@@ -92,6 +95,8 @@ class _Names:
 
 
 def attribute(value: Any, name: str) -> Any:
+    if value is None:
+        return None
     return [attribute(item, name) for item in value] if isinstance(value, list) else value[name]
 
 

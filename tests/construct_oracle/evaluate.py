@@ -61,6 +61,9 @@ def evaluate(node: Node, lookup: Lookup) -> Any:
             return lookup(name)
         case syntax.Attribute(value=value, name=name):
             return attribute(evaluate(value, lookup), name)
+        case syntax.Index(value=value, index=syntax.Call(function="find" | "find_last") as index):
+            place = evaluate(index, lookup)
+            return None if place is None else evaluate(value, lookup)[place]
         case syntax.Index(value=value, index=index):
             return evaluate(value, lookup)[evaluate(index, lookup)]
         case syntax.Slice(value=value, start=start, stop=stop):

@@ -46,3 +46,20 @@ def test_where_no_item_has_it_the_device_refuses() -> None:
     loop = Loop(TABLE)
     served = loop.serve(loop.request(bytes.fromhex("01 04 01 03 00 07")))
     assert (served.refusal, loop.troubles) == (4, [])
+
+
+def test_an_item_that_is_not_there_is_nothing() -> None:
+    """A result is nothing then, and `either` says what it is instead."""
+    text = TABLE.replace('      refuse: [{when: "request.wanted not in request.items.id", code: 4}]\n', "")
+    none = 'none: "request.items[find(request.items.id, 77)].v"'
+    text = text.replace("gives: {v: reply.v, ", f"gives: {{v: reply.v, {none}, ")
+    text = text.replace("find(request.items.id, request.wanted)].v", "find(request.items.id, request.wanted)].v, 5)")
+    text = text.replace('v: "request.items', 'v: "either(request.items')
+    loop = Loop(text)
+    result = loop.do("call", "put", {"id": 3, "items": ITEMS})
+    assert result.ok, result.cause
+    assert result.gives == {"v": 700, "none": None, "last": 701, "own": 700}
+    served = loop.serve(loop.request(bytes.fromhex("01 04 01 04 00 07")))
+    assert served.reply is not None and served.reply.fields["v"] == 7
+    served = loop.serve(loop.request(bytes.fromhex("01 04 01 03 00 07")))
+    assert served.reply is not None and served.reply.fields["v"] == 5

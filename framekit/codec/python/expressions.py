@@ -34,6 +34,7 @@ from framekit.definition.expression import (
     Unary,
     children,
     emit,
+    may_find_nothing,
     walk,
 )
 from framekit.definition.model.frames import flat
@@ -202,7 +203,7 @@ class ExpressionWriter:
             return f"{text}.get({quoted(node.name)})"
         if entry is not None and entry.kind == "list":
             return f"[item.get({quoted(node.name)}) for item in {text}]"
-        if self._from_table(node.value):
+        if self._from_table(node.value) and not may_find_nothing(node.value):
             return f"{text}[{quoted(node.name)}]"
         return f"{self.module.function('attribute')}({text}, {quoted(node.name)})"
 
@@ -215,7 +216,7 @@ class ExpressionWriter:
 
     def _may_be_absent(self, node: Node) -> bool:
         entry = entry_of(node, self.scope)
-        absent = entry is not None and entry.may_be_absent
+        absent = may_find_nothing(node) or (entry is not None and entry.may_be_absent)
         return absent or (isinstance(node, Attribute) and self._may_be_absent(node.value))
 
     def _from_table(self, node: Node) -> bool:

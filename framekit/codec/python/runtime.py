@@ -37,12 +37,15 @@ class Defaults(dict[str, Any]):
 
 
 def attribute(value: Any, name: str) -> Any:
-    """`value.name`: an entry of a mapping, something an object offers, or the list of a list's attributes."""
+    """`value.name`: an entry of a mapping, something an object offers, or the list of a list's attributes.
+
+    What is nothing has nothing.
+    """
     if isinstance(value, Mapping):
         return value[name]
     if isinstance(value, (list, tuple)):
         return [attribute(item, name) for item in value]
-    return value.language_attribute(name)
+    return None if value is None else value.language_attribute(name)
 
 
 class RangeTable(dict[Any, Any]):

@@ -315,12 +315,13 @@ class NameChecker:
             return
         unsure = field_names(frame.segments) - names_always_there(frame.segments)
         for target, value in serve.set:
-            root = value.root if isinstance(value, Expression) else None
-            if not isinstance(root, Attribute) or not isinstance(root.value, Name) or root.value.name != "request":
-                continue
-            if root.name in unsure:
-                what = f"'request.{root.name}' may be absent, and '{target.name}' is never nothing"
-                self._note(root.at, what, f"write either(request.{root.name}, …) with what it is then")
+            for given, holds in ((value, f"'{target.name}'"), (target.key, f"a key of '{target.name}'")):
+                root = given.root if isinstance(given, Expression) else None
+                if not isinstance(root, Attribute) or not isinstance(root.value, Name) or root.value.name != "request":
+                    continue
+                if root.name in unsure:
+                    what = f"'request.{root.name}' may be absent, and {holds} is never nothing"
+                    self._note(root.at, what, f"write either(request.{root.name}, …) with what it is then")
 
     def _stored(self, targets: Iterable[tuple[Target, Value]]) -> None:
         for target, value in targets:
