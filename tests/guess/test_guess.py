@@ -82,8 +82,8 @@ def test_little_is_said_of_little(chunks: list[Chunk]) -> None:
 
 
 def test_made_up_protocols() -> None:
-    marks = [judged(draw_case(seed)) for seed in range(90)]
-    assert sum(one.framing for one in marks) >= 86
+    marks = [judged(draw_case(seed)) for seed in range(36)]
+    assert sum(one.framing for one in marks) >= 34
     checks = [one.check for one in marks if one.check is not None]
     assert sum(checks) >= 0.94 * len(checks)
     assert sum(len(one.wrong) for one in marks) <= 2
@@ -121,6 +121,7 @@ def test_connections_of_a_pcap_file_are_read(tmp_path: Path) -> None:
     assert [one[1:] for one in found] == [("out", b"ask"), ("in", b"told"), ("out", b" more"), ("out", b"!")]
 
 
+@pytest.mark.long
 def test_a_protocol_that_is_there_is_named() -> None:
     names = [one.name for one in known_protocols(polls(10))]
     assert "modbus-rtu" in names
