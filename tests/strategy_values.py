@@ -27,7 +27,7 @@ class Values:
 
     def text(self, least: int, most: int, hints: Hints, kind: FieldType) -> str | None:
         """Text of a length, with the letters that conditions ask for at their places."""
-        taken = self.forbidden + (kind.pad or b"") + (kind.end or b"") + kind.stops
+        taken = self.forbidden + (kind.pad or b"") + (kind.end or b"") + b"".join(kind.stops)
         alphabet = "".join(letter for letter in LETTERS if letter.encode() not in taken)
         least = max([least, *(place + 1 for place in hints.letters)])
         if least > most:

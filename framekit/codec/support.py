@@ -358,18 +358,18 @@ def unscaled(value: Any, factor: int, offset: int, places: int, least: int | Non
     return wire
 
 
-def find_stop(data: bytes | bytearray, stops: bytes, at: int, end: int) -> int:
-    """The place of the first of some bytes, -1 if none is there before `end`."""
-    found = -1
+def find_stop(data: bytes | bytearray, stops: bytes | tuple[bytes, ...], at: int, end: int) -> int:
+    """The first place of one of some bytes, or of one of some pieces; -1 if none is there before `end`."""
+    found, longest = -1, max(map(len, stops)) if isinstance(stops, tuple) else 1
     for stop in stops:
         place = data.find(stop, at, end)
-        if place >= 0:
-            found = end = place
+        if place >= 0 and (found < 0 or place < found):
+            found, end = place, min(end, place + longest - 1)
     return found
 
 
-def index_stop(data: bytes | bytearray, stops: bytes, at: int) -> int:
-    """The place of the first of some bytes. Raises ValueError if none is there."""
+def index_stop(data: bytes | bytearray, stops: bytes | tuple[bytes, ...], at: int) -> int:
+    """The first place of one of some bytes, or of one of some pieces. Raises ValueError if none is there."""
     place = find_stop(data, stops, at, len(data))
     if place < 0:
         raise ValueError("none of the ends is there")
@@ -482,12 +482,13 @@ def build_terminated(text: str, end: bytes) -> bytes:
     return data
 
 
-def build_stopped(text: str, stops: bytes) -> bytes:
-    """Text that ends before the first of the bytes `stops`. Raises ValueError if one of them stands in it."""
+def build_stopped(text: str, stops: bytes | tuple[bytes, ...]) -> bytes:
+    """Text that ends before the first of `stops`, bytes or pieces. Raises ValueError if one of them stands in it."""
     data = text.encode("latin-1")
-    for byte in stops:
-        if byte in data:
-            raise Unfit(f"{text!r} holds {byte:02X}, which ends it")
+    for stop in stops:
+        if stop in data:
+            shown = f"{stop:02X}" if isinstance(stop, int) else stop.hex(" ").upper()
+            raise Unfit(f"{text!r} holds {shown}, which ends it")
     return data
 
 

@@ -85,8 +85,8 @@ class FieldType:
 
     `size` is bytes on the wire (digits: places; bcd: bytes). `base` 16, 10 or 8 and `upper` are for digits, `pad` (one
     byte) for ascii, `form` for decimals. Mid-endian orders exist for integers and floats of 2, 4 and 8 bytes. Without a
-    size, the bytes `end` show where a text or decimal ends and belong to it, or it ends before the first of the bytes
-    `stops`, which are part of what follows. `scale`: of the number of the type `inside`, which stands on the wire.
+    size, the bytes `end` show where a text or decimal ends and belong to it, or it ends before the first place with one
+    of `stops`, which are part of what follows. `scale`: of the number of the type `inside`, which stands on the wire.
     """
 
     kind: str
@@ -97,7 +97,7 @@ class FieldType:
     upper: bool = True
     pad: bytes | None = None
     end: bytes | None = None
-    stops: bytes = b""
+    stops: tuple[bytes, ...] = ()
     form: DecimalForm | None = None
     scale: Scale | None = None
     inside: FieldType | None = None
@@ -115,7 +115,12 @@ class FieldType:
     def before_end(self) -> FieldType:
         """The type of what stands before its end."""
         inside = None if self.inside is None else self.inside.before_end
-        return replace(self, end=None, stops=b"", inside=inside)
+        return replace(self, end=None, stops=(), inside=inside)
+
+    @property
+    def has_long_stops(self) -> bool:
+        """Whether it ends before more than a single byte."""
+        return any(len(stop) > 1 for stop in self.stops)
 
     @property
     def sizes(self) -> Sizes:
@@ -164,7 +169,7 @@ class FieldType:
             return self.form.contents | frozenset(self.end or b"")
         if self.inside is not None:
             return self.inside.contents
-        return TYPE_KINDS[self.kind].contents - frozenset(self.stops)
+        return TYPE_KINDS[self.kind].contents - frozenset(stop[0] for stop in self.stops if len(stop) == 1)
 
     @property
     def bounds(self) -> tuple[int, int] | None:
@@ -176,6 +181,11 @@ class FieldType:
     def digit_bits(self) -> int:
         """Bits that one unit of the size holds."""
         return 4 if self.kind == "digits" else 8
+
+
+def shown_stops(stops: Iterable[bytes]) -> str:
+    """Bytes of which one ends something, in words."""
+    return " or ".join(stop.hex(" ").upper() for stop in dict.fromkeys(stops))
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,12 +259,18 @@ class TypeKeys:
             raise reader.broken(self.scalar.at, what, "use data: for it")
         return size
 
-    def ends(self) -> tuple[bytes | None, bytes]:
+    def ends(self) -> tuple[bytes | None, tuple[bytes, ...]]:
         """The bytes that `end` says, and those of a choice, which are left for what follows. Raises Broken."""
         reader, node = self.reader, self.keys.get("end")
         if not isinstance(node, Sequence):
-            return reader.maybe(reader.bytes, node), b""
-        return None, bytes(dict.fromkeys(reader.byte(item) for item in reader.items(node)))
+            return reader.maybe(reader.bytes, node), ()
+        stops = tuple(dict.fromkeys(reader.bytes(item) for item in reader.items(node)))
+        for one in stops:
+            for other in stops:
+                if 0 < other.find(one, 1) < len(other) - len(one):  # it would end the text before the other is there
+                    what = f"{one.hex(' ').upper()} stands within {other.hex(' ').upper()}, and would end it earlier"
+                    raise reader.broken(node.at, what, "leave one of them out")
+        return None, stops
 
     @property
     def upper(self) -> bool:
@@ -349,7 +365,7 @@ def _decimal(given: TypeKeys) -> FieldType:
         raise reader.broken(given.scalar.at, what, "add size: N, or end: BYTES")
     size = None if size_node is None else given.size()
     form = load_form(reader, given.keys, size)
-    held = form.contents & frozenset(end[:1] if end is not None else stops)
+    held = form.contents & frozenset(one[0] for one in ((end,) if end is not None else stops))
     if held and node is not None:
         what = f"{min(held):02X} may stand in the number itself, and cannot show its end"
         raise reader.broken(node.at, what, "correct end")
@@ -422,14 +438,14 @@ AS_HEX: Schema = {
     "description": "hex: the bytes of a signed number or a float stand as two hex digits each.",
 }
 ENDS: Schema = {
-    "description": "Bytes that end a text or decimal and belong to it; of a list the first one that comes ends it, and "
+    "description": "Bytes that end a text or decimal and belong to it; of a list the one that comes first ends it, and "
     "is part of what follows.",
     "type": ["array", "string", "integer", "number"],
-    "items": BYTE.schema,
+    "items": ref("bytes"),
     "minItems": 1,
     "if": {"type": "array"},
     "else": ref("bytes"),
-    "x-expected": "bytes (0D 0A), or a list of single ones ([2C, 2A])",
+    "x-expected": "bytes (0D 0A), or a list of them ([2C, 2A] or [0D 0A, 0A])",
 }
 TEXT_KEYS: Mapping[str, Schema] = {
     "pad": {**BYTE.schema, "description": "Byte that fills a shorter ascii text, or a decimal in front."},

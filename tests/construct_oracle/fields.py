@@ -148,13 +148,14 @@ class FieldConstruct(ValueSegment):
         wire = self.to_wire(value)
         if field.zero_means is not None and wire == 0 and value != field.zero_means:
             raise filling.error(name, f"'{name}' cannot be {value!r}: 0 on the wire means {field.zero_means}")
+        start = stream.tell()
         if field.long is not None and wire >= field.long.mark:
             write_wire(field.type, field.long.mark, name, filling, stream, context)
             write_wire(field.long.type, wire, name, filling, stream, context)
         else:
             write_wire(field.type, wire, name, filling, stream, context)
         if field.type.stops:
-            context._state.texts.append((field, stream, stream.tell()))
+            context._state.texts.append((field, stream, start, stream.tell()))
 
 
 def measured_value(segment: Field | Bits, name: str, filling: Filling, stream: BytesIO, context: Container) -> Any:

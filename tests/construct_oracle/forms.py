@@ -125,7 +125,7 @@ class Text(Adapter):
 class StoppedText(Adapter):
     """Latin-1 text up to one of some bytes, which is not read with it. Raises FormError for such a byte inside."""
 
-    def __init__(self, stops: bytes) -> None:
+    def __init__(self, stops: tuple[bytes, ...]) -> None:
         super().__init__(GreedyBytes)
         self.stops = stops
 
@@ -137,7 +137,7 @@ class StoppedText(Adapter):
             data = obj.encode("latin-1")
         except UnicodeError:
             raise FormError(f"{obj!r} has characters that are no bytes", path) from None
-        if set(data) & set(self.stops):
+        if any(stop in data for stop in self.stops):
             raise FormError(f"{obj!r} holds what ends it", path)
         return data
 

@@ -191,9 +191,10 @@ class FrameConstruct(Construct):
         except MissingName as error:
             raise ConstructEncodeError(prefix.rstrip("."), str(error), path) from None
         data = stream.getvalue()
-        for segment, written, place in writing.texts:
-            stops = b"" if segment.number_type is None else segment.number_type.stops
-            if written is stream and segment in self.open_texts and data[place : place + 1] not in _each(stops):
+        for segment, written, start, place in writing.texts:
+            stops = () if segment.number_type is None else segment.number_type.stops
+            ends = min((at for stop in stops if (at := data.find(stop, start)) >= 0), default=-1)
+            if written is stream and segment in self.open_texts and ends != place:
                 raise ConstructEncodeError(prefix + (segment.name or ""), f"'{segment.name}' does not end there", path)
         if self.frame.most is not None and len(data) > self.frame.most:
             raise ConstructEncodeError(
@@ -222,7 +223,3 @@ class FrameConstruct(Construct):
             stream.write(fill)
             context._state.leaf(fill)
         self.tail._build(filling, stream, context, path)
-
-
-def _each(data: bytes) -> tuple[bytes, ...]:
-    return tuple(bytes((byte,)) for byte in data)

@@ -277,14 +277,14 @@ class Reading(State):
 class Writing(State):
     """A frame being built. `measuring`: only sizes are asked for, so that checks need not be right.
 
-    `texts`: what ends before one of several bytes, with its stream and the place where it ended.
+    `texts`: what ends before one of several bytes, with its stream and the places where it began and ended.
     """
 
     def __init__(self, names: Names, measuring: bool = False) -> None:
         super().__init__(names)
         self.measuring = measuring
         self.later: list[Callable[[], None]] = []
-        self.texts: list[tuple[Segment, BytesIO, int]] = []
+        self.texts: list[tuple[Segment, BytesIO, int, int]] = []
 
     @contextmanager
     def deeper(self) -> Iterator[None]:

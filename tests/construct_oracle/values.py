@@ -58,12 +58,12 @@ def read_wire(type_: FieldType, stream: BytesIO, context: Container, place: Plac
 
 
 def _terminated(type_: FieldType, stream: BytesIO, reading: Reading, place: Place) -> bytes:
-    ends = (type_.end,) if type_.end is not None else tuple(bytes((byte,)) for byte in type_.stops)
+    ends = (type_.end,) if type_.end is not None else type_.stops
     start = stream.tell()
-    behind = 0 if type_.end is not None else 1  # what ends it is part of what follows
+    behind = 0 if type_.end is not None else max(map(len, ends))  # what ends it is part of what follows
     left = stream.read(max(reading.region.end + behind - start, 0))
     found = min((where for end in ends if (where := left.find(end)) >= 0), default=-1)
-    if found < 0:
+    if found < 0 or start + found > reading.region.end:
         raise reading.stop(place, "short", f"an end {ends!r}", left)
     taken = found + len(type_.end or b"")
     stream.seek(start + taken)

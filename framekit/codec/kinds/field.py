@@ -105,10 +105,12 @@ class FieldKind(TypedValueKind[Field]):
                 f" {longer.fixed_size}, {d.parse(longer, segment)}{behind_it}"
             )
         elif type_.is_delimited:
-            parse, end, find = d.parse(type_.before_end, segment), type_.end, ""
-            if end is None:
-                end, find = type_.stops, f", find={d.module.function('find_stop')}"
-            d.out.add(f"n.until({name}, {bytes_literal(end)}, {parse}{behind_it.removesuffix(')')}{find})")
+            parse, find = d.parse(type_.before_end, segment), ""
+            if type_.end is not None:
+                end = bytes_literal(type_.end)
+            else:
+                end, find = forms.stops_literal(type_), f", find={d.module.function('find_stop')}"
+            d.out.add(f"n.until({name}, {end}, {parse}{behind_it.removesuffix(')')}{find})")
         elif type_.size is None:
             size = f"lambda n: n.rest({d.behind(behind)}, {name})"
             d.out.add(f"n.field({name}, {size}, {d.parse(type_, segment)}{behind_it}")

@@ -63,6 +63,7 @@ from framekit.definition.model.segments import (
     Segment,
 )
 from framekit.definition.problems import DefinitionError
+from framekit.definition.wire_types import shown_stops
 
 Placed = tuple[Segment, Scope]
 """A segment and the scope its names belong to."""
@@ -160,23 +161,25 @@ def write_encoder(
 def texts_inside(segments: Iterable[Segment]) -> dict[tuple[str, ...], str]:
     """Texts in lists, cases and the like that end before one of several bytes: the path, and the bytes in words.
 
-    What follows such a text is known when the frame is built. Where nothing stands around it `region` sees to that.
+    What follows such a text is known when the frame is built. Where nothing stands around it, and the bytes are single
+    ones, `region` sees to that.
     """
-    found: dict[tuple[str, ...], bytes] = {}
+    found: dict[tuple[str, ...], tuple[bytes, ...]] = {}
 
     def look(segments: Iterable[Segment], path: tuple[str, ...], is_inside: bool) -> None:
         for segment in segments:
             of = segment.of if isinstance(segment, Repeat) else segment.number_type
             here = (*path, segment.name or "")
-            if isinstance(of, FieldType) and of.stops and (is_inside or isinstance(segment, Repeat)):
-                found[here] = found.get(here, b"") + of.stops
+            is_open = is_inside or isinstance(segment, Repeat)
+            if isinstance(of, FieldType) and of.stops and (is_open or of.has_long_stops):
+                found[here] = found.get(here, ()) + of.stops
             if segment.inner_record is not None:
                 look(segment.inner_record, here, True)
             for block in segment.blocks if segment.inner_record is None else ():
                 look(block, path, True)
 
     look(segments, (), False)
-    return {path: " or ".join(f"{one:02X}" for one in dict.fromkeys(stops)) for path, stops in found.items()}
+    return {path: shown_stops(stops) for path, stops in found.items()}
 
 
 def tail_of(module: Module, frame: Frame | None) -> tuple[Const, int | Segment] | None:
@@ -773,10 +776,12 @@ class EncodeWriter(FunctionWriter):
 
     def _may_go_on(self, segment: Segment, behind: list[Placed]) -> bool:
         """Whether what stands behind a text need not begin with one of the bytes before which that ends."""
-        stops = b"" if segment.number_type is None else segment.number_type.stops
+        type_ = segment.number_type
+        if type_ is None or not type_.stops or type_.has_long_stops:
+            return False
         first = behind[0][0] if behind else None
-        is_end = isinstance(first, Const) and first.when is None and first.data[0] in stops
-        return bool(stops) and first is not None and not is_end
+        is_end = isinstance(first, Const) and first.when is None and first.data[:1] in type_.stops
+        return first is not None and not is_end
 
     def _follows(self, ended: list[_Ended], texts: list[str], is_surely_there: bool) -> None:
         """The last bytes come behind texts whose ends are not certain; `is_surely_there`: there is one at least."""
@@ -795,13 +800,13 @@ class EncodeWriter(FunctionWriter):
     def _refuse_open(self, ended: list[_Ended]) -> None:
         """Refuses texts behind which none of the bytes stands before which they end: they would be read as longer."""
         for segment, scope, behind in ended:
-            stops = segment.number_type.stops if segment.number_type is not None else b""
+            assert segment.number_type is not None
+            stops = segment.number_type.stops
             first = behind[0] if len(behind) == 1 else f"({' or '.join(behind)})"
-            condition = f"{first}[:1] not in ({', '.join(bytes_literal(bytes((one,))) for one in stops)},)"
+            condition = f"{first}[:1] not in ({', '.join(map(bytes_literal, stops))},)"
             if segment.when is not None:
                 condition = f"{self.text(segment.when, scope, AND)} and {condition}"
-            shown = " or ".join(f"{one:02X}" for one in stops)
-            what = f"{segment.title} ends before {shown}, and something else follows it"
+            what = f"{segment.title} ends before {shown_stops(stops)}, and something else follows it"
             self.complain(condition, quoted(segment.name or ""), quoted(what))
         ended.clear()
 

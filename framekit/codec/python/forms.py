@@ -136,7 +136,7 @@ def _build_text(functions: Functions, type_: FieldType, wire: str, size: str) ->
     if type_.end is not None and type_.size is None:
         return f"{functions.function('build_terminated')}({wire}, {bytes_literal(type_.end)})"
     if type_.stops:
-        return f"{functions.function('build_stopped')}({wire}, {bytes_literal(type_.stops)})"
+        return f"{functions.function('build_stopped')}({wire}, {stops_literal(type_)})"
     if wire.startswith('"'):
         return bytes_literal(eval(wire).encode("latin-1"))
     pad = type_.pad if type_.end is None else (type_.pad or b"\0")
@@ -181,7 +181,12 @@ def find_end(functions: Functions, type_: FieldType, buffer: str, place: str) ->
     """Text of the place where a value ends that certain bytes delimit, which begins at `place`."""
     if type_.end is not None:
         return f"{buffer}.index({bytes_literal(type_.end)}, {place})"
-    return f"{functions.function('index_stop')}({buffer}, {bytes_literal(type_.stops)}, {place})"
+    return f"{functions.function('index_stop')}({buffer}, {stops_literal(type_)}, {place})"
+
+
+def stops_literal(type_: FieldType) -> str:
+    """The bytes before which a value ends: single ones in one piece, longer ones each by itself."""
+    return literal(type_.stops) if type_.has_long_stops else bytes_literal(b"".join(type_.stops))
 
 
 def _parse_decimal(functions: Functions, type_: FieldType, raw: str) -> str:

@@ -342,9 +342,9 @@ class MeasureWriter(FunctionWriter):
         if type_.end is not None:
             self.add(f"stop = {self.search(bytes_literal(type_.end), 'at', after, len(type_.end))}")
             return
-        resume = self.resume(after, 1)
+        resume = self.resume(after, max(map(len, type_.stops)))
         start = "at" if resume is None else f"max(at, {resume})"
-        self.add(f"stop = {self.module.function('find_stop')}(data, {bytes_literal(type_.stops)}, {start}, end)")
+        self.add(f"stop = {self.module.function('find_stop')}(data, {forms.stops_literal(type_)}, {start}, end)")
 
     # ---- what ends by what follows ------------------------------------------------------------------------
 

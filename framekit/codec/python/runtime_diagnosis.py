@@ -453,20 +453,21 @@ class Diagnosis:
     def until(
         self,
         name: str,
-        end: bytes,
+        end: Any,
         parse: Callable[[bytes], Any],
         refuse: int | None = None,
         find: Callable[..., int] | None = None,
         **rules: Any,
     ) -> None:
-        """A text up to the bytes that end it; `find`: of the first of them, which is part of what follows.
-
-        So in the last item of a list that may stand just behind the list.
+        """A text up to the bytes that end it; `find`: of the first of them, or of some pieces, which is part of what
+        follows. So in the last item of a list that may stand just behind the list.
         """
         start = self.begin(name)
-        stop = self.data.find(end, start, self.end) if find is None else find(self.data, end, start, self.end + 1)
-        if stop < 0:
-            shown = hex_text(end) if find is None else " or ".join(hex_text(bytes((byte,))) for byte in end)
+        ends = (end,) if find is None else tuple(bytes((one,)) if isinstance(one, int) else one for one in end)
+        limit = self.end if find is None else self.end + max(map(len, ends))
+        stop = self.data.find(end, start, limit) if find is None else find(self.data, end, start, limit)
+        if stop < 0 or stop > self.end:
+            shown = " or ".join(map(hex_text, ends))
             raise self.stop("short", name, f"the end {shown}", "none", refuse)
         raw = self.take(name, stop - start)
         self.at = stop if find is not None else stop + len(end)

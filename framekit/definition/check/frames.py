@@ -47,6 +47,7 @@ from framekit.definition.model.segments import (
     Wrap,
 )
 from framekit.definition.problems import Position, Problem, did_you_mean, plural
+from framekit.definition.wire_types import shown_stops
 
 
 def check_frame(protocol: Protocol, frame: Frame, ends: FrameEnds) -> list[Problem]:
@@ -381,7 +382,7 @@ class _LeftForOthers:
     def _behind(self, segments: Segments, after: tuple[Segments, ...]) -> Iterator[Problem]:
         """`after`: what may come behind these segments."""
         for place, segment in enumerate(segments):
-            stops = b"" if segment.number_type is None else segment.number_type.stops
+            stops = () if segment.number_type is None else segment.number_type.stops
             if not (stops or segment.blocks or segment.inner_record):
                 continue
             rest = tuple((*segments[place + 1 :], *one) for one in after)
@@ -392,11 +393,12 @@ class _LeftForOthers:
                 yield from self._behind(segment.members, (*again, *rest))
             problem = next((found for one in rest if (found := self._first(one, stops))), None) if stops else None
             if problem is not None:
-                shown = " or ".join(f"{byte:02X}" for byte in stops)
-                what = f"{segment.title} ends before {shown}, and {problem}"
+                what = f"{segment.title} ends before {shown_stops(stops)}, and {problem}"
                 yield Problem(segment.at, what, "put {field: NAME, type: u8} or a constant behind it")
 
-    def _first(self, segments: Segments, stops: bytes, surely: bool = False, is_all: bool = True) -> str | None:
+    def _first(
+        self, segments: Segments, stops: tuple[bytes, ...], surely: bool = False, is_all: bool = True
+    ) -> str | None:
         """What is wrong with the first byte of these segments, which is to be one of `stops`. `surely`: whatever
         values there are. `is_all`: nothing stands behind them.
         """
@@ -412,17 +414,19 @@ class _LeftForOthers:
             absent, surely = absent or f"{segment.title} may be absent or empty: ", True
         return f"{absent}nothing follows it" if is_all else None
 
-    def _begins(self, segment: Segment, stops: bytes, surely: bool) -> str | None:
+    def _begins(self, segment: Segment, stops: tuple[bytes, ...], surely: bool) -> str | None:
         """What is wrong with the first byte of one segment, if it is there and has one."""
         blocks = (segment.members,) if segment.is_record else () if segment.is_there_inside else segment.blocks
         if blocks:
             found = (self._first(block, stops, surely, False) for block in blocks)
             return next((one for one in found if one), None)
         if isinstance(segment, Const | Skip):
-            first = segment.data[0] if isinstance(segment, Const) else segment.fill[0]
-            return None if first in stops else f"what follows begins with {first:02X}"
-        own = b"" if segment.number_type is None else segment.number_type.stops
-        if surely or not (bytes_of((segment,), self.sizes.frames) - frozenset(own)) & frozenset(stops):
+            data = segment.data if isinstance(segment, Const) else segment.fill[:1]
+            fits = any(data[: len(stop)] == stop[: len(data)] for stop in stops)
+            return None if fits else f"what follows begins with {data[: max(map(len, stops))].hex(' ').upper()}"
+        own = () if segment.number_type is None else segment.number_type.stops
+        first = bytes_of((segment,), self.sizes.frames) - {stop[0] for stop in own if len(stop) == 1}
+        if surely or not first & {stop[0] for stop in stops}:
             return f"{segment.title} {'need not begin' if surely else 'never begins'} with that"
         return None
 
