@@ -35,7 +35,9 @@ class Choose(Segment):
 
     KEY: ClassVar[str] = "choose"
 
-    cases: Cases = key("cases", CASES, "Segments for each value, VALUE: [segments].")
+    cases: Cases = key(
+        "cases", CASES, "Segments for each value, VALUE: [segments]; one case for several values: 1, 2: [segments]."
+    )
     on: Expression = key("choose", EXPRESSION, "The value that decides.")
     otherwise: Segments | None = key("else", SEGMENTS, "Segments for any other value.", default=None)
 

@@ -6,13 +6,15 @@ beside the definition and among the shipped ones only. What the sections mean is
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from collections.abc import Mapping as MappingOf
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from typing import TypeVar
 
+from framekit.definition.expression import place_of
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar, is_cut, read_nodes, read_text, unread
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
@@ -97,8 +99,24 @@ class Documents:
             self.cut.update((problem.at.file, problem.at.line) for problem in problems if is_cut(problem))
             if not isinstance(node, Mapping):
                 raise Broken(str(path))
-            self.roots[path] = node
+            self.roots[path] = self._with_areas(node)
         return self.roots[path]
+
+    def _with_areas(self, root: Mapping) -> Mapping:
+        """The file with an entry of its own for each area of a list, `PV, SL: {…}`."""
+        areas = root.value("areas")
+        if not isinstance(areas, Mapping) or not any("," in entry.key.text for entry in areas.entries):
+            return root
+        found: dict[str, Entry] = {}
+        for entry in areas.entries:
+            for part in re.finditer(r"[^,\s]+", entry.key.text):
+                at = place_of(entry.key.at, part.start() + entry.key.quoted)
+                if part[0] in found:
+                    self.reader.note(at, f"there are two areas '{part[0]}'", "leave one of them out")
+                found[part[0]] = Entry(replace(entry.key, text=part[0], at=at), entry.value)
+        whole = Mapping(tuple(found.values()), areas.at, areas.flow)
+        entries = [entry.holding(whole) if entry.value is areas else entry for entry in root.entries]
+        return Mapping(tuple(entries), root.at, root.flow)
 
     def first_words(self, problems: list[Problem], file: Path | None = None) -> list[Problem]:
         """The problems sorted, each once; where the schema spoke, what loaders said of the same place is left out.
