@@ -21,7 +21,7 @@ from typing import Any
 from framekit.definition.model.checks import CheckMethod, crc_catalogue
 from framekit.guess.checks import code_of, cut_at
 from framekit.guess.guess import guess
-from framekit.guess.model import Chunk, Guess
+from framekit.guess.model import Guess, HeardBytes
 from framekit.guess.stuffing import StuffingError, plain_frame
 
 Code = Callable[[bytes], int]
@@ -205,7 +205,7 @@ class Case:
 
     seed: int
     made: Protocol
-    chunks: list[Chunk]
+    chunks: list[HeardBytes]
     good: list[bytes]
     fresh: list[bytes]
     is_damaged: bool
@@ -228,13 +228,13 @@ def draw_case(seed: int) -> Case:
                 place = rng.randrange(len(data))
                 data = data[:place] + bytes([data[place] ^ 1 << rng.randrange(8)]) + data[place + 1 :]
             frames.append((way if two_ways else "", data, is_good))
-    chunks: list[Chunk] = []
+    chunks: list[HeardBytes] = []
     now = 0
     for way, data, _ in frames:
         cut = rng.randrange(1, len(data)) if by_content and rng.random() < 0.05 and len(data) > 2 else 0
         for part in (data[:cut], data[cut:]) if cut else (data,):
             time_ = now if has_times else None
-            chunks.append(Chunk(time_, way, part))  # type: ignore[arg-type]
+            chunks.append(HeardBytes(time_, way, part))  # type: ignore[arg-type]
             now += len(part) * CHARACTER
         now += round(rng.uniform(5, 40) * CHARACTER)
     fresh = []

@@ -25,9 +25,9 @@ from framekit.definition.problems import DefinitionError, plural
 from framekit.definition.sources import shipped_definitions
 from framekit.guess.framing import cut_line
 from framekit.guess.guess import guess as guess
-from framekit.guess.model import Chunk as Chunk
 from framekit.guess.model import Direction, GuessedField
 from framekit.guess.model import Guess as Guess
+from framekit.guess.model import HeardBytes as HeardBytes
 from framekit.guess.pieces import joined, streams_of
 from framekit.guess.stuffing import plain_frame
 from framekit.guess.writing import definition_text
@@ -60,7 +60,7 @@ class HeardError(ValueError):
     """A file in which there are no bytes of a line, or that cannot be read."""
 
 
-def heard(path: Path) -> list[Chunk]:
+def heard(path: Path) -> list[HeardBytes]:
     """The bytes of a file, in their order. Raises HeardError.
 
     Captures of framekit (pcap and JSON lines), pcap files of TCP and UDP (needs dpkt), else hex text: a line for the
@@ -81,11 +81,11 @@ def heard(path: Path) -> list[Chunk]:
 _PCAPS = {bytes.fromhex(magic) for magic in ("a1b2c3d4", "d4c3b2a1", "a1b23c4d", "4d3cb2a1", "0a0d0d0a")}
 
 
-def _of_capture(path: Path, head: bytes) -> list[Chunk]:
+def _of_capture(path: Path, head: bytes) -> list[HeardBytes]:
     try:
         with CaptureReader(path) as reader:
             return [
-                Chunk(event.at, event.direction or "", event.data)
+                HeardBytes(event.at, event.direction or "", event.data)
                 for _, event in reader.events()
                 if event.kind == "data" and event.data
             ]
@@ -97,7 +97,7 @@ def _of_capture(path: Path, head: bytes) -> list[Chunk]:
     return chunks_of_pcap(path)
 
 
-def _of_text(path: Path, head: bytes) -> list[Chunk]:
+def _of_text(path: Path, head: bytes) -> list[HeardBytes]:
     try:
         text = head.decode("utf-8")
     except UnicodeDecodeError:
@@ -113,7 +113,7 @@ def _of_text(path: Path, head: bytes) -> list[Chunk]:
             raise HeardError(f"{path}:{number}:1: {what} – write 01 03 00 00, > 01 03, or with a time 0.500 > 01 03")
         time = None if match["time"] is None else round(float(match["time"]) * 1e9)
         way = _WAYS[match["way"].lower()] if match["way"] else ""
-        found.append(Chunk(time, way, bytes.fromhex(re.sub(r"[\s,:]", "", match["bytes"]))))
+        found.append(HeardBytes(time, way, bytes.fromhex(re.sub(r"[\s,:]", "", match["bytes"]))))
     return found
 
 
@@ -179,7 +179,7 @@ class KnownProtocol:
     of: int
 
 
-def explained(name: str | Path, chunks: Sequence[Chunk], client: Literal["in", "out"] = "out") -> KnownProtocol:
+def explained(name: str | Path, chunks: Sequence[HeardBytes], client: Literal["in", "out"] = "out") -> KnownProtocol:
     """How much of a line a definition reads. Raises DefinitionError."""
     protocol = load_protocol(name)
     good: list[bytes] = []
@@ -195,7 +195,10 @@ def explained(name: str | Path, chunks: Sequence[Chunk], client: Literal["in", "
 
 
 def _listen(
-    protocol: Protocol, chunks: Sequence[Chunk], client: Literal["in", "out"] | None, monitor: Callable[[Seen], None]
+    protocol: Protocol,
+    chunks: Sequence[HeardBytes],
+    client: Literal["in", "out"] | None,
+    monitor: Callable[[Seen], None],
 ) -> None:
     """Lets a definition hear the bytes; where no time is known there is a second between two pieces."""
     listener = Listener(protocol, compile_protocol(protocol), monitor, client=client)
@@ -207,7 +210,7 @@ def _listen(
     listener.ended(now + 1_000_000_000)
 
 
-def known_protocols(chunks: Sequence[Chunk]) -> list[KnownProtocol]:
+def known_protocols(chunks: Sequence[HeardBytes]) -> list[KnownProtocol]:
     """The shipped definitions with checks that read nearly all of a line, the best first."""
     few = _first_of(chunks, MOST_TRIED)
     found: list[KnownProtocol] = []
@@ -231,7 +234,7 @@ def known_protocols(chunks: Sequence[Chunk]) -> list[KnownProtocol]:
     return sorted(best.values(), key=lambda one: -one.covered)
 
 
-def _first_of(chunks: Sequence[Chunk], most: int) -> list[Chunk]:
+def _first_of(chunks: Sequence[HeardBytes], most: int) -> list[HeardBytes]:
     found, size = [], 0
     for chunk in chunks:
         found.append(chunk)
@@ -262,7 +265,7 @@ class Difference(NamedTuple):
     second: str
 
 
-def differences(one: Sequence[Chunk], two: Sequence[Chunk]) -> list[Difference]:
+def differences(one: Sequence[HeardBytes], two: Sequence[HeardBytes]) -> list[Difference]:
     """The bytes of frames, guessed from both together, that have other values in the second recording.
 
     Counters and checks differ always, and are left out.
@@ -298,14 +301,14 @@ def _of_field(kind: str, field: GuessedField, halves: list[list[bytes]]) -> Iter
             yield Difference(kind, place, field.name, *map(_some, values))
 
 
-class Reading(NamedTuple):
+class DefinitionReading(NamedTuple):
     """What a definition makes of recordings: in words, and for programs."""
 
     text: str
     data: dict[str, Any]
 
 
-def reading_of(name: str | Path, chunks: Sequence[Chunk]) -> Reading:
+def reading_of(name: str | Path, chunks: Sequence[HeardBytes]) -> DefinitionReading:
     """What of a line is frames of a definition, what is noise or bad, and how fields behave. Raises DefinitionError."""
     protocol = load_protocol(name)
     seen: list[Seen] = []
@@ -330,7 +333,7 @@ def reading_of(name: str | Path, chunks: Sequence[Chunk]) -> Reading:
             if told:
                 lines.append(f"{frame}.{key}: {told}")
                 data["fields"][f"{frame}.{key}"] = told
-    return Reading("\n".join(lines), data)
+    return DefinitionReading("\n".join(lines), data)
 
 
 def _behaviour(key: str, values: list[Any], columns: dict[str, list[Any]]) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from framekit.guess.model import Chunk, Direction
+from framekit.guess.model import Direction, HeardBytes
 
 SECOND = 1_000_000_000
 
@@ -22,7 +22,7 @@ class _Packet(NamedTuple):
     data: bytes
 
 
-def chunks_of_pcap(path: Path) -> list[Chunk]:
+def chunks_of_pcap(path: Path) -> list[HeardBytes]:
     """The bytes of the connections in their order; what was sent again counts once. Who speaks first is `out`.
 
     Raises NetworkCaptureError.
@@ -36,7 +36,7 @@ def chunks_of_pcap(path: Path) -> list[Chunk]:
             packets = list(_packets(dpkt, dpkt.pcap.UniversalReader(file)))
     except (OSError, ValueError, dpkt.dpkt.Error) as error:
         raise NetworkCaptureError(f"{path}: {error}") from None
-    found: list[Chunk] = []
+    found: list[HeardBytes] = []
     ways: dict[frozenset[Any], Any] = {}
     next_byte: dict[Any, int] = {}
     for packet in packets:
@@ -51,7 +51,7 @@ def chunks_of_pcap(path: Path) -> list[Chunk]:
                 data = data[again:]
             next_byte[packet.place] = (packet.sequence + len(packet.data)) % (1 << 32)
         if data:
-            found.append(Chunk(packet.time, way, data))
+            found.append(HeardBytes(packet.time, way, data))
     if not found:
         raise NetworkCaptureError(f"{path} has no bytes of TCP or UDP")
     return found

@@ -10,7 +10,7 @@ from framekit.cli.common import VerbError, WordsError, add, existing, print_json
 from framekit.definition.problems import plural
 
 if TYPE_CHECKING:
-    from framekit.api.guess import Chunk, Guess
+    from framekit.api.guess import Guess, HeardBytes
 
 FILES_HELP = "captures (pcap, JSON lines), pcap files of TCP or UDP, or hex text: a line for each frame"
 
@@ -53,7 +53,7 @@ def run_guess(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def heard_in(files: list[Path]) -> list[Chunk]:
+def heard_in(files: list[Path]) -> list[HeardBytes]:
     """The bytes of all files. Raises VerbError where there are none."""
     from framekit.api.guess import HeardError, heard
 

@@ -37,7 +37,7 @@ MOST_SOLVED = 4
 FLETCHER = "(((acc & 0xFF) + byte) & 0xFF) | ((((acc >> 8) + (acc & 0xFF) + byte) & 0xFF) << 8)"
 
 
-class Cut(NamedTuple):
+class CountedBytes(NamedTuple):
     """A frame at a place: the bytes that count, and the code."""
 
     data: bytes
@@ -90,7 +90,7 @@ def holds(check: CheckGuess, frame: bytes) -> bool:
     return cut is not None and cut.code == code_of(check, cut.data)
 
 
-def cut_at(place: CheckPlace, frame: bytes) -> Cut | None:
+def cut_at(place: CheckPlace, frame: bytes) -> CountedBytes | None:
     """What counts in a frame, and its code; None where it is too short, or has other signs than digits."""
     end = len(frame) - place.tail
     begin = end - place.size if place.at is None else place.at
@@ -114,7 +114,7 @@ def cut_at(place: CheckPlace, frame: bytes) -> Cut | None:
         if number is None:
             return None
         data = number
-    return Cut(data, int.from_bytes(raw, place.order))
+    return CountedBytes(data, int.from_bytes(raw, place.order))
 
 
 def _digits(text: bytes) -> bytes | None:
@@ -207,7 +207,7 @@ def _places(frames: Sequence[bytes], start: int, tail: int) -> Iterator[CheckPla
                     yield CheckPlace(size, order, at=at, stop=stop)
 
 
-def _cuts(place: CheckPlace, frames: Sequence[bytes]) -> list[Cut]:
+def _cuts(place: CheckPlace, frames: Sequence[bytes]) -> list[CountedBytes]:
     cuts = [cut_at(place, frame) for frame in frames]
     return list(dict.fromkeys(cut for cut in cuts if cut is not None))
 
@@ -238,7 +238,7 @@ def _plain_methods(width: int) -> tuple[tuple[CheckMethod, bool], ...]:
     return tuple((ready_methods()[name], "sum" in name) for name in names)
 
 
-def _simple(place: CheckPlace, cuts: Sequence[Cut], width: int, of: int) -> Iterator[CheckGuess]:
+def _simple(place: CheckPlace, cuts: Sequence[CountedBytes], width: int, of: int) -> Iterator[CheckGuess]:
     ones = (1 << width) - 1
     sample = cuts[:: max(1, len(cuts) // 12)][:12]
     for method, adds in _plain_methods(width):
@@ -261,7 +261,7 @@ def _simple(place: CheckPlace, cuts: Sequence[Cut], width: int, of: int) -> Iter
 
 
 def _mode(
-    cuts: Sequence[Cut], method: CheckMethod, adds: bool, complement: str, ones: int
+    cuts: Sequence[CountedBytes], method: CheckMethod, adds: bool, complement: str, ones: int
 ) -> tuple[int, int]:  # fmt: skip
     """The constant that most frames have between code and method, and how many do."""
     if not adds:
@@ -274,7 +274,13 @@ def _mode(
 
 
 def _simple_guess(
-    place: CheckPlace, cuts: Sequence[Cut], method: CheckMethod, constant: int, complement: str, held: int, of: int
+    place: CheckPlace,
+    cuts: Sequence[CountedBytes],
+    method: CheckMethod,
+    constant: int,
+    complement: str,
+    held: int,
+    of: int,
 ) -> Iterator[CheckGuess]:
     width, ones = method.width, (1 << method.width) - 1
     chance = width * (held - 1) - TRIED
@@ -297,7 +303,7 @@ def _changed(method: CheckMethod, **parameters: object) -> CheckMethod:
     return replace(method, name="own", **parameters)  # type: ignore[arg-type]
 
 
-def _is_copy(cuts: Sequence[Cut], share: float) -> bool:
+def _is_copy(cuts: Sequence[CountedBytes], share: float) -> bool:
     """Whether in so many frames a byte of the code goes with one byte of the frame alone, as of a counter that stands
     beside another one."""
     shortest = min(len(cut.data) for cut in cuts)
@@ -322,9 +328,9 @@ def _is_copy(cuts: Sequence[Cut], share: float) -> bool:
 # ---- CRCs -------------------------------------------------------------------------------------------------------
 
 
-def _pairs(cuts: Sequence[Cut]) -> list[tuple[Cut, Cut]]:
+def _pairs(cuts: Sequence[CountedBytes]) -> list[tuple[CountedBytes, CountedBytes]]:
     """Frames of one size that differ, each once."""
-    groups: dict[int, list[Cut]] = defaultdict(list)
+    groups: dict[int, list[CountedBytes]] = defaultdict(list)
     for cut in cuts:
         groups[len(cut.data)].append(cut)
     found = []
@@ -333,7 +339,7 @@ def _pairs(cuts: Sequence[Cut]) -> list[tuple[Cut, Cut]]:
     return found
 
 
-def _crcs(place: CheckPlace, cuts: Sequence[Cut], width: int, of: int) -> Iterator[CheckGuess]:
+def _crcs(place: CheckPlace, cuts: Sequence[CountedBytes], width: int, of: int) -> Iterator[CheckGuess]:
     pairs = _pairs(cuts)
     step = max(1, len(pairs) // MOST_PAIRS)
     some = pairs[::step][:MOST_PAIRS]
@@ -349,13 +355,13 @@ def _crcs(place: CheckPlace, cuts: Sequence[Cut], width: int, of: int) -> Iterat
             yield from _ready_in(place, cuts, alone, family, of)
 
 
-def _agree(family: Family, one: Cut, two: Cut) -> bool:
+def _agree(family: Family, one: CountedBytes, two: CountedBytes) -> bool:
     changed = bytes(a ^ b for a, b in zip(one.data, two.data, strict=True))
     return plain_crc(changed, *family) == one.code ^ two.code
 
 
 def _ready_in(
-    place: CheckPlace, cuts: Sequence[Cut], alone: Sequence[Cut], family: Family, of: int
+    place: CheckPlace, cuts: Sequence[CountedBytes], alone: Sequence[CountedBytes], family: Family, of: int
 ) -> Iterator[CheckGuess]:
     """Ready methods of a family, where frames of one size are too few."""
     for (other, init, xorout), name in _ready_crcs().items():
@@ -369,7 +375,7 @@ def _ready_in(
                 yield CheckGuess(place, ready_methods()[name], name, Evidence(held, of, chance))
 
 
-def _with_start(place: CheckPlace, cuts: Sequence[Cut], family: Family, of: int) -> Iterator[CheckGuess]:
+def _with_start(place: CheckPlace, cuts: Sequence[CountedBytes], family: Family, of: int) -> Iterator[CheckGuess]:
     """A family whose differences agree, with the registers that explain all sizes."""
     rests: dict[int, Counter[int]] = defaultdict(Counter)
     for cut in cuts:

@@ -37,27 +37,27 @@ SURE = 20.0
 """Bits of luck from which a counter, a count or a copy is sure."""
 
 
-class Shape(NamedTuple):
+class FrameShape(NamedTuple):
     """What of a plain frame belongs to its framing: bytes of the start mark, and bytes of check and end mark."""
 
     head: int
     tail: int
 
 
-class Pair(NamedTuple):
+class AskedTold(NamedTuple):
     """A request and its reply, as plain frames."""
 
     request: bytes
     reply: bytes
 
 
-def shape_of(framing: Framing, check: CheckGuess | None) -> Shape:
+def shape_of(framing: Framing, check: CheckGuess | None) -> FrameShape:
     """Where content begins, and what follows it."""
     has_marks = framing.kind in ("marks", "length")
     tail = len(framing.end) if has_marks else 0
     if check is not None and check.place.at is None:
         tail = max(tail, check.place.tail + check.place.size)
-    return Shape(len(framing.start) if has_marks else 0, tail)
+    return FrameShape(len(framing.start) if has_marks else 0, tail)
 
 
 def directed(frames: Sequence[HeardFrame], plain: Sequence[bytes]) -> tuple[list[str], float]:
@@ -85,16 +85,18 @@ def directed(frames: Sequence[HeardFrame], plain: Sequence[bytes]) -> tuple[list
     return ["" for _ in frames], 0.0
 
 
-def pairs_of(sides: Sequence[str], plain: Sequence[bytes]) -> list[Pair]:
+def pairs_of(sides: Sequence[str], plain: Sequence[bytes]) -> list[AskedTold]:
     """A frame of the client and the server's frame right behind it."""
     together = list(zip(sides, plain, strict=True))
-    return [Pair(one, two) for (first, one), (second, two) in pairwise(together) if (first, second) == CLIENT_SERVER]
+    return [
+        AskedTold(one, two) for (first, one), (second, two) in pairwise(together) if (first, second) == CLIENT_SERVER
+    ]
 
 
 CLIENT_SERVER = ("client", "server")
 
 
-def function_place(texts: Sequence[bytes], shape: Shape, known: set[int], likely: set[int]) -> int | None:
+def function_place(texts: Sequence[bytes], shape: FrameShape, known: set[int], likely: set[int]) -> int | None:
     """The byte of the head that goes with the form of frames, but for their counts; rather one of the likely ones."""
     shortest = min(len(text) for text in texts)
     before = _surprise(Counter(map(len, texts)))
@@ -168,7 +170,7 @@ def _known_places(framing: Framing, check: CheckGuess | None) -> set[int]:
     return places
 
 
-def _copies(pairs: Sequence[Pair], shape: Shape, known: set[int]) -> dict[int, Evidence]:
+def _copies(pairs: Sequence[AskedTold], shape: FrameShape, known: set[int]) -> dict[int, Evidence]:
     """Places of a reply that have what stands there in the request."""
     found: dict[int, Evidence] = {}
     if len(pairs) < LEAST_STEPS:
@@ -183,7 +185,7 @@ def _copies(pairs: Sequence[Pair], shape: Shape, known: set[int]) -> dict[int, E
 
 
 def fields_of(
-    texts: Sequence[bytes], shape: Shape, length: LengthField | None, check: CheckGuess | None,
+    texts: Sequence[bytes], shape: FrameShape, length: LengthField | None, check: CheckGuess | None,
     copies: dict[int, Evidence], *, is_reply: bool, function: int | None,
 ) -> tuple[GuessedField, ...]:  # fmt: skip
     """The fields of frames of one kind, from the first byte to the last. `function`: the byte that tells the kind."""

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import log2
 
-from framekit.guess.model import Chunk, Evidence, Framing, HeardFrame, LengthField, Order
-from framekit.guess.pieces import Stream, joined, streams_of
+from framekit.guess.model import Evidence, Framing, HeardBytes, HeardFrame, LengthField, Order
+from framekit.guess.pieces import PieceStream, joined, streams_of
 from framekit.guess.stuffing import StuffingError, find_stuffing, plain_frame
 
 MOST_MARK = 2
@@ -37,7 +37,7 @@ class CutLine:
     fit: float
 
 
-def framings_of(chunks: Sequence[Chunk]) -> list[CutLine]:
+def framings_of(chunks: Sequence[HeardBytes]) -> list[CutLine]:
     """What the framing may be, the most likely first; the last one takes the pieces as they came."""
     pieces = joined(chunks)
     streams = streams_of(pieces)
@@ -79,7 +79,7 @@ def _rank(cut: CutLine) -> tuple[float, ...]:
 # ---- cutting ----------------------------------------------------------------------------------------------------
 
 
-def cut_line(framing: Framing, streams: Sequence[Stream]) -> CutLine:
+def cut_line(framing: Framing, streams: Sequence[PieceStream]) -> CutLine:
     """The frames that a framing finds."""
     frames: list[tuple[int, int, HeardFrame]] = []
     covered = whole = bounds = hit = ends = hit_ends = 0
@@ -107,7 +107,7 @@ def cut_line(framing: Framing, streams: Sequence[Stream]) -> CutLine:
     return CutLine(framing, tuple(one for _, _, one in frames), whole - covered, fit)
 
 
-def cut_stream(framing: Framing, stream: Stream) -> list[tuple[int, int]]:
+def cut_stream(framing: Framing, stream: PieceStream) -> list[tuple[int, int]]:
     """Where frames begin and end in a stream; what is between them is noise."""
     if framing.kind == "pauses":
         return [(start, start + len(piece)) for start, piece in zip(stream.starts, stream.pieces, strict=True)]
@@ -219,7 +219,7 @@ def _often(mark: bytes, texts: Sequence[bytes]) -> bool:
     return bool(mark) and sum(text.count(mark) for text in texts) >= 2 * FEW
 
 
-def _hypotheses(texts: Sequence[bytes], streams: Sequence[Stream]) -> Iterator[Framing]:
+def _hypotheses(texts: Sequence[bytes], streams: Sequence[PieceStream]) -> Iterator[Framing]:
     start, end = _common(texts)
     starts = [start[:size] for size in range(min(MOST_MARK, len(start)), -1, -1)]
     ends = [end[len(end) - size :] for size in range(min(MOST_MARK, len(end)), 0, -1)]
@@ -241,7 +241,7 @@ def _hypotheses(texts: Sequence[bytes], streams: Sequence[Stream]) -> Iterator[F
         yield Framing("fixed", start[:MOST_MARK], fixed=usual)
 
 
-def _with_stuffing(framing: Framing, streams: Sequence[Stream]) -> Iterator[Framing]:
+def _with_stuffing(framing: Framing, streams: Sequence[PieceStream]) -> Iterator[Framing]:
     """As it is, and with the stuffing that its content shows."""
     start, end = framing.start, framing.end
     if len(end) == 2 and len(start) == 2 and start[0] == end[0] and start != end:
@@ -296,7 +296,7 @@ def _fields(offsets: int) -> Iterator[LengthField]:
             yield LengthField(offset, width, "big", 0, form="hex")
 
 
-def _lengths_of_stream(streams: Sequence[Stream]) -> Iterator[LengthField]:
+def _lengths_of_stream(streams: Sequence[PieceStream]) -> Iterator[LengthField]:
     """Numbers that lead from frame to frame through streams whose pieces say little."""
     found: list[tuple[float, LengthField]] = []
     for length in _fields(LARGEST_OFFSET):
@@ -310,7 +310,7 @@ def _lengths_of_stream(streams: Sequence[Stream]) -> Iterator[LengthField]:
         yield length
 
 
-def _worth(length: LengthField, streams: Sequence[Stream]) -> float:
+def _worth(length: LengthField, streams: Sequence[PieceStream]) -> float:
     """How much of the streams it leads through, while frames begin alike; 0: it leads nowhere."""
     heads: list[bytes] = []
     empty = 0

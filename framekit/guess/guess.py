@@ -14,11 +14,11 @@ from framekit.guess.framing import SURE as SURE_FRAMING
 from framekit.guess.framing import CutLine, framings_of
 from framekit.guess.model import (
     CheckGuess,
-    Chunk,
     Evidence,
     FrameKind,
     Framing,
     Guess,
+    HeardBytes,
     HeardFrame,
     LengthField,
     Statement,
@@ -34,7 +34,7 @@ MOST_CHECKED = 400
 """Frames in which a check is looked for."""
 
 
-def guess(chunks: Sequence[Chunk]) -> Guess:
+def guess(chunks: Sequence[HeardBytes]) -> Guess:
     """What can be said of these bytes, in the order in which they came. Nothing is said of none."""
     found = Guess(chunks)
     if not any(chunk.data for chunk in chunks):
@@ -58,7 +58,7 @@ def guess(chunks: Sequence[Chunk]) -> Guess:
     return found
 
 
-def _cut_and_check(chunks: Sequence[Chunk]) -> tuple[CutLine, list[bytes | None], CheckGuess | None]:
+def _cut_and_check(chunks: Sequence[HeardBytes]) -> tuple[CutLine, list[bytes | None], CheckGuess | None]:
     """The likeliest framing in whose frames there is a check; without any, the likeliest one."""
     first: tuple[CutLine, list[bytes | None]] | None = None
     cuts = framings_of(chunks)

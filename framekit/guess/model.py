@@ -15,7 +15,7 @@ Form = Literal["binary", "hex"]
 """How a number stands on the wire: as bytes, or as two hex digits (ASCII) for each byte."""
 
 
-class Chunk(NamedTuple):
+class HeardBytes(NamedTuple):
     """Bytes that came together: the time of the first (ns; None where nothing tells it), the way, and the bytes."""
 
     time: int | None
@@ -188,7 +188,7 @@ class FrameKind:
 class Guess:
     """What is said of a line."""
 
-    chunks: Sequence[Chunk]
+    chunks: Sequence[HeardBytes]
     framing: Framing | None = None
     frames: list[HeardFrame] = field(default_factory=list)
     noise: int = 0

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from framekit.guess.model import Chunk, Direction
+from framekit.guess.model import Direction, HeardBytes
 
 SPEEDS = (300, 600, 1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200, 230400, 460800, 921600)
 BITS = (10, 11, 12)
@@ -19,7 +19,7 @@ SECOND = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Stream:
+class PieceStream:
     """All bytes that went one way. `starts`: where pieces begin, the first at 0; `times`: when those came, if known;
     `numbers`: which pieces of the whole line they are."""
 
@@ -40,7 +40,7 @@ class Stream:
         return bisect_right(self.starts, place) - 1
 
 
-def character_time(chunks: Sequence[Chunk]) -> tuple[float, int] | None:
+def character_time(chunks: Sequence[HeardBytes]) -> tuple[float, int] | None:
     """Nanoseconds of a character, where chunks follow each other without a pause at a usual speed; and whether times
     are those of first bytes (0), or of last ones (1). None where that cannot be seen."""
     pairs = [
@@ -70,11 +70,11 @@ def _usual_rate(rates: list[tuple[float, int]]) -> float | None:
     return None
 
 
-def joined(chunks: Sequence[Chunk]) -> list[Chunk]:
+def joined(chunks: Sequence[HeardBytes]) -> list[HeardBytes]:
     """Chunks between which there was no pause are one."""
     known = character_time(chunks)
-    found: list[Chunk] = []
-    before: Chunk | None = None
+    found: list[HeardBytes] = []
+    before: HeardBytes | None = None
     for chunk in chunks:
         if not chunk.data:
             continue
@@ -90,7 +90,7 @@ def joined(chunks: Sequence[Chunk]) -> list[Chunk]:
     return found
 
 
-def streams_of(pieces: Sequence[Chunk]) -> list[Stream]:
+def streams_of(pieces: Sequence[HeardBytes]) -> list[PieceStream]:
     """A stream for each way."""
     found = []
     for direction in dict.fromkeys(piece.direction for piece in pieces):
@@ -101,5 +101,5 @@ def streams_of(pieces: Sequence[Chunk]) -> list[Stream]:
             at += len(piece.data)
         times = tuple(piece.time for _, piece in own)
         data = b"".join(piece.data for _, piece in own)
-        found.append(Stream(direction, data, tuple(starts), times, tuple(number for number, _ in own)))
+        found.append(PieceStream(direction, data, tuple(starts), times, tuple(number for number, _ in own)))
     return found

@@ -14,7 +14,7 @@ from framekit.cli.main import main
 from framekit.codec.checks import compute
 from framekit.definition.model.checks import ready_methods
 from framekit.guess.guess import guess
-from framekit.guess.model import Chunk, Guess, LengthField
+from framekit.guess.model import Guess, HeardBytes, LengthField
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 from benchmarks.guess_score import draw_case, judged
@@ -26,9 +26,9 @@ def rtu(data: bytes) -> bytes:
     return data + compute(MODBUS, data).to_bytes(2, "little")
 
 
-def polls(count: int, one_wire: bool = False) -> list[Chunk]:
+def polls(count: int, one_wire: bool = False) -> list[HeardBytes]:
     """Modbus RTU of two stations, with three functions."""
-    rng, found = random.Random(1), list[Chunk]()
+    rng, found = random.Random(1), list[HeardBytes]()
     for at in range(count):
         head = bytes([rng.choice([1, 2]), rng.choice([3, 3, 4, 6])])
         size = rng.randrange(1, 9)
@@ -37,8 +37,8 @@ def polls(count: int, one_wire: bool = False) -> list[Chunk]:
             asked = asked[:4] + size.to_bytes(2, "big")
             told = head + bytes([2 * size]) + bytes(rng.randrange(256) for _ in range(2 * size))
         now = at * 100_000_000
-        found.append(Chunk(now, "" if one_wire else "out", rtu(asked)))
-        found.append(Chunk(now + 20_000_000, "" if one_wire else "in", rtu(told)))
+        found.append(HeardBytes(now, "" if one_wire else "out", rtu(asked)))
+        found.append(HeardBytes(now + 20_000_000, "" if one_wire else "in", rtu(told)))
     return found
 
 
@@ -59,7 +59,7 @@ def test_a_stream_without_pieces_is_cut_by_its_length_field() -> None:
     for at in range(60):
         inner = bytes([1, 3]) + bytes(rng.randrange(256) for _ in range(rng.choice([4, 7, 11])))
         data += at.to_bytes(2, "big") + b"\0\0" + len(inner).to_bytes(2, "big") + inner
-    found = guess([Chunk(None, "in", data)])
+    found = guess([HeardBytes(None, "in", data)])
     assert found.framing is not None and len(found.frames) == 60
     length = found.framing.length
     assert length is not None and length.end == LengthField(4, 2, "big", 6).end and length.plus == 6
@@ -75,8 +75,10 @@ def test_frames_in_two_pieces_are_put_together_where_the_check_says_so() -> None
     assert [frame.data for frame in guess(chunks).frames] == [chunk.data for chunk in polls(40)]
 
 
-@pytest.mark.parametrize("chunks", [[], [Chunk(0, "", b"")], [Chunk(0, "", b"A")], [Chunk(None, "in", bytes(9))] * 3])
-def test_little_is_said_of_little(chunks: list[Chunk]) -> None:
+@pytest.mark.parametrize(
+    "chunks", [[], [HeardBytes(0, "", b"")], [HeardBytes(0, "", b"A")], [HeardBytes(None, "in", bytes(9))] * 3]
+)
+def test_little_is_said_of_little(chunks: list[HeardBytes]) -> None:
     found = guess(chunks)
     assert not any(one.is_sure for one in found.statements) and found.check is None
 
@@ -93,7 +95,7 @@ def test_hex_text_is_read(tmp_path: Path) -> None:
     path = tmp_path / "heard.txt"
     path.write_text("# a line\n> 01 03\n1.5 < 0103,0A\n\n02:04 tx\n".replace("02:04 tx", "tx: 02:04"), "utf-8")
     assert heard(path) == [
-        Chunk(None, "out", b"\1\3"), Chunk(1_500_000_000, "in", b"\1\3\n"), Chunk(None, "out", b"\2\4"),
+        HeardBytes(None, "out", b"\1\3"), HeardBytes(1_500_000_000, "in", b"\1\3\n"), HeardBytes(None, "out", b"\2\4"),
     ]  # fmt: skip
     path.write_text("02 54 31\n0254 31\n", "utf-8")  # a first byte is no time
     assert [one.data for one in heard(path)] == [b"\x02T1", b"\x02T1"]
@@ -125,7 +127,7 @@ def test_connections_of_a_pcap_file_are_read(tmp_path: Path) -> None:
 def test_a_protocol_that_is_there_is_named() -> None:
     names = [one.name for one in known_protocols(polls(10))]
     assert "modbus-rtu" in names
-    assert known_protocols([Chunk(None, "", bytes(range(1, 99)))]) == []
+    assert known_protocols([HeardBytes(None, "", bytes(range(1, 99)))]) == []
 
 
 def test_a_definition_is_written_checked_and_read_back(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -169,7 +171,7 @@ def test_nothing_is_stuffed_where_marks_explain_all() -> None:
         b"\xeb\x90" + bytes(rng.randrange(256) for _ in range(rng.choice([4, 7, 9]))) + b"\xaa" for _ in range(60)
     ]
     for frames in (texts, words, framed):
-        found = guess([Chunk(None, "", frame) for frame in frames])
+        found = guess([HeardBytes(None, "", frame) for frame in frames])
         assert found.framing is not None and found.framing.stuffing is None
         assert [frame.data for frame in found.frames] == frames
 
@@ -180,7 +182,7 @@ def test_a_counter_is_as_wide_as_its_carries_show() -> None:
     def counters(first: int, width: int) -> list[tuple[int, int]]:
         numbers = [(first + at).to_bytes(4, "big")[4 - width :] for at in range(60)]
         frames = [b"\x02" + number + b"\x07" + bytes([rng.randrange(256)]) for number in numbers]
-        found = guess([Chunk(None, "", frame) for frame in frames])
+        found = guess([HeardBytes(None, "", frame) for frame in frames])
         return [(one.offset, one.size) for kind in found.kinds for one in kind.fields if one.kind == "counter"]
 
     assert counters(10, 1) == [(1, 1)]
@@ -191,17 +193,17 @@ def test_a_counter_is_as_wide_as_its_carries_show() -> None:
 def test_a_port_that_hears_both_sides_is_one_wire() -> None:
     chunks = [chunk._replace(direction="in") for chunk in polls(40)]
     assert of_one_direction(guess(chunks)) == ["asked", "told_03", "told_04", "told_06"]
-    alone = [Chunk(at * 10_000_000, "in", rtu(bytes([7, at, 3, at * 7 & 255]))) for at in range(40)]
+    alone = [HeardBytes(at * 10_000_000, "in", rtu(bytes([7, at, 3, at * 7 & 255]))) for at in range(40)]
     assert of_one_direction(guess(alone)) == ["frame"]
 
 
 def test_data_of_varying_size_is_compared_byte_by_byte() -> None:
     rng = random.Random(10)
 
-    def recording(pump: int) -> list[Chunk]:
+    def recording(pump: int) -> list[HeardBytes]:
         sizes = [rng.choice([2, 5]) for _ in range(40)]
         return [
-            Chunk(None, "", rtu(bytes([0xA5, size, pump]) + bytes(rng.randrange(256) for _ in range(size))))
+            HeardBytes(None, "", rtu(bytes([0xA5, size, pump]) + bytes(rng.randrange(256) for _ in range(size))))
             for size in sizes
         ]
 

@@ -10,12 +10,12 @@ import pytest
 
 from framekit.guess.checks import cut_at
 from framekit.guess.guess import guess
-from framekit.guess.model import Chunk, Direction, Guess
+from framekit.guess.model import Direction, Guess, HeardBytes
 
 
 def said_of(frames: Sequence[bytes], ways: tuple[Direction, Direction] = ("", "")) -> Guess:
     """What is said of frames that came one by one, without times; two ways: they take turns."""
-    return guess([Chunk(None, ways[at % 2], bytes(frame)) for at, frame in enumerate(frames)])
+    return guess([HeardBytes(None, ways[at % 2], bytes(frame)) for at, frame in enumerate(frames)])
 
 
 def check_of(found: Guess) -> tuple[str, int, str]:
