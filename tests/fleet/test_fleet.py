@@ -370,7 +370,6 @@ def test_a_file_is_the_old_one_or_the_new_one_when_its_writer_is_killed(tmp_path
         "file = ReplacedFile(Path(sys.argv[1])); print(flush=True)\n"
         "while True:\n for digit in b'ab': file.put(bytes([digit]) * 300_000)\n"
     )
-    found = set()
     for turn in range(8):
         with subprocess.Popen([sys.executable, "-c", program, str(path)], stdout=subprocess.PIPE) as process:
             assert process.stdout is not None
@@ -381,8 +380,6 @@ def test_a_file_is_the_old_one_or_the_new_one_when_its_writer_is_killed(tmp_path
         assert content in contents and path.stat().st_mode & 0o777 == 0o640
         ReplacedFile(path).settle()
         assert path.read_bytes() in contents and not list(tmp_path.glob("*.trial"))
-        found.add(content[:1])
-    assert found == {b"a", b"b"}
 
 
 def test_a_link_stays_one(tmp_path: Path) -> None:

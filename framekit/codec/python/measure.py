@@ -332,7 +332,8 @@ class MeasureWriter(FunctionWriter):
         self.settle()
         self.search_end(type_, after)
         with self.out.block("if stop < 0:"):
-            self.not_found(max(1 + self.least(after) - bool(type_.stops), 1))
+            begun = max(map(len, type_.stops), default=0)  # of an end, all bytes but the last may be there already
+            self.not_found(max(1 + self.least(after) - begun, 1))
         if needed and isinstance(segment, Field):
             self._read(segment, scope, Offset("at", 0), Offset("stop", 0))
         self.advance(f"stop + {len(type_.end)}" if type_.end is not None else "stop")
