@@ -24,6 +24,7 @@ from framekit.guess.model import (
     LengthField,
     Order,
 )
+from framekit.guess.texts import is_text, with_texts
 
 HEAD = 12
 """So many bytes of a frame's head are looked at one by one."""
@@ -212,9 +213,10 @@ def fields_of(
     if longest > shortest:
         while found and found[-1].kind == "unknown":
             at = found.pop().offset
-        found.append(
-            GuessedField("data", at, 0, "value", f"{shortest - shape.tail - at} to {longest - shape.tail - at} bytes")
-        )
+        about = f"{shortest - shape.tail - at} to {longest - shape.tail - at} bytes"
+        kind: FieldKind = "text" if is_text([text[at : len(text) - shape.tail] for text in texts]) else "value"
+        found.append(GuessedField("data", at, 0, kind, about))
+    found = with_texts(found, texts)
     if check is not None and check.place.at is None:
         found.append(
             GuessedField("check", -(check.place.tail + check.place.size), check.place.size, "check", check.name)
@@ -299,6 +301,6 @@ def _merged(fields: Sequence[GuessedField], texts: Sequence[bytes]) -> list[Gues
 def _named(field: GuessedField, names: Counter[str]) -> GuessedField:
     """With a name of its own."""
     names[field.name] += 1
-    many = names[field.name] > 1 or field.name in ("unknown", "constant")
+    many = names[field.name] > 1 or field.name in ("unknown", "constant", "text")
     name = f"{field.name}_{names[field.name]}" if many else field.name
     return replace(field, name=name)

@@ -150,7 +150,7 @@ class CheckGuess:
 
 
 FieldKind = Literal[
-    "constant", "counter", "address", "function", "length", "count", "copy", "check", "value", "unknown"
+    "constant", "counter", "address", "function", "length", "count", "copy", "check", "text", "value", "unknown"
 ]
 
 

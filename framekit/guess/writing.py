@@ -120,15 +120,14 @@ def _segments(kind: FrameKind, framing: Framing, check: CheckGuess | None) -> It
     """A segment for each field."""
     sized = next((field for field in kind.fields if field.kind in ("length", "count")), None)
     for field in kind.fields:
-        about = f"  # {field.about}" if field.about and field.kind in ("unknown", "counter", "copy") else ""
+        about = f"  # {field.about}" if field.about and field.kind in ("unknown", "counter", "copy", "text") else ""
         match field.kind:
             case "constant" if field.name in ("start", "end", "function") or field.is_mark:
                 yield f"{{const: {field.about}}}"
             case "length" | "count" if field is sized:
                 yield _length(field, kind, framing)
-            case "value" if field.name == "data":
-                size = "rest" if sized is None else _size_of_data(sized, kind, framing)
-                yield f"{{data: data, size: {size}}}{about}"
+            case "value" | "text" if field.size == 0:
+                yield f"{_data(field, kind, framing, sized)}{about}"
             case "check":
                 yield _check(field, kind, framing, check)
             case "constant":
@@ -138,10 +137,20 @@ def _segments(kind: FrameKind, framing: Framing, check: CheckGuess | None) -> It
 
 
 def _plain(field: GuessedField) -> str:
+    if field.kind == "text":
+        return f"{{field: {field.name}, type: ascii, size: {field.size}}}"
     if field.size in (1, 2, 4):
         order = ", order: little" if "little" in field.about else ""
         return f"{{field: {field.name}, type: u{8 * field.size}{order}}}"
     return f"{{data: {field.name}, size: {field.size}}}"
+
+
+def _data(field: GuessedField, kind: FrameKind, framing: Framing, sized: GuessedField | None) -> str:
+    """Bytes of varying size; so is a text whose size no number says: the rest of a frame is bytes in the language."""
+    size = "rest" if sized is None else _size_of_data(sized, kind, framing)
+    if field.kind == "text" and sized is not None:
+        return f"{{field: {field.name}, type: ascii, size: {size}}}"
+    return f"{{data: {field.name}, size: {size}}}"
 
 
 def _length(field: GuessedField, kind: FrameKind, framing: Framing) -> str:
@@ -153,7 +162,8 @@ def _length(field: GuessedField, kind: FrameKind, framing: Framing) -> str:
         unit, plus = length.unit, length.plus
     else:
         wire, order, unit, plus = "u8", "", field.unit, field.plus
-    if not any(one.name == "data" for one in kind.fields):
+    data = next((one.name for one in kind.fields if not one.size), None)
+    if data is None:
         at = field.offset
         wires = {frame.data[at : at + field.size] for frame in kind.frames}
         if framing.stuffing is None and len(wires) == 1:
@@ -162,9 +172,9 @@ def _length(field: GuessedField, kind: FrameKind, framing: Framing) -> str:
     more = _around(kind) - plus
     if unit == 2:
         return f"{{field: {field.name}, type: {wire}{order}}}  # counts words" if more else (
-            f"{{length: {field.name}, type: {wire}{order}, of: [data], unit: words}}"
+            f"{{length: {field.name}, type: {wire}{order}, of: [{data}], unit: words}}"
         )  # fmt: skip
-    return f"{{length: {field.name}, type: {wire}{order}, of: [data]" + (f", plus: {more}" if more else "") + "}"
+    return f"{{length: {field.name}, type: {wire}{order}, of: [{data}]" + (f", plus: {more}" if more else "") + "}"
 
 
 def _size_of_data(field: GuessedField, kind: FrameKind, framing: Framing) -> str:
@@ -179,7 +189,7 @@ def _size_of_data(field: GuessedField, kind: FrameKind, framing: Framing) -> str
 
 def _around(kind: FrameKind) -> int:
     """Bytes of a frame beside its data."""
-    return sum(field.size for field in kind.fields if field.name != "data")
+    return sum(field.size for field in kind.fields)
 
 
 def _check(field: GuessedField, kind: FrameKind, framing: Framing, check: CheckGuess | None) -> str:
