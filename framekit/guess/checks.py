@@ -1,4 +1,4 @@
-"""The check of frames nobody told of: every place, every range, every method, and what holds in nearly all frames.
+"""The check of unknown frames: every place, every range, every method, and what holds in nearly all frames.
 
 Sums and exclusive ors are looked for with any constant, CRCs of the catalogue with any register at the start, others by
 algebra. Hypotheses are tried on a few pairs of frames first; what survives is held against all of them.
