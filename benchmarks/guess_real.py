@@ -97,7 +97,7 @@ def of(*places: int) -> frozenset[int]:
 
 
 RTU = RealTruth("Modbus RTU", rtu, counts=of(2, 5, 6), copies=of(0, 1, 2, 3, 4, 5))
-ASCII = RealTruth("Modbus ASCII", ended(b"\r\n"), counts=of(5, 6, 12, 13, 14), copies=of(*range(1, 13)))
+ASCII = RealTruth("Modbus ASCII", ended(b"\r\n"), counts=of(3, 6, 7), copies=of(*range(1, 7)))
 TCP = RealTruth(
     "Modbus TCP", number(4, 2, "big", 6), None, (4, 2, "big"), counters=of(0, 1), counts=of(5, 8, 11, 12),
     copies=of(*range(4), *range(6, 12)),

@@ -77,7 +77,10 @@ def _frame(kind: FrameKind, guess: Guess, has_sides: bool) -> Iterator[str]:
         keys.append("group: request")
     elif kind.side == "server" and has_sides:
         keys.append("from: server")
-        echoed = [field.name for field in kind.fields if field.kind == "copy"]
+        asked = [{field.name for field in one.fields} for one in guess.kinds if one.side == "client"]
+        echoed = [
+            field.name for field in kind.fields if field.kind == "copy" and all(field.name in names for names in asked)
+        ]
         if echoed:
             keys.append(f"echo: [{', '.join(echoed)}]")
     yield f"  {kind.name}:"
@@ -104,8 +107,8 @@ def _body(kind: FrameKind, framing: Framing, check: CheckGuess | None) -> Iterat
 def _wrap(framing: Framing) -> str:
     stuffing = framing.stuffing
     assert stuffing is not None
-    if stuffing.kind == "cobs":
-        return "cobs"
+    if stuffing.kind in ("cobs", "hex"):
+        return stuffing.kind
     if stuffing.kind == "doubled":
         return f"{{escape: {stuffing.escape:02X}}}"
     if stuffing.kind == "escape_xor":
@@ -203,10 +206,24 @@ def _check(field: GuessedField, kind: FrameKind, framing: Framing, check: CheckG
     first = len(framing.start) if framing.stuffing is not None else 0  # in a wrap its own content counts
     if place.at is not None:
         keys.append(f"over: {place.at + place.size + place.start}..{_last_counted(kind)}")
-    elif place.start != first:
-        named = [one.name for one in kind.fields if one.offset == place.start and not one.is_mark and one.size >= 0]
-        keys.append(f"over: {named[0] if named and named[0] != 'start' else place.start - first}..here")
+    elif place.start != first or place.stop:
+        named = [one.name for one in kind.fields if one.offset == place.start and not _is_unnamed(one, kind)]
+        begin = named[0] if named else str(place.start - first)
+        keys.append(f"over: {begin}..{_before_mark(kind, first) if place.stop else 'here'}")
     return "{" + ", ".join(keys) + "}"
+
+
+def _is_unnamed(field: GuessedField, kind: FrameKind) -> bool:
+    """Whether a field is a constant in the definition."""
+    is_fixed = field.kind in ("length", "count") and all(one.size for one in kind.fields)
+    return field.is_mark or field.name in ("start", "end", "function") or is_fixed
+
+
+def _before_mark(kind: FrameKind, first: int) -> str:
+    """The field before the bytes that do not count before a code, or its last byte."""
+    before = next(number for number, field in enumerate(kind.fields) if field.name == "mark") - 1
+    last = kind.fields[before]
+    return str(last.offset + last.size - 1 - first) if _is_unnamed(last, kind) else last.name
 
 
 def _last_counted(kind: FrameKind) -> str:
