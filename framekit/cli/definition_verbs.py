@@ -44,7 +44,7 @@ from framekit.cli.common import (
     why_not,
 )
 from framekit.codec.shown import code_text
-from framekit.definition.problems import no_such, plural
+from framekit.definition.problems import no_such, plural, printable
 
 if TYPE_CHECKING:
     from framekit import Seen
@@ -562,14 +562,29 @@ def _form(segment: Segment) -> str | None:
 def add_generate_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "what",
-        choices=("python", "diagram"),
-        help="python: a module of plain functions, usable without framekit; diagram: the sequences in Mermaid",
+        choices=("python", "c", "diagram"),
+        help="python: a module of plain functions, usable without framekit; c: a header and a source in C99, with"
+        " nothing to link; diagram: the sequences in Mermaid",
     )
     add(parser, "protocol")
-    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="where to write it; default: standard output")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="FILE",
+        help="where to write it; default: standard output; of c a directory",
+    )
+    parser.add_argument("--strict", action="store_true", help="c: exit status 1 if a frame is left out")
+    parser.add_argument(
+        "--max-bytes", type=int,
+        choices=range(1, 65_537), metavar="N", default=None,
+        help="c: bytes of a frame whose definition has no limit (default 1024)",
+    )  # fmt: skip
 
 
 def run_generate(arguments: argparse.Namespace) -> int:
+    if arguments.what == "c":
+        return _generate_c(arguments)
     protocol = load_codec(arguments.protocol).protocol
     if arguments.what == "python":
         from framekit.codec.python.generate import generate_source
@@ -587,6 +602,27 @@ def run_generate(arguments: argparse.Namespace) -> int:
     except OSError as error:
         raise VerbError(f"cannot write {why_not(error)}") from None
     return 0
+
+
+def _generate_c(arguments: argparse.Namespace) -> int:
+    """A header and a source in a directory; what is left out is told."""
+    from framekit.codec.c.generate import MOST_BYTES, generate
+
+    folder: Path | None = arguments.output
+    if folder is None:
+        raise VerbError("C is written into a directory – add -o DIR")
+    made = generate(load_codec(arguments.protocol).protocol, arguments.max_bytes or MOST_BYTES)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / f"{made.name}.h").write_text(made.header, encoding="ascii")
+        (folder / f"{made.name}.c").write_text(made.source, encoding="ascii")
+    except OSError as error:
+        raise VerbError(f"cannot write {why_not(error)}") from None
+    total = len(made.frames) + len(made.left_out)
+    print(f"{folder / made.name}.h, {folder / made.name}.c: {len(made.frames)} of {plural(total, 'frame')}")
+    for frame, problem in made.left_out:
+        print(printable(f"{problem.at}: frame '{frame}' is left out: {problem.what}"))
+    return 1 if arguments.strict and made.left_out else 0
 
 
 # ---- check and test -----------------------------------------------------------------------------------------

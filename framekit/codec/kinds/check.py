@@ -71,7 +71,7 @@ def _covered(d: DiagnosisWriter, check: Check, scope: Scope) -> str:
     if check.covers is None:
         return "n.data[: n.at]"
     parts = covered_parts(check, d.segments)
-    if check.span is not None and check.span[1] == "here" and parts[0] and _in_one_buffer(check, d.segments):
+    if check.span is not None and check.span[1] == "here" and parts[0] and in_one_buffer(check, d.segments):
         return f"n.bytes_from({quoted(covered_names(check, d.segments)[0])})"
     texts: list[str] = []
     for part in parts:
@@ -95,7 +95,7 @@ def _measured(m: MeasureWriter, check: Check, scope: Scope) -> str:
     return " + ".join(texts) or 'b""'
 
 
-def _in_one_buffer(check: Check, segments: Segments) -> bool:
+def in_one_buffer(check: Check, segments: Segments) -> bool:
     """Whether all that a check covers stands as it is in the buffer of the check."""
     first, *others = covered_names(check, segments)
     for buffer in _buffers(segments):

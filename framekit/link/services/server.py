@@ -218,14 +218,8 @@ class MemoryServer:
             self._rows.setdefault(row.matching.frame, []).append(row)
         errors = protocol.errors
         self._memory_codes = {} if errors is None else {n: compile_expression(e) for n, e in errors.memory.items()}
-        self._answers = [
-            (
-                None if row.when is None else compile_expression(row.when),
-                compile_value(row.frame, protocol, codec, self.shared.table),
-            )
-            for row in (() if errors is None else errors.answer)
-            if row.frame is not None
-        ]
+        answer = None if errors is None else errors.answer
+        self._answer = None if answer is None else compile_value(answer, protocol, codec, self.shared.table)
 
     def serve(self, request: FrameValue, buffer: bytes, station: Any, check_only: bool, names: Names) -> Served:
         """Does what a request asks for, or, with `check_only`, only says whether it would be refused.
@@ -329,13 +323,10 @@ class MemoryServer:
         return self._refused(request, self._memory_code("range", names), names, _trouble(request, error))
 
     def _refused(self, request: FrameValue, code: int, names: Names, trouble: str = "") -> Served:
-        known = Names({"code": code}, names)
+        if self._answer is None:
+            return Served(None, b"", code, trouble)
         try:
-            answers = (build for when, build in self._answers if when is None or when(known))
-            build = next(answers, None)
-            if build is None:
-                return Served(None, b"", code, trouble)
-            reply = build(known)
+            reply = self._answer(Names({"code": code}, names))
         except EVALUATION_ERRORS as error:
             return Served(None, b"", code, trouble or _trouble(request, error))
         self.shared.table.fill_echo(reply, request)

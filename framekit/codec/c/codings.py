@@ -1,0 +1,183 @@
+"""Wraps in C: how content is taken off the wire, and put on it; a row for each coding, by its class."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from framekit.codec.c.shared import put_code
+from framekit.codec.c.source import CannotSayError, CSource, string
+from framekit.definition.coding import Coding
+from framekit.definition.codings import Blocks, Cobs, Doubled, Escaped, Hex, Inserted, Plain, Short
+from framekit.definition.model.segments import Wrap
+
+
+def open_wrap(
+    r: Any, segment: Wrap, opened: str, room: str, capacity: int, fixed: int | None, has_content: str, here: Any
+) -> bool:
+    """Puts the content of the wire bytes of `opened` into the room; whether it may be that they hold none."""
+    coding = segment.coding
+    raw = f"{opened}.raw, {opened}.raw_size"
+    if isinstance(coding, Plain):
+        r.add(f"{opened}.data = {opened}.raw;", f"{opened}.end = {opened}.raw_size;")
+        r.add(f"{opened}.map = {r.file.helper('map_same')};")
+        return False
+    row = _OPEN.get(type(coding))
+    if row is None:
+        raise CannotSayError(segment.at, f"a wrap of the kind {coding.shown}")
+    map_, how, call = row(r, coding, fixed)
+    r.add(f"{opened}.data = {room};", f"{opened}.map = {r.file.helper(map_)};")
+    if how:
+        name = r.fresh("coding")
+        r.locals.append(f"static const struct fk_coding {name} = {{ {how} }};")
+        r.add(f"{opened}.how = &{name};")
+    bad = r.local("size_t", "bad_place")
+    reason = r.local("enum framekit_reason", "opened_as", "FRAMEKIT_OK")
+    r.add(f"{reason} = {call(raw, room, capacity, f'&{opened}.end, &{bad}')};")
+    with r.block(f"if ({reason} == FRAMEKIT_NO_ROOM)"):
+        r.add("notes->no_room = true;", r.leave())
+    if isinstance(coding, Blocks):
+        wrong = r.file.helper("wrong_check")
+        with r.block(f"if ({reason} == FRAMEKIT_CHECK)"):
+            r.add(f"{wrong}_at({r.n}, fk_wire({r.n}, {opened}.start + {bad}));")
+        other = f"else if ({reason} != FRAMEKIT_OK)"
+    else:
+        other = f"if ({reason} != FRAMEKIT_OK)"
+    with r.block(other):
+        r.add(f"{has_content} = false;", f"fk_note({r.n}, {reason}, {opened}.start + {bad}, -1);")
+    return True
+
+
+Call = Callable[[str, str, int, str], str]
+
+
+def _hex(r: Any, coding: Hex, fixed: int | None) -> tuple[str, str, Call]:
+    function = r.file.helper("open_hex")
+    return "map_hex", "", lambda raw, room, size, out: f"{function}({raw}, {room}, {size}, {out})"
+
+
+def _doubled(r: Any, coding: Doubled, fixed: int | None) -> tuple[str, str, Call]:
+    function = r.file.helper("open_doubled")
+    how = f"{coding.escape}, NULL, 0, 0, 0, 0"
+    return "map_escaped", how, lambda raw, room, size, out: f"{function}({raw}, {coding.escape}, {room}, {size}, {out})"
+
+
+def _cobs(r: Any, coding: Cobs, fixed: int | None) -> tuple[str, str, Call]:
+    function = r.file.helper("open_cobs")
+    return "map_cobs", "", lambda raw, room, size, out: f"{function}({raw}, {room}, {size}, {out})"
+
+
+def _inserted(r: Any, coding: Inserted, fixed: int | None) -> tuple[str, str, Call]:
+    function = r.file.helper("open_inserted")
+    pieces = f"{string(coding.after)}, {len(coding.after)}, {string(coding.insert)}, {len(coding.insert)}"
+    how = f"0, (const uint8_t *){string(coding.after)}, {len(coding.after)}, {len(coding.insert)}, 0, 0"
+    return "map_inserted", how, lambda raw, room, size, out: f"{function}({raw}, {pieces}, {room}, {size}, {out})"
+
+
+def _short(r: Any, coding: Short, fixed: int | None) -> tuple[str, str, Call]:
+    function = r.file.helper("open_short")
+    whole = fixed or 0
+    return (
+        "map_short",
+        "",
+        lambda raw, room, size, out: f"{function}({raw}, {coding.fill}, {coding.least}, {whole}, {room}, {out})",
+    )
+
+
+def _escaped(r: Any, coding: Escaped, fixed: int | None) -> tuple[str, str, Call]:
+    name = f"fk_open_escaped_{coding.escape:02x}_" + "_".join(f"{byte:02x}{code:02x}" for byte, code in coding.codes)
+    name += "" if coding.flip is None else f"_{coding.flip:02x}"
+    code = CSource()
+    header = (
+        f"static enum framekit_reason {name}(const uint8_t *raw, size_t size, uint8_t *to, size_t room, size_t *got,"
+        " size_t *bad)"
+    )
+    with code.block(header):
+        code.add("size_t at = 0;", "*got = 0;")
+        with code.block("while (at < size)"):
+            code.add("uint8_t byte = raw[at];", "bool right = true;", "*bad = at;")
+            with code.block("if (*got >= room)"):
+                code.add("return FRAMEKIT_NO_ROOM;")
+            with code.block(f"if (byte == {coding.escape})"):
+                with code.block("if (++at >= size)"):
+                    code.add("*got = 0;", "return FRAMEKIT_CONSTANT;")
+                with code.block("switch (raw[at])"):
+                    for plain, wire in coding.codes:
+                        code.add(f"case {wire}: byte = {plain}; break;")
+                    if coding.flip is None:
+                        code.add("default: right = false; break;")
+                    else:
+                        code.add(f"default: byte = (uint8_t)(raw[at] ^ {coding.flip}); break;")
+                never = sorted(coding.never)
+                if never:  # such a byte stands nowhere, not behind the escape byte either
+                    tests = " || ".join(f"raw[at] == {one}" for one in never)
+                    with code.block(f"if ({tests})"):
+                        code.add("right = false;")
+            never = sorted(coding.never)
+            if never:
+                tests = " || ".join(f"byte == {one}" for one in never)
+                with code.block(f"else if ({tests})"):
+                    code.add("right = false;")
+            with code.block("if (!right)"):
+                code.add("*got = 0;", "return FRAMEKIT_CONSTANT;")
+            code.add("to[(*got)++] = byte;", "at++;")
+        code.add("return FRAMEKIT_OK;")
+    r.file.function(name, code)
+    how = f"{coding.escape}, NULL, 0, 0, 0, 0"
+    return "map_escaped", how, lambda raw, room, size, out: f"{name}({raw}, {room}, {size}, {out})"
+
+
+def _blocks(r: Any, coding: Blocks, fixed: int | None) -> tuple[str, str, Call]:
+    check = coding.check_code
+    function, initial = r.file.checks.of(check.method, check.at)
+    name = f"fk_open_blocks_{coding.size}_{function.removeprefix('fk_check_')}_{check.form}_{check.order}_{check.size}"
+    code = CSource()
+    header = (
+        f"static enum framekit_reason {name}(const uint8_t *raw, size_t size, uint8_t *to, size_t room, size_t *got,"
+        " size_t *bad)"
+    )
+    with code.block(header):
+        code.add("size_t at = 0;", "enum framekit_reason found = FRAMEKIT_OK;", "*got = 0;")
+        with code.block("while (at < size)"):
+            whole = coding.size + check.size
+            code.add(f"uint8_t right[{check.size}];", "uint64_t code;")
+            code.add(f"size_t block = size - at < {whole} ? size - at : {whole};")
+            with code.block(f"if (block <= {check.size})"):
+                code.add("*got = 0;", "*bad = at;", "return FRAMEKIT_SHORT;")
+            code.add(f"block -= {check.size};")
+            with code.block("if (*got + block > room)"):
+                code.add("return FRAMEKIT_NO_ROOM;")
+            code.add(f"code = {function}(UINT64_C({initial}), 0, raw + at, block);")
+            writer = _Lines(r.file, code)
+            code.add(f"code = {r.file.checks.finished(check.method, 'code')};")
+            put_code(writer, check, "code", "right")
+            same = f"memcmp(right, raw + at + block, {check.size}) != 0"
+            if check.form in ("hex", "HEX"):
+                same = f"!{r.file.helper('same_digits')}(right, raw + at + block, {check.size})"
+            with code.block(f"if (found == FRAMEKIT_OK && {same})"):
+                code.add("found = FRAMEKIT_CHECK;", "*bad = at + block;")
+            code.add("memcpy(to + *got, raw + at, block);", "*got += block;", f"at += block + {check.size};")
+        code.add("return found;")
+    r.file.function(name, code)
+    how = f"0, NULL, 0, 0, {coding.size}, {check.size}"
+    return "map_blocks", how, lambda raw, room, size, out: f"{name}({raw}, {room}, {size}, {out})"
+
+
+class _Lines:
+    """A function by itself, as far as the writers of check codes ask it."""
+
+    def __init__(self, file: Any, code: CSource) -> None:
+        self.file = file
+        self.add = code.add
+        self.block = code.block
+
+
+_OPEN: dict[type[Coding], Callable[[Any, Any, int | None], tuple[str, str, Call]]] = {
+    Hex: _hex,
+    Doubled: _doubled,
+    Escaped: _escaped,
+    Cobs: _cobs,
+    Inserted: _inserted,
+    Short: _short,
+    Blocks: _blocks,
+}

@@ -1,0 +1,222 @@
+"""What the writers of all functions of C share: lines, locals, labels, where segments stand, numbers on the wire."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import Protocol
+
+from framekit.codec.c.checks import CheckFunctions
+from framekit.codec.c.expressions import CExpressionWriter, CFacts, CScope, Val
+from framekit.codec.c.layout import CStruct, Layouts
+from framekit.codec.c.source import CannotSayError, CSource, identifier
+from framekit.codec.python.facts import is_followed, names_asked_for
+from framekit.codec.python.function import covered_names, on_the_wire
+from framekit.definition.expression import Call, Expression, Name, walk
+from framekit.definition.model.frames import StaticSizes, everything, expressions_of
+from framekit.definition.model.segments import Check, FieldType, Inner, Length, Segment, Segments
+
+
+class FileFacts(CFacts, Protocol):
+    """What the writer of a function asks of the file that is being written."""
+
+    prefix: str
+    static: StaticSizes
+    layouts: Layouts
+    checks: CheckFunctions
+    context: str
+    """How functions declare the context as a parameter behind others; '' if nothing needs one."""
+    hand_on: str
+    """How it is handed on."""
+
+    def struct(self, frame: str) -> CStruct: ...
+    def frame_enum(self, frame: str) -> str: ...
+    def inner_reader(self, segment: Inner) -> str: ...
+    def function(self, name: str, code: CSource) -> None: ...
+    def order_of(self, frames: tuple[str, ...]) -> tuple[str, ...]: ...
+
+
+def order_of_bytes(type_: FieldType, size: int) -> list[int]:
+    """Where the bytes of a number stand, the most significant first."""
+    places = list(range(size))
+    if type_.order == "little":
+        return places[::-1]
+    if type_.order == "BADC":
+        return [place ^ 1 for place in places]
+    if type_.order == "CDAB":
+        back = places[::-1]
+        return [back[place ^ 1] for place in places]
+    return places
+
+
+class CFunctionWriter:
+    """One function: its lines, and what its locals are called."""
+
+    def __init__(self, file: FileFacts, segments: Segments) -> None:
+        self.file = file
+        self.static = file.static
+        self.segments = segments
+        self.out = CSource(1)
+        self.locals: list[str] = []
+        self.used: set[str] = set()
+        self.by_name = {segment.name: segment for segment in everything(segments) if segment.name}
+        self.by_value_name: dict[str, list[Segment]] = {}
+        for segment in everything(segments):
+            for name in segment.value_names:
+                self.by_value_name.setdefault(name, []).append(segment)
+        self.asked_by_name = names_asked_for(segments)
+        self.tracked = self._tracked()
+        self.spans: dict[str, str] = {}
+
+    def _tracked(self) -> set[str]:
+        """CNames of segments whose places are asked for."""
+        found: set[str] = set()
+        for segment in everything(self.segments):
+            if isinstance(segment, Check):
+                found.update(covered_names(segment, self.segments))
+            elif isinstance(segment, Length) and not is_followed(segment, self.segments):
+                found.update(segment.of)
+                found.update(self.wire_names(segment.of))
+        for expression in expressions_of(self.segments):
+            for node in walk(expression.root):
+                if isinstance(node, Call) and node.function == "len" and isinstance(node.arguments[0], Name):
+                    found.add(node.arguments[0].name)
+        return found
+
+    def wire_names(self, names: Iterable[str]) -> list[str]:
+        """The names of what takes bytes where these segments stand: a case, or what is optional, is what is in it."""
+        found: list[str] = []
+        for name in names:
+            every = [one for one in everything(self.segments) if one.name == name]
+            inside = any(one.has_cases for one in every)
+            found += [part.name or "" for part in on_the_wire(every)] if inside else [name]
+        return found
+
+    # ---- names --------------------------------------------------------------------------------------------
+
+    def fresh(self, name: str) -> str:
+        """A name that no other local has."""
+        base = identifier(name)
+        found, count = base, 1
+        while found in self.used:
+            count += 1
+            found = f"{base}{count}"
+        self.used.add(found)
+        return found
+
+    def local(self, type_: str, name: str, start: str = "0") -> str:
+        """A local of the whole function, with what it is at first."""
+        found = self.fresh(name)
+        self.locals.append(f"{type_} {found} = {start};")
+        return found
+
+    def span(self, name: str | None) -> str | None:
+        """The local with the place of a segment, if something asks for that."""
+        if name is None or name not in self.tracked:
+            return None
+        if name not in self.spans:
+            self.file.helper("spans")
+            self.spans[name] = self.local("struct fk_span", f"{name.strip('_')}_span", "{ NULL, 0, 0, false }")
+        return self.spans[name]
+
+    @contextmanager
+    def block(self, header: str, behind: str = "") -> Iterator[None]:
+        with self.out.block(header, behind):
+            yield
+
+    def add(self, *lines: str) -> None:
+        self.out.add(*lines)
+
+    def writer(self, scope: CScope) -> CExpressionWriter:
+        return CExpressionWriter(self.file, scope)
+
+    def number(self, expression: Expression, scope: CScope) -> Val:
+        return self.writer(scope).number(expression)
+
+    # ---- numbers on the wire ------------------------------------------------------------------------------
+
+    def read_number(self, type_: FieldType, raw: str, size: str, at: Segment) -> tuple[str, str]:
+        """The text of the number behind bytes; that of the condition under which they show none, if they may not."""
+        helper = self.file.helper
+        match type_.kind:
+            case "int" if type_.fixed_size is not None:
+                if type_.fixed_size > 8:
+                    raise CannotSayError(at.at, "a number of more than 64 bits")
+                parts = []
+                places = order_of_bytes(type_, type_.fixed_size)
+                for shift, place in zip(range(8 * (len(places) - 1), -1, -8), places, strict=True):
+                    byte = f"(uint64_t){raw}[{place}]"
+                    parts.append(f"{byte} << {shift}" if shift else byte)
+                text = f"({' | '.join(parts)})" if len(parts) > 1 else parts[0]
+                if type_.signed:
+                    return f"{helper('with_sign')}({text}, {8 * len(places)})", ""
+                return text, ""
+            case "int":
+                if type_.order not in ("big", "little"):
+                    raise CannotSayError(at.at, f"a number of computed size in the order {type_.order}")
+                little = "true" if type_.order == "little" else "false"
+                signed = "true" if type_.signed else "false"
+                got = self.number_local()
+                call = f"{helper('any_int')}({raw}, {size}, {little}, {signed}, &{got})"
+                return got, self._failing(call)
+            case "digits":
+                little = "true" if type_.order == "little" else "false"
+                got = self.number_local()
+                return got, self._failing(f"{helper('digits')}({raw}, {size}, {type_.base}, {little}, &{got})")
+            case "bcd":
+                little = "true" if type_.order == "little" else "false"
+                got = self.number_local()
+                return got, self._failing(f"{helper('bcd')}({raw}, {size}, {little}, &{got})")
+        raise CannotSayError(at.at, f"a number as '{type_.kind}'")
+
+    def number_local(self) -> str:
+        if "got" not in self.used:
+            self.local("uint64_t", "got")
+        return "got"
+
+    def _failing(self, call: str) -> str:
+        return call
+
+    def write_number(self, type_: FieldType, value: str, target: str, size: str, at: Segment) -> str:
+        """The statement that writes an int64_t as it stands on the wire."""
+        helper = self.file.helper
+        little = "true" if type_.order == "little" else "false"
+        match type_.kind:
+            case "int" if type_.order in ("big", "little"):
+                return f"{helper('put_int')}({target}, (uint64_t){value}, {size}, {little});"
+            case "int":
+                places = ", ".join(map(str, order_of_bytes(type_, type_.fixed_size or 2)))
+                return f"{helper('put_places')}({target}, (uint64_t){value}, {size}, (const uint8_t[]){{{places}}});"
+            case "digits":
+                upper = "true" if type_.upper else "false"
+                return f"{helper('put_digits')}({target}, (uint64_t){value}, {size}, {type_.base}, {little}, {upper});"
+            case "bcd":
+                return f"{helper('put_bcd')}({target}, (uint64_t){value}, {size}, {little});"
+        raise CannotSayError(at.at, f"a number as '{type_.kind}'")
+
+
+_ASSIGNED = re.compile(r"\s*(\w+)(\.\w+)*( = \1\.\w+)* = [^=].*;")
+
+
+def pruned(lines: list[str], locals_: list[str]) -> tuple[list[str], list[str]]:
+    """The lines and the declarations of locals without those that nothing reads."""
+    named = {found[1]: one for one in locals_ if (found := re.search(r"(\w+)(?:\[\])?(?: =.*)?;", one)) is not None}
+    lines = [line for line in lines if not (line.strip().startswith("(void)") and line.strip()[6:-1] in named)]
+    while True:
+        read: set[str] = set()
+        for line in lines:
+            words = re.findall(r"[A-Za-z_]\w*", line)
+            assigned = _ASSIGNED.fullmatch(line)
+            if assigned is not None and assigned[1] in named:
+                words = re.findall(r"[A-Za-z_]\w*", line[line.rindex(" = ") :])
+            read.update(words)
+        unread = named.keys() - read
+        if not unread:
+            break
+        left = [line for line in lines if (found := _ASSIGNED.fullmatch(line)) is None or found[1] not in unread]
+        if len(left) == len(lines) and not unread & named.keys():
+            break
+        lines = left
+        named = {name: one for name, one in named.items() if name not in unread}
+    return lines, [one for one in locals_ if one in set(named.values())]

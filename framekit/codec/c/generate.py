@@ -1,0 +1,571 @@
+"""The header and the source of a protocol in C, and what had to be left out of them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from framekit.codec.c import read_kinds  # noqa: F401 - fills the table of what is read
+from framekit.codec.c.checks import CheckFunctions
+from framekit.codec.c.expressions import LEAST, MOST, Val, constant
+from framekit.codec.c.layout import CMember, CStruct, Layouts, declare, inner_name
+from framekit.codec.c.reader import ReadWriter
+from framekit.codec.c.source import CannotSayError, CNames, CSource, comment, identifier, number, string
+from framekit.codec.evaluate import start_values
+from framekit.codec.python.choices import Leaf, Switch, in_order, tree_of
+from framekit.definition.expression import Attribute, Name, Node
+from framekit.definition.model.frames import Frame, StaticSizes, everything, flat
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.segments import Bits, Field, Inner
+from framekit.definition.model.values import Table
+from framekit.definition.problems import Problem
+
+MOST_BYTES = 1024
+"""Bytes of a frame whose definition has no limit."""
+REASONS = (
+    "check", "constant", "where", "digits", "value", "range", "require", "short", "too_long", "length", "surplus",
+)  # fmt: skip
+"""Why bytes are not a frame, by the words that framekit has for it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Generated:
+    """The two files, the frames in them, and what is left out: a problem for each frame."""
+
+    name: str
+    header: str
+    source: str
+    frames: tuple[str, ...]
+    left_out: tuple[tuple[str, Problem], ...]
+    structs: dict[str, CStruct]
+    prefix: str
+
+
+@cache
+def support_parts() -> dict[str, tuple[tuple[str, ...], str]]:
+    """The functions that C carries along: name → what each needs, its text."""
+    text = Path(__file__).with_name("support.c").read_text(encoding="ascii")
+    found = {}
+    for part in re.split(r"^/\*: ", text, flags=re.MULTILINE)[1:]:
+        head, _, body = part.partition(" */\n")
+        name, _, needs = head.partition(" needs ")
+        found[name] = tuple(needs.split()), body.strip() + "\n"
+    return found
+
+
+class CFile:
+    """Both files being written. It is what expressions and functions ask for names, tables, helpers, check codes."""
+
+    def __init__(self, protocol: Protocol, most: int = MOST_BYTES) -> None:
+        self.protocol = protocol
+        self.prefix = prefix_of(protocol.name)
+        self.static = StaticSizes(protocol.frames)
+        self.helpers: list[str] = []
+        self.functions: dict[str, CSource] = {}
+        self.checks = CheckFunctions(self)
+        self.layouts = Layouts(protocol.frames, self.static, self, most)
+        self.structs: dict[str, CStruct] = {}
+        self.names = CNames(f"the C of '{protocol.name}'")
+        self.start_values = start_values(protocol)
+        self.asked: dict[str, Val] = {}
+        self.context = ""
+        self.hand_on = ""
+        self.inner_structs: dict[tuple[str, ...], str] = {}
+        self.tables: dict[tuple[str, str], str] = {}
+
+    # ---- what the writers ask -----------------------------------------------------------------------------
+
+    def helper(self, name: str) -> str:
+        """The function of that name; it is carried along."""
+        if name not in self.helpers:
+            for needed in support_parts()[name][0]:
+                self.helper(needed)
+            self.helpers.append(name)
+        return f"fk_{name}"
+
+    def function(self, name: str, code: CSource) -> None:
+        self.functions.setdefault(name, code)
+
+    def struct(self, frame: str) -> CStruct:
+        return self.structs[frame]
+
+    def frame_enum(self, frame: str) -> str:
+        return f"{self.prefix}_{identifier(frame)}"
+
+    def order_of(self, frames: tuple[str, ...]) -> tuple[str, ...]:
+        return in_order(self.static, frames)
+
+    def given(self, node: Name) -> Val:
+        """A parameter, a state variable or a table. Raises CannotSayError for what only a running engine knows."""
+        name = node.name
+        if name in self.asked:
+            return self.asked[name]
+        if name in self.protocol.tables:
+            return Val("other", name)
+        parameter, state = self.protocol.params.get(name), self.protocol.state.get(name)
+        text = f"context->{identifier(name)}"
+        if parameter is not None and parameter.type in ("number", "flag") and parameter.is_ is None:
+            low, high = (0, 1) if parameter.type == "flag" else parameter.limits or (-(1 << 31), (1 << 31) - 1)
+            value = Val("number", f"(int64_t){text}", low, high)
+        elif state is not None and state.keys is None and re.fullmatch(r"[ui](8|16|24|32)|flag|number", state.type):
+            if state.type == "flag":
+                low, high = 0, 1
+            elif state.type == "number":
+                low, high = -(1 << 31), (1 << 31) - 1
+            else:
+                bits = int(state.type[1:])
+                low, high = (0, (1 << bits) - 1) if state.type[0] == "u" else (-(1 << bits - 1), (1 << bits - 1) - 1)
+            there = f"context->has_{identifier(name)}" if state.announced else ""
+            value = Val("number", f"(int64_t){text}", low, high, there)
+        elif parameter is not None and parameter.type in ("bytes", "choice", "text") and not parameter.secret:
+            value = Val("bytes", text)
+        else:
+            what = "parameter" if parameter else "state variable" if state else "name"
+            raise CannotSayError(node.at, f"the {what} '{name}', which C is not given")
+        if name not in self.start_values:
+            raise CannotSayError(node.at, f"'{name}' has no value to begin with")
+        self.asked[name] = value
+        return value
+
+    def lookup(self, node: Node, key: Val, default: Val | None) -> Val | None:
+        """An entry of a table: a number by a number."""
+        column = ""
+        if isinstance(node, Attribute):
+            return None
+        if not isinstance(node, Name) or node.name not in self.protocol.tables or key.kind != "number":
+            return None
+        table = self.protocol.tables[node.name]
+        function, low, high = self._table(node, table, column)
+        text = f"{function}({key.text}, NULL)"
+        if default is not None:
+            if default.kind == "none":
+                return Val("number", text, low, high, there=f"{function}_has({key.text})", wire="")
+            if default.kind != "number":
+                return None
+            low, high = min(low, default.low), max(high, default.high)
+            there = f"{function}_has({key.text})"
+            return Val("number", f"({there} ? {text} : {default.text})", low, high, wire=there)
+        fails = f"{function}({key.text}, &bad)"
+        return Val("number", fails, min(low, 0), max(high, 0), wire=f"{function}_has({key.text})")
+
+    def _table(self, node: Name, table: Table, column: str) -> tuple[str, int, int]:
+        rows: list[tuple[int, int, int]] = []
+        for key, value in [*table.entries.items()]:
+            if not isinstance(key, int) or not isinstance(value, int):
+                raise CannotSayError(node.at, f"the table '{table.name}', which holds more than numbers")
+            rows.append((key, key, value))
+        for first, last, value in table.ranges:
+            if not isinstance(value, int):
+                raise CannotSayError(node.at, f"the table '{table.name}', which holds more than numbers")
+            rows.append((first, last, value))
+        values = [value for _, _, value in rows]
+        keys = [one for first, last, _ in rows for one in (first, last)]
+        if not rows or min(values + keys) < LEAST or max(values + keys) > MOST:
+            raise CannotSayError(node.at, f"the table '{table.name}', whose numbers need more than 64 bits")
+        function = f"fk_table_{identifier(table.name)}"
+        if function not in self.functions:
+            code = CSource()
+            with code.block(f"static int64_t {function}(int64_t key, bool *bad)"):
+                with code.block(f"static const int64_t rows[{len(rows)}][3] =", ";"):
+                    for row in rows:
+                        code.add(f"{{ {', '.join(number(one) for one in row)} }},")
+                code.add("size_t i;")
+                search = f"for (i = 0; i < {len(rows)}; i++)"
+                with code.block(search), code.block("if (key >= rows[i][0] && key <= rows[i][1])"):
+                    code.add("return rows[i][2];")
+                with code.block("if (bad != NULL)"):
+                    code.add("*bad = true;")
+                code.add("return 0;")
+            with code.block(f"static inline bool {function}_has(int64_t key)"):
+                code.add("bool bad = false;", f"(void){function}(key, &bad);", "return !bad;")
+            self.functions[function] = code
+        return function, min(values), max(values)
+
+    # ---- frames inside ------------------------------------------------------------------------------------
+
+    def inner_reader(self, segment: Inner) -> str:
+        """The function that reads the frame that stands in a place: the first that fits, or that is to be refused."""
+        frames = tuple(dict.fromkeys(segment.frames))
+        order = self.order_of(frames)
+        name = f"{self.prefix}_fk_inner_{'_'.join(identifier(one) for one in (order[0], str(len(order))))}"
+        known = set(self.inner_structs.values())
+        if frames in self.inner_structs:
+            return self.inner_structs[frames]
+        base, count = name, 1
+        while name in known:
+            count += 1
+            name = f"{base}_{count}"
+        self.inner_structs[frames] = name
+        upper = self.prefix.upper()
+        self.helper("view")
+        code = CSource()
+        header = (
+            f"static void {name}(const uint8_t *data, size_t size{self.context}, void *into,"
+            " struct framekit_fault *fault, struct fk_notes *outer)"
+        )
+        with code.block(header):
+            with code.block("struct", " *v = into;"):
+                code.add(f"enum {self.prefix}_frame frame;")
+                with code.block("union", " of;"):
+                    code.add("struct framekit_bytes unknown;")
+                    for one in frames:
+                        code.add(f"struct {self.frame_enum(one)} {inner_name(one)};")
+            if self.context:
+                code.add("(void)context;")
+            code.add("fault->reason = FRAMEKIT_OK;")
+            self._tree(code, tree_of(self.static, order), upper)
+            code.add(f"v->frame = {upper}_FRAME_UNKNOWN;", "v->of.unknown = fk_view(data, size);")
+        self.functions[name] = code
+        return name
+
+    def _tree(self, code: CSource, tree: Leaf | Switch, upper: str) -> None:
+        if isinstance(tree, Leaf):
+            for one in tree.frames:
+                self._try(code, one, upper)
+            return
+        with code.block(f"switch (size > {tree.at} ? (int)data[{tree.at}] : -1)"):
+            for value, inside in tree.cases:
+                with code.block(f"case {value}:"):
+                    self._tree(code, inside, upper)
+                    code.add("break;")
+            with code.block("default:"):
+                self._tree(code, tree.others, upper)
+                code.add("break;")
+
+    def _try(self, code: CSource, frame: str, upper: str) -> None:
+        reader = f"{self.prefix}_fk_read_{identifier(frame)}"
+        with code.block(""):
+            code.add("struct fk_notes notes;", "memset(&notes, 0, sizeof notes);")
+            code.add(f"{reader}(data, size{self.hand_on}, &v->of.{inner_name(frame)}, &notes);")
+            with code.block("if (notes.no_room)"):
+                code.add("outer->no_room = true;", "return;")
+            code.add("fk_told(&notes, fault);")
+            with code.block("if (fault->reason == FRAMEKIT_OK || fault->refuse >= 0)"):
+                code.add(f"v->frame = {upper}_FRAME_{identifier(frame)};", "return;")
+            code.add("fault->reason = FRAMEKIT_OK;")
+
+
+def prefix_of(name: str) -> str:
+    """What all names of a protocol begin with: not what those begin with that the C has itself."""
+    found = identifier(name).lower()
+    return f"x{found}" if re.match(r"(fk|framekit)(_|$)", found) else found
+
+
+def generate(protocol: Protocol, most: int = MOST_BYTES) -> Generated:
+    """The C of a protocol: as many of its frames as can be said."""
+    left: dict[str, Problem] = {}
+    while True:
+        file = _Writing(protocol, most, set(left))
+        found = file.write()
+        if not found:
+            return file.finished(left)
+        left |= found
+
+
+class _Writing:
+    """One try: with all frames that are not left out yet."""
+
+    def __init__(self, protocol: Protocol, most: int, left: set[str]) -> None:
+        self.file = CFile(protocol, most)
+        self.protocol = protocol
+        self.frames = [one for one in protocol.frames.values() if one.name not in left]
+        self.left = left
+        self.readers: dict[str, CSource] = {}
+
+    def write(self) -> dict[str, Problem]:
+        """Writes everything; gives the frames that have to be left out, with why."""
+        file, found = self.file, dict[str, Problem]()
+        self._context()
+        for frame in self.frames:
+            try:
+                self._known_inside(frame)
+                file.names.take(file.frame_enum(frame.name), f"the frame '{frame.name}'", frame.at)
+                file.structs[frame.name] = file.layouts.struct(frame)
+            except CannotSayError as error:
+                found[frame.name] = error.problem
+        if found:
+            return found
+        self.order = self._in_order(found)
+        if found:
+            return found
+        for frame in self.order:
+            try:
+                segments = file.static.segments(frame)
+                writer = ReadWriter(file, segments, file.structs[frame.name])
+                name = f"{file.prefix}_fk_read_{identifier(frame.name)}"
+                file.functions[name] = writer.write(name, frame)
+            except CannotSayError as error:
+                found[frame.name] = error.problem
+        return found
+
+    def _context(self) -> None:
+        """Whether anything beside fields is read: found out by a first try, as all functions have to hand it on."""
+        file = self.file
+        probe = CFile(self.protocol, file.layouts.most)
+        for frame in self.frames:
+            segments = probe.static.segments(frame)
+            for segment in everything(segments):
+                from framekit.definition.expression import walk
+                from framekit.definition.model.frames import expressions_of
+
+                for expression in expressions_of(segment):
+                    for node in walk(expression.root):
+                        if isinstance(node, Name):
+                            try:
+                                probe.given(node)
+                            except CannotSayError:
+                                continue
+        if probe.asked:
+            file.context = f", const struct {file.prefix}_context *context"
+            file.hand_on = ", context"
+        self.given = probe.asked
+
+    def _known_inside(self, frame: Frame) -> None:
+        for segment in everything(frame.segments):
+            for name in segment.frames_inside:
+                if name in self.left:
+                    raise CannotSayError(segment.at, f"the frame '{name}' inside is left out")
+
+    def _in_order(self, found: dict[str, Problem]) -> list[Frame]:
+        """The frames, those inside others first."""
+        order: list[Frame] = []
+        names = {one.name for one in self.frames}
+        waiting = list(self.frames)
+        while waiting:
+            done = {one.name for one in order}
+            ready = [one for one in waiting if _inside(one) & names <= done]
+            if not ready:
+                for one in waiting:
+                    found[one.name] = Problem(one.at, f"the frame '{one.name}' may stand in itself")
+                return order
+            order += ready
+            waiting = [one for one in waiting if one not in ready]
+        return order
+
+    # ---- the files ----------------------------------------------------------------------------------------
+
+    def finished(self, left: dict[str, Problem]) -> Generated:
+        file = self.file
+        file.helper("told")
+        header = self._header()
+        source = self._source()
+        names = tuple(one.name for one in self.frames)
+        return Generated(file.prefix, header, source, names, tuple(left.items()), file.structs, file.prefix)
+
+    def _header(self) -> str:
+        file, protocol = self.file, self.protocol
+        prefix, upper = file.prefix, file.prefix.upper()
+        out = CSource()
+        out.add(comment(f"The frames of {protocol.name} in C99, made by framekit: {protocol.about}".rstrip(": ")))
+        out.add(f"#ifndef {upper}_H", f"#define {upper}_H", "", *_SHARED.splitlines(), "")
+        out.add("#ifdef __cplusplus", 'extern "C" {', "#endif", "")
+        with out.block(f"enum {prefix}_frame", ";"):
+            out.add(f"{upper}_FRAME_UNKNOWN,")
+            for frame in self.frames:
+                name = file.names.take(
+                    f"{upper}_FRAME_{identifier(frame.name)}", f"the number of '{frame.name}'", frame.at
+                )
+                out.add(f"{name},")
+        out.add("")
+        self._enums(out)
+        if self.given:
+            out.add("/* What frames depend on beside their fields. */")
+            with out.block(f"struct {prefix}_context", ";"):
+                for name, value in self.given.items():
+                    if value.there:
+                        out.add(f"bool has_{identifier(name)};")
+                    type_ = "struct framekit_bytes" if value.kind == "bytes" else CMember(
+                        name, "number", "", protocol.at, value.low, value.high).ctype  # fmt: skip
+                    out.add(f"{type_} {identifier(name)};")
+            out.add("", f"extern const struct {prefix}_context {prefix}_defaults;", "")
+        enums = {one.name: file.frame_enum(one.name) for one in self.frames}
+        for frame in self.order:
+            if frame.doc:
+                out.add(comment(frame.doc))
+            with out.block(f"struct {file.frame_enum(frame.name)}", ";"):
+                declare(file.structs[frame.name], out, prefix, enums)
+            out.add("")
+        out.add(f"#define {upper}_MAX_FRAME {self._greatest()}", "")
+        for frame in self.order:
+            struct = f"struct {file.frame_enum(frame.name)}"
+            out.add(
+                f"enum framekit_reason {prefix}_decode_{identifier(frame.name)}(const uint8_t *data, size_t size"
+                f"{file.context}, {struct} *frame, struct framekit_fault *fault);"
+            )
+        out.add("", "#ifdef __cplusplus", "}", "#endif", "", "#endif")
+        return out.text()
+
+    def _greatest(self) -> int:
+        return max((self.file.layouts.most_of(one) for one in self.frames), default=0)
+
+    def _enums(self, out: CSource) -> None:
+        """The names of numbers."""
+        file = self.file
+        known: dict[str, dict[int, str]] = {}
+        for frame in self.frames:
+            for segment in everything(frame.segments):
+                parts = segment.parts if isinstance(segment, Bits) else (segment,) if isinstance(segment, Field) else ()
+                for part in parts:
+                    if part.values is None:
+                        continue
+                    values = dict(part.values)
+                    if any(not -(1 << 31) <= one < 1 << 31 for one in values):
+                        continue
+                    name = identifier(part.name or "")
+                    if known.get(name) == values:
+                        continue
+                    if name in known:
+                        name = f"{identifier(frame.name)}_{name}"
+                        if known.get(name, values) != values:
+                            continue
+                    if name in known:
+                        continue
+                    rows = self._rows(name, values)
+                    if rows is None:
+                        continue
+                    known[name] = values
+                    with out.block(f"enum {file.prefix}_{name}_values", ";"):
+                        out.add(*(f"{constant} = {value}," for constant, value in rows))
+                    out.add("")
+
+    def _rows(self, name: str, values: dict[int, str]) -> list[tuple[str, int]] | None:
+        upper, rows, seen = self.file.prefix.upper(), list[tuple[str, int]](), set[str]()
+        for value, text in values.items():
+            constant_name = f"{upper}_{name}_{_word(text)}".upper()
+            if constant_name in seen or constant_name in self.file.names.taken:
+                constant_name += f"_{value}" if value >= 0 else f"_MINUS_{-value}"
+            if constant_name in seen or constant_name in self.file.names.taken:
+                return None
+            seen.add(constant_name)
+            rows.append((constant_name, value))
+        for one in seen:
+            self.file.names.take(one, f"a value of '{name}'")
+        return rows
+
+    def _source(self) -> str:
+        file = self.file
+        prefix = file.prefix
+        out = CSource()
+        out.add(comment(f"The frames of {self.protocol.name} in C99, made by framekit."))
+        out.add(f'#include "{prefix}.h"', "", "#include <string.h>", "")
+        parts = support_parts()
+        body = CSource()
+        for code in file.functions.values():
+            body.add(*code.lines, "")
+        for frame in self.order:
+            self._decode(body, frame)
+        for name in _carried(body.text()):
+            out.add(*parts[name][1].splitlines(), "")
+        if self.given:
+            self._defaults(out)
+        out.add(*body.lines)
+        return out.text()
+
+    def _defaults(self, out: CSource) -> None:
+        file = self.file
+        with out.block(f"const struct {file.prefix}_context {file.prefix}_defaults =", ";"):
+            for name, value in self.given.items():
+                start = file.start_values[name]
+                if value.there:
+                    out.add(f"{'false' if start is None else 'true'},")
+                if value.kind == "bytes":
+                    data = start.encode("latin-1", "replace") if isinstance(start, str) else bytes(start)
+                    out.add(f"{{ (const uint8_t *){string(data)}, {len(data)} }},")
+                else:
+                    out.add(f"{number(int(start or 0))},")
+        out.add("")
+
+    def _decode(self, out: CSource, frame: Frame) -> None:
+        file = self.file
+        prefix = file.prefix
+        name = identifier(frame.name)
+        header = (
+            f"enum framekit_reason {prefix}_decode_{name}(const uint8_t *data, size_t size{file.context},"
+            f" struct {file.frame_enum(frame.name)} *frame, struct framekit_fault *fault)"
+        )
+        with out.block(header):
+            out.add(
+                "static const uint8_t nothing[1] = { 0 };", "struct fk_notes notes;", "struct framekit_fault found;"
+            )
+            out.add("memset(&notes, 0, sizeof notes);")
+            out.add(f"{prefix}_fk_read_{name}(data == NULL ? nothing : data, size{file.hand_on}, frame, &notes);")
+            out.add("fk_told(&notes, fault == NULL ? &found : fault);")
+            out.add("return fault == NULL ? found.reason : fault->reason;")
+        out.add("")
+
+
+def _carried(body: str) -> list[str]:
+    """The functions that a source needs, each after those it needs itself."""
+    found: list[str] = []
+
+    def add(name: str) -> None:
+        if name in found:
+            return
+        needs, text = support_parts()[name]
+        for one in (*needs, *_called(text)):
+            if one != name:
+                add(one)
+        found.append(name)
+
+    for name in _called(body):
+        add(name)
+    return found
+
+
+@cache
+def _called(text: str) -> tuple[str, ...]:
+    words = set(re.findall(r"\bfk_(\w+)", text))
+    spans = {"spans"} if "fk_span" in text else set()
+    return tuple(name for name in support_parts() if name in words | spans or f"{name}_at" in words)
+
+
+def _word(text: str) -> str:
+    return re.sub(r"[^A-Za-z0-9]+", "_", text).strip("_") or "x"
+
+
+def _inside(frame: Frame) -> set[str]:
+    return {name for segment in everything(frame.segments) for name in segment.frames_inside}
+
+
+_SHARED = (
+    """\
+#ifndef FRAMEKIT_C99
+#define FRAMEKIT_C99 1
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+/* Why bytes are not a frame, or values cannot be sent. */
+enum framekit_reason {
+    FRAMEKIT_OK,
+"""
+    + "".join(f"    FRAMEKIT_{one.upper()},\n" for one in REASONS)
+    + """\
+    FRAMEKIT_NO_ROOM /* more than the struct or the buffer has room for */
+};
+
+/* Bytes that stand elsewhere. */
+struct framekit_bytes {
+    const uint8_t *data;
+    size_t size;
+};
+
+/* The first fault of a frame: why, at which byte, and the code with which a server refuses it (-1: it is just bad). */
+struct framekit_fault {
+    enum framekit_reason reason;
+    size_t offset;
+    int64_t refuse;
+};
+#endif"""
+)
+
+
+__all__ = ["MOST_BYTES", "Generated", "constant", "flat", "generate", "replace"]
+
+
+def names_of(frames: Iterable[Any]) -> list[str]:
+    return [one.name for one in frames]

@@ -1,0 +1,425 @@
+"""What a frame's values are in C: the members of its struct, from the segments that hold values.
+
+The members keep the names of the definition. Beside a value that may be absent, or left to its default, stands
+`has_NAME`. Texts and bytes are views: into what was received, or into room that the struct itself has for bytes that
+stand otherwise on the wire.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+from framekit.codec.c.expressions import CExpressionWriter, CFacts, CScope, Val
+from framekit.codec.c.source import CannotSayError, CNames, CSource, comment, identifier
+from framekit.codec.python import forms
+from framekit.definition.codings import Doubled, Plain
+from framekit.definition.expression import Expression
+from framekit.definition.model.frames import Frame, StaticSizes, flat
+from framekit.definition.model.segments import (
+    Bits,
+    Choose,
+    Count,
+    Data,
+    Field,
+    FieldType,
+    Inner,
+    Length,
+    Nested,
+    Optional,
+    Record,
+    Repeat,
+    Segment,
+    Segments,
+    Value,
+    Wrap,
+)
+from framekit.definition.problems import Position
+
+MemberKind = Literal["number", "float", "bytes", "record", "list", "values", "inner"]
+INT64 = (-(1 << 63), (1 << 63) - 1)
+
+
+@dataclass(slots=True)
+class CMember:
+    """One value. `has`: its flag says whether it is there; `given`: encode takes it from the struct.
+
+    `capacity`: items of a list, or bytes of `room`; `places`: the number counts 10 to the power of minus so many.
+    """
+
+    name: str
+    kind: MemberKind
+    cname: str
+    at: Position
+    low: int = 0
+    high: int = 0
+    has: bool = False
+    size: int = 0
+    capacity: int = 0
+    room: str = ""
+    places: int = 0
+    is_text: bool = False
+    inside: CStruct | None = None
+    item: CMember | None = None
+    frames: tuple[str, ...] = ()
+    always_valued: bool = False
+    flag: str = ""
+
+    @property
+    def ctype(self) -> str:
+        if self.kind == "float":
+            return "float" if self.size == 4 else "double"
+        if self.kind == "bytes":
+            return "struct framekit_bytes"
+        return number_type(self.low, self.high)
+
+    def same_as(self, other: CMember) -> bool:
+        ours, theirs = (replace(one, at=self.at, has=False, inside=None) for one in (self, other))
+        inside = (self.inside is None) == (other.inside is None)
+        if inside and self.inside is not None and other.inside is not None:
+            inside = self.inside.same_as(other.inside)
+        return ours == theirs and inside
+
+
+@dataclass(slots=True)
+class CStruct:
+    """The values of a frame, a record or an item. `rooms`: the names and sizes of room for bytes in it."""
+
+    where: str
+    members: dict[str, CMember] = field(default_factory=dict)
+    rooms: dict[str, int] = field(default_factory=dict)
+    reserved: set[str] = field(default_factory=set)
+    names: CNames = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.names = CNames(self.where)
+
+    def same_as(self, other: CStruct) -> bool:
+        if self.rooms != other.rooms or self.members.keys() != other.members.keys():
+            return False
+        return all(one.same_as(other.members[name]) and one.has == other.members[name].has
+                   for name, one in self.members.items())  # fmt: skip
+
+
+def number_type(low: int, high: int) -> str:
+    """The smallest type that holds these numbers."""
+    if low >= 0:
+        bits = next(bits for bits in (8, 16, 32, 64) if high < 1 << bits)
+        return f"uint{bits}_t"
+    bits = next(bits for bits in (8, 16, 32, 64) if -low <= 1 << bits - 1 and high < 1 << bits - 1)
+    return f"int{bits}_t"
+
+
+def number_range(segment: Field | Length | Count | Repeat, type_: FieldType) -> tuple[int, int]:
+    """The least and the greatest number that can be read, whatever limits it has."""
+    if isinstance(segment, Repeat):
+        found = forms.wire_range(type_)
+    else:
+        found = forms.value_range(replace(segment, limits=None))
+    size = type_.size
+    low, high = found.least, found.most
+    if high is None and isinstance(size, Expression):
+        low, high = (INT64[0], INT64[1]) if type_.signed else (0, INT64[1])
+        if isinstance(segment, Field) and (segment.plus or segment.unit):
+            raise CannotSayError(segment.at, "a number of computed size with plus: or unit:")
+    if isinstance(segment, Field | Length | Count) and segment.zero_means is not None:
+        low = min(low or 0, segment.zero_means)
+    if low is None or high is None or low < INT64[0] or high >= 1 << 64 or (low < 0 and high > INT64[1]):
+        raise CannotSayError(segment.at, f"'{segment.name}' is a number of more than 64 bits")
+    return low, high
+
+
+class Layouts:
+    """The structs of all frames. `most`: bytes of a frame whose definition names no limit."""
+
+    def __init__(self, frames: Mapping[str, Frame], static: StaticSizes, outside: CFacts, most: int) -> None:
+        self.frames = frames
+        self.static = static
+        self.outside = outside
+        self.most = most
+
+    def most_of(self, frame: Frame) -> int:
+        """The greatest number of bytes of a frame that the C knows."""
+        found = self.static.all(self.static.segments(frame)).most
+        known = [one for one in (found, frame.most) if one is not None]
+        return min(known) if known else self.most
+
+    def struct(self, frame: Frame) -> CStruct:
+        struct = CStruct(f"frame '{frame.name}'")
+        segments = self.static.segments(frame)
+        _Laying(self, max(self.most_of(frame), 1)).all(segments, struct, False)
+        self._values(segments, struct)
+        return struct
+
+    def _values(self, segments: Segments, struct: CStruct, outer: CScope | None = None) -> None:
+        """Values that take no bytes have the kind of what they follow from."""
+        waiting = [one for one in flat(segments) if isinstance(one, Value)]
+        conditional = _conditional(segments)
+        while waiting:
+            scope = scope_of(struct, "", outer)
+            names = {one.name for one in waiting}
+            ready = [one for one in waiting if not names & _read(one)]
+            if not ready:
+                raise CannotSayError(waiting[0].at, "values that follow from each other")
+            for one in ready:
+                value = CExpressionWriter(self.outside, scope).value(one.read)
+                self._value(one, value, struct, id(one) in conditional)
+            waiting = [one for one in waiting if one not in ready]
+        for segment in flat(segments):
+            member = struct.members.get(segment.name or "")
+            if segment.inner_record is not None and member is not None and member.inside is not None:
+                self._values(segment.members, member.inside, scope_of(struct, "", outer))
+
+    @staticmethod
+    def _value(segment: Value, value: Val, struct: CStruct, conditional: bool) -> None:
+        if value.fold or value.kind not in ("number", "bytes"):
+            raise CannotSayError(segment.at, f"the value '{segment.name}' is no number, text or bytes of the frame")
+        if isinstance(value.constant, bytes):
+            raise CannotSayError(segment.at, f"the value '{segment.name}' is a constant text")
+        kind: MemberKind = "number" if value.kind == "number" else "bytes"
+        _add(struct, segment.name, CMember(segment.name, kind, "", segment.at, value.low, value.high), True)
+
+
+def _read(value: Value) -> set[str]:
+    from framekit.definition.expression import names_in
+
+    return names_in(value.read.root) - {value.name}
+
+
+def _conditional(segments: Segments, there: bool = True) -> set[int]:
+    found: set[int] = set()
+    for segment in segments:
+        if not there or segment.when is not None:
+            found.add(id(segment))
+        for block in segment.blocks:
+            found |= _conditional(block, there and segment.is_there_inside and segment.when is None)
+    return found
+
+
+def _add(struct: CStruct, name: str, member: CMember, has: bool) -> CMember:
+    """A member under its name; one that several cases have is there once, and holds the numbers of all."""
+    there = struct.members.get(name)
+    if there is not None:
+        both_numbers = there.kind == member.kind == "number" and there.places == member.places
+        if both_numbers:
+            there.low, there.high = min(there.low, member.low), max(there.high, member.high)
+            if there.low < 0 and there.high > INT64[1]:
+                raise CannotSayError(member.at, f"'{name}' is a number of more than 64 bits in one of its cases")
+        elif there.kind == member.kind == "bytes":
+            there.is_text = there.is_text and member.is_text
+            if member.room:
+                struct.rooms[there.cname + "_room"] = max(member.capacity, struct.rooms.get(there.cname + "_room", 0))
+                there.room = there.cname + "_room"
+                there.capacity = struct.rooms[there.room]
+        else:
+            member.cname, member.room = there.cname, there.room
+            if not there.same_as(member):
+                raise CannotSayError(member.at, f"'{name}' is of another kind in another case")
+        there.has = there.has or has
+        return there
+    member.cname = struct.names.take(identifier(name), f"'{name}'", member.at)
+    member.has = has
+    flag = f"has_{member.cname}"  # where that is a value of the definition, the other way round
+    flag = f"{member.cname}_given" if flag in struct.reserved else flag
+    member.flag = struct.names.take(flag, f"the flag of '{name}'", member.at)
+    if member.room:
+        member.room = struct.names.take(f"{member.cname}_room", f"the room of '{name}'", member.at)
+        struct.rooms[member.room] = member.capacity
+    struct.members[name] = member
+    return member
+
+
+class _Laying:
+    """Puts the members of a list of segments into a struct; `most`: bytes of the frame."""
+
+    def __init__(self, layouts: Layouts, most: int) -> None:
+        self.layouts = layouts
+        self.most = most
+
+    def all(self, segments: Segments, struct: CStruct, conditional: bool) -> None:
+        struct.reserved |= {identifier(name) for one in flat(segments) for name in one.value_names}
+        for segment in segments:
+            self.one(segment, struct, conditional or segment.when is not None)
+
+    def one(self, segment: Segment, struct: CStruct, maybe: bool) -> None:
+        match segment:
+            case Field():
+                self._field(segment, struct, maybe)
+            case Length() | Count():
+                low, high = number_range(segment, segment.type)
+                _add(struct, segment.name, CMember(segment.name, "number", "", segment.at, low, high), maybe)
+            case Bits():
+                for part in segment.parts:
+                    if part.most is None or part.most > INT64[1]:
+                        raise CannotSayError(part.at, f"'{part.name}' is a number of more than 63 bits")
+                    chosen = part.build is not None or (part.constants is not None and len(part.constants) > 1)
+                    has = maybe or (chosen and part.is_ is None)
+                    _add(struct, part.name, CMember(part.name, "number", "", part.at, 0, part.most), has)
+            case Data():
+                turned = segment.convert is not None or segment.swap
+                size = segment.size if isinstance(segment.size, int) else self.most * (
+                    2 if segment.convert == "ascii_to_hex" else 1)  # fmt: skip
+                member = CMember(segment.name, "bytes", "", segment.at, capacity=size if turned else 0,
+                                room="room" if turned else "")  # fmt: skip
+                _add(struct, segment.name, member, maybe)
+            case Record():
+                inside = CStruct(f"record '{segment.name}'")
+                self.all(segment.of, inside, False)
+                _add(struct, segment.name, CMember(segment.name, "record", "", segment.at, inside=inside), maybe)
+            case Repeat():
+                self._repeat(segment, struct, maybe)
+            case Inner():
+                names = tuple(dict.fromkeys(segment.frames))
+                _add(struct, segment.name, CMember(segment.name, "inner", "", segment.at, frames=names), maybe)
+            case Nested():
+                raise CannotSayError(segment.at, f"the layout '{segment.layout}' stands in itself")
+            case Choose() | Optional():
+                for block in segment.blocks:
+                    self.all(block, struct, True)
+            case Wrap():
+                if not isinstance(segment.coding, Plain):
+                    content = self.layouts.static.all(segment.of).most
+                    size = max(self.most, content or 0) if content is None or content > self.most else content
+                    name = segment.name or ""
+                    plain = name.strip("_") if name.startswith("_") else name
+                    cname = struct.names.take(
+                        f"{identifier(plain)}_plain", f"the content of {segment.title}", segment.at
+                    )
+                    struct.rooms[cname] = max(size, 1)
+                self.all(segment.of, struct, maybe)
+            case Value():
+                pass  # when the kinds of what it follows from are known
+            case _ if segment.value_names:
+                raise CannotSayError(segment.at, f"a segment of the kind '{segment.KEY}'")
+
+    def _field(self, segment: Field, struct: CStruct, maybe: bool) -> None:
+        chosen = segment.build is not None or segment.default is not None
+        chosen = chosen or (segment.constants is not None and len(segment.constants) > 1)
+        has = maybe or (chosen and segment.is_ is None)
+        member = self._member(segment.name, segment.type, segment)
+        member.always_valued = segment.when is not None and segment.default is not None
+        _add(struct, segment.name, member, has)
+
+    def _member(self, name: str, type_: FieldType, segment: Field | Repeat) -> CMember:
+        at = segment.at
+        if type_.kind in ("ascii", "bytes"):
+            return CMember(name, "bytes", "", at, is_text=type_.kind == "ascii")
+        if type_.kind in ("float", "hex_float"):
+            size = (type_.fixed_size or 0) // (2 if type_.kind == "hex_float" else 1)
+            return CMember(name, "float", "", at, size=size)
+        if type_.kind == "scaled":
+            assert type_.inside is not None and type_.scale is not None
+            low, high = self._bounds(segment, type_.inside)
+            ends = sorted(one * type_.scale.factor + type_.scale.offset for one in (low, high))
+            if ends[0] < INT64[0] or ends[1] > INT64[1]:
+                raise CannotSayError(at, f"'{name}' is a number of more than 64 bits")
+            return CMember(name, "number", "", at, ends[0], ends[1], places=type_.scale.places)
+        if type_.kind not in ("int", "hex_int", "digits", "bcd"):
+            raise CannotSayError(at, f"'{name}' is a decimal number in text")
+        low, high = self._bounds(segment, type_)
+        return CMember(name, "number", "", at, low, high)
+
+    @staticmethod
+    def _bounds(segment: Field | Repeat, type_: FieldType) -> tuple[int, int]:
+        if type_ is not (segment.type if isinstance(segment, Field) else segment.of):
+            found = forms.wire_range(type_)
+            if found.least is None or found.most is None:
+                raise CannotSayError(segment.at, f"'{segment.name}' is a number of computed size")
+            return found.least, found.most
+        return number_range(segment, type_)
+
+    def _repeat(self, segment: Repeat, struct: CStruct, maybe: bool) -> None:
+        least = (
+            segment.of.sizes.least if isinstance(segment.of, FieldType) else self.layouts.static.all(segment.of).least
+        )
+        capacity = segment.times if isinstance(segment.times, int) else self.most // max(least, 1)
+        if isinstance(segment.of, FieldType):
+            item = self._member(segment.name, segment.of, segment)
+            if item.kind == "bytes":
+                raise CannotSayError(segment.at, f"'{segment.name}' is a list of texts")
+            item.cname = "item"
+            member = CMember(segment.name, "values", "", segment.at, item=item, capacity=max(capacity, 1))
+        else:
+            inside = CStruct(f"items of '{segment.name}'")
+            self.all(segment.of, inside, False)
+            member = CMember(segment.name, "list", "", segment.at, inside=inside, capacity=max(capacity, 1))
+        _add(struct, segment.name, member, maybe)
+
+
+# ---- the struct as C ----------------------------------------------------------------------------------------
+
+
+def declare(struct: CStruct, out: CSource, prefix: str, enum_of: Mapping[str, str]) -> None:
+    """Writes the members."""
+    for member in struct.members.values():
+        if member.has:
+            out.add(f"bool {member.flag};")
+        match member.kind:
+            case "record":
+                assert member.inside is not None
+                with out.block("struct", f" {member.cname};"):
+                    declare(member.inside, out, prefix, enum_of)
+            case "list":
+                assert member.inside is not None
+                with out.block("struct", f" {member.cname};"):
+                    out.add("size_t count;")
+                    with out.block("struct", f" items[{member.capacity}];"):
+                        declare(member.inside, out, prefix, enum_of)
+            case "values":
+                assert member.item is not None
+                behind = f" {comment(f'counts 10^-{member.item.places}')}" if member.item.places else ""
+                with out.block("struct", f" {member.cname};"):
+                    out.add("size_t count;", f"{member.item.ctype} items[{member.capacity}];{behind}")
+            case "inner":
+                with out.block("struct", f" {member.cname};"):
+                    out.add(f"enum {prefix}_frame frame;")
+                    with out.block("union", " of;"):
+                        out.add("struct framekit_bytes unknown;")
+                        for name in member.frames:
+                            out.add(f"struct {enum_of[name]} {inner_name(name)};")
+            case _:
+                behind = f" {comment(f'counts 10^-{member.places}')}" if member.places else ""
+                out.add(f"{member.ctype} {member.cname};{behind}")
+    for name, size in struct.rooms.items():
+        out.add(f"uint8_t {name}[{size}];")
+    if not struct.members and not struct.rooms:
+        out.add("uint8_t nothing;")
+
+
+def inner_name(frame: str) -> str:
+    """The member of a union that holds a frame."""
+    found = identifier(frame)
+    return "unknown_" if found == "unknown" else found
+
+
+def scope_of(struct: CStruct, path: str, parent: CScope | None = None) -> CScope:
+    """What names mean where all values of a struct have been read; `path` leads to it."""
+    scope = CScope(parent)
+    for name, member in struct.members.items():
+        scope.entries[name] = val_of(member, f"{path}{member.cname}", f"{path}{member.flag}" if member.has else "")
+    return scope
+
+
+def val_of(member: CMember, text: str, there: str = "") -> Val:
+    """A member as a value of expressions."""
+    match member.kind:
+        case "number" if not member.places and member.high <= INT64[1]:
+            return Val("number", f"(int64_t){text}", member.low, member.high, there)
+        case "bytes":
+            return Val("bytes", text, there=there)
+        case "record":
+            assert member.inside is not None
+            return Val("record", text, there=there, inside=scope_of(member.inside, f"{text}."), wire="true")
+        case "list" | "values":
+            return Val("list", text, there=there, wire=f"{text}.count")
+        case "inner":
+            return Val("record", text, there=there, wire="")
+    return Val("other", text)
+
+
+def all_members(struct: CStruct) -> Iterator[CMember]:
+    yield from struct.members.values()
+
+
+__all__ = ["CMember", "CStruct", "Doubled", "Layouts", "all_members", "declare", "inner_name", "scope_of", "val_of"]

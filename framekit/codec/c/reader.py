@@ -1,0 +1,552 @@
+"""Decoders in C: one function a frame, which reads as the careful functions of Python do (`codec/python/diagnosis.py`).
+
+So the first fault, its place and its reason are the same. A fault behind which nothing can be read jumps to the end of
+the part it stands in. What is written for a kind of segment stands in `read_kinds.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+
+from framekit.codec.c.expressions import CScope, Val
+from framekit.codec.c.functions import CFunctionWriter, FileFacts, pruned
+from framekit.codec.c.layout import CMember, CStruct, val_of
+from framekit.codec.c.source import CannotSayError, CSource, identifier, string
+from framekit.definition.expression import Expression, names_in
+from framekit.definition.kinds.base import Segment
+from framekit.definition.model.frames import Frame, everything, flat, without_when
+from framekit.definition.model.segments import LAST, Check, Const, Field, Segments
+
+Behind = tuple[tuple[Segment, CScope], ...]
+"""What follows a segment in its buffer, with the scopes of its names."""
+
+
+@dataclass(slots=True)
+class LaterLines:
+    """A comparison that needs what comes later: all segments of these names. `within`: the record it stands in."""
+
+    write: Callable[[], None]
+    names: frozenset[str]
+
+
+class ReadWriter(CFunctionWriter):
+    """Writes one reading function. `inn`: the local with the bytes that are read now; `stop`: the label to which what
+    cannot be read on jumps; `is_sure`: what is read now is read in every frame that comes so far."""
+
+    is_reader = True
+
+    def __init__(self, file: FileFacts, segments: Segments, struct: CStruct) -> None:
+        super().__init__(file, segments)
+        self.struct = struct
+        self.inn = "in"
+        self.used |= {"in", "n", "v", "data", "size", "context", "notes", "bad", "from"}
+        self.stop = "stop"
+        self.labels: set[str] = set()
+        self.is_sure = True
+        self.in_item = False
+        self.deferred: list[LaterLines] = []
+        self.late: list[Callable[[], None]] = []
+        self.passed: set[str] = set()
+        self.read_names: set[str] = set()
+        self.known: dict[int, str] = {}
+        self.started: dict[int, tuple[str, str]] = {}
+
+    # ---- the whole function -------------------------------------------------------------------------------
+
+    def write(self, name: str, frame: Frame) -> CSource:
+        """The whole function of a frame."""
+        scope = CScope()
+        surplus = -1 if frame.surplus is None else frame.surplus
+        self.initial(self.struct, "v->")
+        if frame.most is not None and self._may_be_longer(frame):
+            with self.block(f"if (size > {frame.most})"):
+                self.add(f"fk_note(&in, FRAMEKIT_TOO_LONG, {frame.most}, -1);")
+        if self._needs_limit(frame):
+            with self.block(f"if (size > {self.file.layouts.most_of(frame)})"):
+                self.add("notes->no_room = true;", "return;")
+        with self.part("0", surplus, has_checks(self.segments)):
+            self.region(self.segments, scope, "v->", self.struct, frame)
+            for write in self.late:
+                write()
+        out = CSource()
+        self.file.helper("reader")
+        with out.block(
+            f"static void {name}(const uint8_t *data, size_t size{self.file.context}, struct"
+            f" {self.file.frame_enum(frame.name)} *v, struct fk_notes *notes)"
+        ):
+            lines, locals_ = pruned(self.out.lines, ["bool bad = false;", *self.locals])
+            body = "\n".join(lines)
+            out.add("struct fk_in in;", *locals_)
+            if self.file.context and "context->" not in body and "context," not in body:
+                out.add("(void)context;")
+            if "v->" not in body:
+                out.add("(void)v;")
+            out.add("fk_open(&in, data, size, notes);")
+            out.lines.extend(lines)
+        return out
+
+    def _may_be_longer(self, frame: Frame) -> bool:
+        return frame.most is not None
+
+    def _needs_limit(self, frame: Frame) -> bool:
+        """Whether the struct has room for as much as the C knows of, and the definition says no limit."""
+        return frame.most is None and self.static.all(self.segments).most is None
+
+    def initial(self, struct: CStruct, path: str) -> None:
+        """What the flags and counts of a struct are before anything is read."""
+        for member in struct.members.values():
+            at = f"{path}{member.cname}"
+            if member.has:
+                self.add(f"{path}{member.flag} = false;")
+            match member.kind:
+                case "record":
+                    assert member.inside is not None
+                    self.initial(member.inside, f"{at}.")
+                case "list" | "values":
+                    self.add(f"{at}.count = 0;")
+                case "inner":
+                    self.file.helper("view")
+                    self.add(f"{at}.frame = {self.file.prefix.upper()}_FRAME_UNKNOWN;")
+                    self.add(f"{at}.of.unknown = fk_view(NULL, 0);")
+                case "bytes":
+                    self.file.helper("view")
+                    self.add(f"{at} = fk_view(NULL, 0);")
+                case _:
+                    self.add(f"{at} = 0;")
+
+    # ---- texts --------------------------------------------------------------------------------------------
+
+    @property
+    def n(self) -> str:
+        return f"&{self.inn}"
+
+    @property
+    def at(self) -> str:
+        return f"{self.inn}.at"
+
+    @property
+    def raw(self) -> str:
+        """Text of the bytes that were taken last."""
+        return f"({self.inn}.data + {self.inn}.from)"
+
+    def refuse(self, segment: Segment) -> str:
+        return "-1" if segment.refuse is None else str(segment.refuse)
+
+    def note(self, reason: str, place: str, refuse: str = "-1") -> str:
+        return f"fk_note({self.n}, FRAMEKIT_{reason.upper()}, {place}, {refuse});"
+
+    def leave(self) -> str:
+        """The statement that leaves the present part."""
+        self.labels.add(self.stop)
+        return f"goto {self.stop};"
+
+    def begin(self) -> None:
+        self.add("notes->turn++;")
+
+    def take(self, size: str, refuse: str = "-1") -> None:
+        take = self.file.helper("take")
+        with self.block(f"if (!{take}({self.n}, {size}, {refuse}))"):
+            self.add(self.leave())
+
+    def stands(self, name: str | None) -> None:
+        """Keeps where the segment stands that was taken last."""
+        span = self.span(name)
+        if span is not None:
+            self.add(f"{span}.data = {self.inn}.data;", f"{span}.first = {self.inn}.from;",
+                     f"{span}.last = {self.at};", f"{span}.there = true;")  # fmt: skip
+
+    def stands_from(self, name: str | None, start: str) -> None:
+        span = self.span(name)
+        if span is not None:
+            self.add(f"{span}.data = {self.inn}.data;", f"{span}.first = {start};",
+                     f"{span}.last = {self.at};", f"{span}.there = true;")  # fmt: skip
+
+    def ask(self, value: Val, reason: str, name: str, refuse: str = "-1") -> str:
+        """The local with a number that is worked out here; the part ends where it cannot be."""
+        if value.constant is not None:
+            return value.text
+        local = self.local("int64_t", name)
+        if "&bad" not in value.text:
+            self.add(f"{local} = {value.text};")
+            return local
+        self.add("bad = false;", f"{local} = {value.text};")
+        with self.block("if (bad)"):
+            self.add(self.note(reason, self.at, refuse), self.leave())
+        return local
+
+    def ask_whether(self, text: str, reason: str, refuse: str = "-1") -> str:
+        """The text of a condition that is worked out here."""
+        if "&bad" not in text:
+            return text
+        local = self.local("bool", "holds", "false")
+        self.add("bad = false;", f"{local} = {text};")
+        with self.block("if (bad)"):
+            self.add(self.note(reason, self.at, refuse), self.leave())
+        return local
+
+    # ---- names --------------------------------------------------------------------------------------------
+
+    def declare(self, segments: Iterable[Segment], scope: CScope, struct: CStruct, path: str) -> None:
+        """The names of a list, none of which has been read."""
+        for segment in flat(segments):
+            for name in segment.value_names:
+                member = struct.members.get(name)
+                if member is None or name in scope.entries:
+                    continue
+                known = self.known.get(id(member), "")
+                if name in self.asked_by_name or member.kind == "record":
+                    known = known or self.local("unsigned", f"{name}_known")
+                    self.known[id(member)] = known
+                text = f"{path}{member.cname}"
+                scope.entries[name] = self._entry(member, text, known)
+            if segment.name and not segment.value_names and segment.name in self.asked_by_name:
+                self._wire_entry(segment, scope)
+
+    def _wire_entry(self, segment: Segment, scope: CScope) -> None:
+        """A segment without a value, of which expressions ask the length."""
+        span = self.span(segment.name)
+        if span is not None and segment.name not in scope.entries:
+            room = self.file.helper("room")
+            scope.entries[segment.name or ""] = Val("other", "", wire=f"{room}(&{span})")
+
+    def _entry(self, member: CMember, text: str, known: str) -> Val:
+        value = val_of(member, text)
+        if member.kind in ("record",):
+            assert member.inside is not None
+            return Val("record", text, there=f"{known} == 1" if known else "", inside=CScope(), wire="true")
+        span = self.span(member.name) if member.kind not in ("bytes", "list", "values") else None
+        wire = value.wire if span is None else f"{self.file.helper('room')}(&{span})"
+        if not known:
+            return replace(value, wire=wire, known="false")
+        return replace(value, wire=wire, known=f"{known} != 0", there=f"{known} == 1")
+
+    def stored(self, member: CMember, scope: CScope, name: str, *, sure: bool = True) -> None:
+        """The value of a name is there now."""
+        known = self.known.get(id(member), "")
+        if known:
+            self.add(f"{known} = 1;")
+        entry = scope.entries.get(name)
+        if entry is not None and sure and self.is_sure and entry.kind != "record":
+            scope.entries[name] = replace(entry, known="", there="")
+
+    def nothing(self, member: CMember) -> None:
+        known = self.known.get(id(member), "")
+        if known:
+            self.add(f"{known} = 2;")
+
+    def forget(self, struct: CStruct) -> None:
+        """Nothing is known of an item before it is read."""
+        for member in struct.members.values():
+            known = self.known.get(id(member), "")
+            if known:
+                self.add(f"{known} = 0;")
+            if member.kind == "record" and member.inside is not None:
+                self.forget(member.inside)
+
+    # ---- parts --------------------------------------------------------------------------------------------
+
+    @contextmanager
+    def part(self, behind: str, surplus: int, checks: bool) -> Iterator[None]:
+        """A part with so many bytes behind it; however it goes, reading goes on there."""
+        whole = self.local("size_t", "whole")
+        outside, self.stop = self.stop, self.fresh("part_stop")
+        self.add(f"{whole} = {self.inn}.end;")
+        if behind != "0":
+            self.add(f"{self.inn}.end = {whole} - (size_t){behind};")
+        yield
+        with self.block(f"if ({self.at} < {self.inn}.end)"):
+            self.add("notes->turn++;", self.note("surplus", self.at, str(surplus)))
+        self._stopped(checks, [])
+        self.add(f"{self.at} = {self.inn}.end;", f"{self.inn}.end = {whole};")
+        self.stop = outside
+
+    @contextmanager
+    def attempt(self, behind: str, checks: bool) -> Iterator[None]:
+        """A part with bytes behind it, which are read all the same if the part cannot be."""
+        start, whole, tail = (
+            self.local("size_t", "begun"),
+            self.local("size_t", "whole"),
+            self.local("int64_t", "tail"),
+        )
+        self.add(f"{start} = {self.at};", f"{whole} = {self.inn}.end;", f"{tail} = (int64_t){whole} - {behind};")
+        outside, self.stop = self.stop, self.fresh("attempt_stop")
+        sure, self.is_sure = self.is_sure, False
+        yield
+        self.is_sure = sure
+        label, self.stop = self.stop, outside
+        if label in self.labels:
+            done = self.fresh("attempt_done")
+            self.add(f"goto {done};")
+            self.out.lines.append(f"{label}:")
+            with self.block(f"if ({tail} < (int64_t){start})"):
+                self.add(self.leave())
+            self.add(f"{self.at} = (size_t){tail};", f"{self.inn}.end = {whole};")
+            if checks:
+                self.add("notes->unchecked = true;")
+            self.out.lines.append(f"{done}:")
+            self.add(";")
+        else:
+            self.add(f"(void){whole};", f"(void){tail};", f"(void){start};")
+
+    def _stopped(self, checks: bool, lines: list[str]) -> None:
+        """Where a part ends that could not be read."""
+        if self.stop not in self.labels:
+            return
+        if not checks and not lines:
+            self.out.lines.append(f"{self.stop}:")
+            self.add(";")
+            return
+        done = self.fresh("part_done")
+        self.add(f"goto {done};")
+        self.out.lines.append(f"{self.stop}:")
+        if checks:
+            self.add("notes->unchecked = true;")
+        self.add(*lines)
+        self.out.lines.append(f"{done}:")
+        self.add(";")
+
+    def region(
+        self,
+        segments: Segments,
+        scope: CScope,
+        path: str,
+        struct: CStruct,
+        frame: Frame | None = None,
+        *,
+        all_is_read: bool = True,
+    ) -> None:
+        """A whole buffer. What stands behind its last variable part is read from the end, whatever came before."""
+        self.declare(segments, scope, struct, path)
+        here = (scope, struct, path)
+        if frame is not None and frame.delimited and frame.tail and isinstance(frame.tail[0], Const):
+            self._delimited(frame, here, frame.tail[0].data[:1])
+        else:
+            front, middle, tail = self._parts(segments)
+            behind = tuple((segment, scope) for segment in tail)
+            self.list(front, here, (), finish=False)
+            if middle:
+                text = self.behind(behind)
+                with self.attempt(text, has_checks(middle)):
+                    self.list(middle, here, behind, finish=False)
+            self.list(tail, here, (), finish=False)
+        self.finish(all_is_read=all_is_read)
+
+    def _delimited(self, frame: Frame, here: Here, mark: bytes) -> None:
+        surplus = -1 if frame.surplus is None else frame.surplus
+        behind = tuple((segment, here[0]) for segment in (*frame.body, *frame.tail))
+        self.list(frame.head, here, behind, finish=False)
+        place = self.local("size_t", "tail_place")
+        find = self.file.helper("find")
+        found = f"{find}({self.inn}.data, {self.at}, {self.inn}.end, {string(mark)}, 1, &{place})"
+        with self.block(f"if (!{found})"):
+            self.add(self.note("short", self.at), self.leave())
+        sure, self.is_sure = self.is_sure, False
+        with self.part(f"({self.inn}.end - {place})", surplus, has_checks(frame.body)):
+            self.list(frame.body, here, (), finish=False)
+        self.is_sure = sure
+        self.list(frame.tail, here, (), finish=False)
+
+    def _parts(self, segments: Segments) -> tuple[Segments, Segments, Segments]:
+        front, tail = self.static.split(segments)
+        has_bytes = any(self.static.present(segment).fixed != 0 for segment in tail)
+        if not has_bytes or not self._known_before(front, tail):
+            return segments, (), ()
+        first = next(place for place, segment in enumerate(front) if self.static.is_variable(segment))
+        return front[:first], front[first:], tail
+
+    def _known_before(self, front: Segments, tail: Segments) -> bool:
+        late: set[str] = set()
+        variable = False
+        for segment in front:
+            variable = variable or self.static.is_variable(segment)
+            if variable:
+                late.update(name for one in everything((segment,)) for name in one.value_names)
+        wanted = {name for segment in tail if segment.when is not None for name in names_in(segment.when.root)}
+        own = {name for segment in everything(tail) for name in segment.value_names}
+        return not wanted & (late | own)
+
+    def list(
+        self, segments: Iterable[Segment], here: Here, after: Behind, finish: bool = True, all_is_read: bool = True
+    ) -> None:
+        """The segments of a list; `after`: what follows them in the buffer."""
+        segments = tuple(segments)
+        scope = here[0]
+        outside = self.deferred
+        if finish:
+            self.deferred = []
+        for place, segment in enumerate(segments):
+            behind = (*((other, scope) for other in segments[place + 1 :]), *after)
+            if segment.when is not None:
+                self._conditional(segment, segment.when, here, behind)
+            else:
+                read(self, segment, here, behind)
+            self.read_names.update(name for one in everything((segment,)) for name in one.value_names)
+            self.passed.update(one.name for one in everything((segment,)) if one.name)
+        if finish:
+            self.finish(all_is_read=all_is_read)
+            self.deferred = outside + self.deferred
+
+    def later(self, write: Callable[[], None], *needed: str | Expression) -> None:
+        """Writes a comparison when the segments of these names, and those an expression reads, have been read."""
+        names = {one for one in needed if isinstance(one, str)}
+        names.update(name for one in needed if isinstance(one, Expression) for name in names_in(one.root))
+        wanted = frozenset(names) & (self.by_value_name.keys() | self.by_name.keys() | {LAST})
+        self.deferred.append(LaterLines(write, wanted))
+
+    def finish(self, *, all_is_read: bool) -> None:
+        deferred, self.deferred = self.deferred, []
+        for one in deferred:
+            if all_is_read or one.names <= self.passed | self.read_names:
+                one.write()
+            else:
+                self.deferred.append(one)
+
+    def _conditional(self, segment: Segment, when: Expression, here: Here, behind: Behind) -> None:
+        scope, struct, _ = here
+        condition = self.ask_whether(self.writer(scope).condition(when), "value")
+        sure, self.is_sure = self.is_sure, False
+        with self.block(f"if ({condition})"):
+            read(self, without_when(segment), here, behind)
+        lines = CSource(self.out.depth + 1)
+        out, self.out = self.out, lines
+        if isinstance(segment, Field) and segment.default is not None:
+            self._default(segment, segment.default, here)
+        else:
+            self.absent(segment)
+            self.without((segment,), struct)
+        self.out = out
+        if lines.lines:
+            with self.block("else"):
+                self.out.lines.extend(lines.lines)
+        self.is_sure = sure
+
+    def _default(self, segment: Field, default: Expression, here: Here) -> None:
+        """The value of a field that is not there."""
+        scope, struct, path = here
+        member = struct.members[segment.name]
+        self.begin()
+        self.add(f"{self.inn}.from = {self.at};")
+        value = self.default_value(segment, default, scope)
+        text = self.writer(scope).bytes(value) if value.kind == "bytes" else f"({member.ctype}){value.text}"
+        if value.kind not in ("number", "bytes"):
+            raise CannotSayError(default.at, "a default of this kind")
+        if "&bad" in text:
+            self.add("bad = false;")
+        self.add(f"{path}{member.cname} = {text};")
+        if "&bad" in text:
+            with self.block("if (bad)"):
+                self.add(self.note("value", self.at))
+            with self.block("else"):
+                self.stored(member, scope, segment.name)
+        else:
+            self.stored(member, scope, segment.name)
+        self.stands(segment.name)
+
+    def default_value(self, segment: Field, default: Expression, scope: CScope) -> Val:
+        """A default; one that is a name of `values` is its number."""
+        from framekit.codec.c.expressions import constant
+        from framekit.definition.expression import Text
+
+        if segment.values is not None and isinstance(default.root, Text):
+            for number, name in segment.values.items():
+                if name == default.root.value:
+                    return constant(number)
+        return self.writer(scope).value(default)
+
+    def without(self, segments: Iterable[Segment], struct: CStruct, there: Iterable[Segment] = ()) -> None:
+        """What expressions read of these segments is nothing, but for what is `there`."""
+        known = {name for one in flat(there) for name in one.value_names}
+        for one in flat(segments):
+            for name in one.value_names:
+                member = struct.members.get(name)
+                if name in self.asked_by_name and name not in known and member is not None:
+                    self.nothing(member)
+                    if member.kind == "record" and member.inside is not None:
+                        for inner in member.inside.members.values():
+                            self.nothing(inner)
+
+    def absent(self, segment: Segment) -> None:
+        """Nothing of a segment is there: it takes no bytes here."""
+        from framekit.codec.python.function import standing_any_way
+
+        for one in standing_any_way((segment,)):
+            span = self.span(one.name)
+            if span is not None:
+                self.add(f"{span}.data = {self.inn}.data;", f"{span}.first = {span}.last = {self.at};",
+                         f"{span}.there = true;")  # fmt: skip
+
+    # ---- what is behind -----------------------------------------------------------------------------------
+
+    def behind(self, after: Behind) -> str:
+        """Text of the bytes behind a segment that reaches to the end."""
+        after = tuple(self._in_place_of_records(after))
+        if not self.knows_behind(after):
+            return self._constant_behind(after[0][0])
+        fixed, parts = 0, []
+        for segment, scope in after:
+            size = self.static.present(segment).fixed or 0
+            if segment.when is None:
+                fixed += size
+            elif size:
+                parts.append(f"({self.writer(scope).condition(segment.when)} ? {size} : 0)")
+        if not parts:
+            return str(fixed)
+        text = " + ".join([str(fixed), *parts])
+        return self.ask(Val("number", f"(int64_t)({text})"), "length", "behind")
+
+    def knows_behind(self, after: Behind) -> bool:
+        return not self.in_item and all(
+            self.static.present(segment).fixed is not None and self._is_told(segment)
+            for segment, _ in self._in_place_of_records(after)
+        )
+
+    def _is_told(self, segment: Segment) -> bool:
+        names = set() if segment.when is None else names_in(segment.when.root)
+        return not (names & self.by_value_name.keys()) - self.read_names
+
+    def _in_place_of_records(self, after: Behind) -> Iterator[tuple[Segment, CScope]]:
+        for segment, scope in after:
+            if segment.is_record and segment.when is None:
+                entry = scope.find(segment.value_names[0])
+                inside = entry.inside if entry is not None and entry.inside is not None else scope
+                yield from self._in_place_of_records(tuple((one, inside) for one in segment.members))
+            else:
+                yield segment, scope
+
+    def _constant_behind(self, segment: Segment) -> str:
+        if not isinstance(segment, Const):
+            raise CannotSayError(segment.at, "what ends by what follows it, which is no constant")
+        place = self.local("size_t", "end_place")
+        find = self.file.helper("find")
+        found = (
+            f"{find}({self.inn}.data, {self.at}, {self.inn}.end, {string(segment.data)}, {len(segment.data)}, &{place})"
+        )
+        with self.block(f"if (!{found})"):
+            self.add(self.note("length", self.at), self.leave())
+        return f"(int64_t)({self.inn}.end - {place})"
+
+
+READ: dict[type[Segment], Callable[..., None]] = {}
+"""How each kind of segment is read: `read_kinds.py` fills it."""
+
+
+def read(r: ReadWriter, segment: Segment, here: Here, behind: Behind) -> None:
+    """Writes how a segment that is there is read."""
+    kind = READ.get(type(segment))
+    if kind is None:
+        raise CannotSayError(segment.at, f"a segment of the kind '{segment.KEY or type(segment).__name__.lower()}'")
+    kind(r, segment, here, behind)
+
+
+Here = tuple[CScope, CStruct, str]
+"""Where the values of a list go: their names, their struct, and the path to it."""
+
+
+def has_checks(segments: Segments) -> bool:
+    """Whether there are check codes in a part that make it bad."""
+    return any(isinstance(segment, Check) and segment.verify == "error" for segment in everything(segments))
+
+
+__all__ = ["Behind", "Here", "ReadWriter", "has_checks", "identifier"]

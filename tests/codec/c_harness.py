@@ -1,0 +1,359 @@
+"""Generated C in a process of its own: asked line by line, with sanitizers, and compared with the Python.
+
+What a frame holds goes over the line as a row of words, in the order of the struct: so nothing of a frame has to be
+known here but the members that the generator says it has.
+"""
+
+from __future__ import annotations
+
+import random
+import shutil
+import struct as packing
+import subprocess
+from collections.abc import Iterable, Iterator, Mapping
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+from framekit.codec.c.generate import Generated, generate
+from framekit.codec.c.layout import CMember, CStruct, inner_name
+from framekit.codec.c.source import identifier
+from framekit.codec.codec import compile_protocol
+from framekit.codec.errors import FrameError
+from framekit.codec.samples import Sampler
+from framekit.definition.model.protocol import Protocol
+
+GCC = shutil.which("gcc")
+WARNINGS = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-Wconversion"]
+SANITIZERS = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g"]
+_REASONS = [
+    "ok",
+    "check",
+    "constant",
+    "where",
+    "digits",
+    "value",
+    "range",
+    "require",
+    "short",
+    "too_long",
+    "length",
+    "surplus",
+    "no_room",
+]
+
+
+class CProtocol:
+    """The C of a protocol, compiled and running."""
+
+    def __init__(self, definition: Protocol, folder: Path, most: int = 1024, sanitized: bool = True) -> None:
+        assert GCC is not None
+        self.definition = definition
+        self.codec = compile_protocol(definition)
+        self.generated = generate(definition, most)
+        made = self.generated
+        (folder / f"{made.name}.h").write_text(made.header)
+        (folder / f"{made.name}.c").write_text(made.source)
+        (folder / "main.c").write_text(_main(made))
+        program = folder / "asked"
+        flags = [*WARNINGS, "-O0", *(SANITIZERS if sanitized else [])]
+        names = [f"{made.name}.c", "main.c"]
+        done = subprocess.run([GCC, *flags, *names, "-o", str(program)], cwd=folder, capture_output=True, text=True)
+        assert done.returncode == 0, f"{done.stderr[:4000]}"
+        self.program = program
+
+    def ask(self, lines: list[str]) -> list[str]:
+        """The answers to lines."""
+        done = subprocess.run([str(self.program)], input="\n".join([*lines, ""]), capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr[:4000]
+        found = done.stdout.split("\n")[:-1]
+        assert len(found) == len(lines), (len(found), len(lines))
+        return found
+
+    # ---- what Python says -------------------------------------------------------------------------------------
+
+    def expected(self, frame: str, data: bytes) -> str:
+        try:
+            values = self.codec.decode(frame, data)
+        except FrameError as error:
+            return f"! {error.cause} {error.offset} {-1 if error.refuse is None else error.refuse}"
+        return " ".join(["=", *tokens(values, self.generated.structs[frame], self.generated)])
+
+    def samples(self, frame: str, count: int = 8) -> list[bytes]:
+        return [one.data for one in Sampler(self.codec, self.codec.defaults).samples(frame, count)]
+
+
+def mutated(random_: random.Random, data: bytes, count: int) -> Iterator[bytes]:
+    """Bytes like these with a few changes."""
+    for _ in range(count):
+        found = bytearray(data)
+        for _ in range(random_.choice((1, 1, 1, 2, 3))):
+            place = random_.randrange(len(found) + 1)
+            match random_.randrange(5):
+                case 0 if found:
+                    found[place % len(found)] = random_.randrange(256)
+                case 1 if found:
+                    found[place % len(found)] ^= 1 << random_.randrange(8)
+                case 2:
+                    found[place:place] = bytes((random_.randrange(256),))
+                case 3:
+                    del found[place : place + random_.randrange(1, 4)]
+                case _:
+                    del found[place:]
+        yield bytes(found)
+
+
+# ---- values as words --------------------------------------------------------------------------------------------
+
+
+def tokens(values: Mapping[str, Any], struct: CStruct, made: Generated) -> list[str]:
+    """The values of a frame in the order of its struct."""
+    found: list[str] = []
+    for name, member in struct.members.items():
+        value = values.get(name)
+        if value is None and member.has:
+            found.append("-")
+            continue
+        found += _tokens_of(value, member, made)
+    return found
+
+
+def _tokens_of(value: Any, member: CMember, made: Generated) -> list[str]:
+    match member.kind:
+        case "number":
+            if member.places:
+                return [str(int(Decimal(str(value)) * 10**member.places))]
+            return [str(int(value))]
+        case "float":
+            code = ">f" if member.size == 4 else ">d"
+            return [f"f{packing.pack(code, value).hex()}"]
+        case "bytes":
+            data = value.encode("latin-1") if isinstance(value, str) else bytes(value)
+            return [f"x{data.hex()}"]
+        case "record":
+            assert member.inside is not None
+            return tokens(value, member.inside, made)
+        case "list":
+            assert member.inside is not None
+            return [str(len(value)), *(one for item in value for one in tokens(item, member.inside, made))]
+        case "values":
+            assert member.item is not None
+            return [str(len(value)), *(one for item in value for one in _tokens_of(item, member.item, made))]
+    ((frame, fields),) = value.items()
+    if frame == "unknown":
+        return ["?", f"x{bytes(fields['data']).hex()}"]
+    return [f"@{identifier(frame)}", *tokens(fields, made.structs[frame], made)]
+
+
+# ---- the program ------------------------------------------------------------------------------------------------
+
+
+def _main(made: Generated) -> str:
+    """A program that reads lines and answers."""
+    from framekit.codec.c.source import CSource
+
+    out = CSource()
+    prefix = made.prefix
+    out.add(f'#include "{made.name}.h"', "#include <stdio.h>", "#include <stdlib.h>", "#include <string.h>", "")
+    out.add(*_COMMON.splitlines(), "")
+    context = f", &{prefix}_defaults" if "_defaults;" in made.header else ""
+    for frame in _ordered(made):
+        name = identifier(frame)
+        struct = made.structs[frame]
+        with out.block(f"static void show_{name}(const struct {prefix}_{name} *v)"):
+            out.add("(void)v;")
+            _show(out, struct, "v->", made)
+        out.add("")
+    with out.block("static void answer(char *line)"):
+        out.add("static uint8_t data[70000];", "char *what = strtok(line, \" \"), *frame = strtok(NULL, \" \");",
+                "if (what == NULL || frame == NULL) {", "    puts(\"no line\");", "    return;", "}")  # fmt: skip
+        for frame in made.frames:
+            name = identifier(frame)
+            with out.block(f'if (strcmp(what, "d") == 0 && strcmp(frame, "{name}") == 0)'):
+                out.add(f"static struct {prefix}_{name} v;", "struct framekit_fault fault;",
+                        "size_t size = unhex(strtok(NULL, \" \"), data);")  # fmt: skip
+                out.add("uint8_t *copy = malloc(size + 1);", "memcpy(copy, data, size);",
+                        "copy = realloc(copy, size > 0 ? size : 1);", "memset(&v, 0xA5, sizeof v);")  # fmt: skip
+                with out.block(f"if ({prefix}_decode_{name}(copy, size{context}, &v, &fault) == FRAMEKIT_OK)"):
+                    out.add('printf("=");', f"show_{name}(&v);", 'puts("");')
+                with out.block("else"):
+                    out.add('printf("! %s %zu %lld\\n", reasons[fault.reason], fault.offset, (long long)fault.refuse);')
+                out.add("free(copy);", "return;")
+        out.add('puts("no frame");')
+    out.add("", *_LOOP.splitlines())
+    return out.text()
+
+
+def _ordered(made: Generated) -> list[str]:
+    """Frames, those inside others first."""
+    found: list[str] = []
+
+    def add(frame: str) -> None:
+        for one in _inside(made.structs[frame]):
+            if one not in found:
+                add(one)
+        if frame not in found:
+            found.append(frame)
+
+    for frame in made.frames:
+        add(frame)
+    return found
+
+
+def _inside(struct: CStruct) -> Iterator[str]:
+    for member in struct.members.values():
+        yield from member.frames
+        if member.inside is not None:
+            yield from _inside(member.inside)
+
+
+def _show(out: Any, struct: CStruct, path: str, made: Generated, depth: int = 0) -> None:
+    for member in struct.members.values():
+        at = f"{path}{member.cname}"
+        if member.has:
+            with out.block(f"if (!{path}{member.flag})"):
+                if member.always_valued:
+                    out.add('printf(" ~");')
+                    _show_one(out, member, at, made, depth)
+                else:
+                    out.add('printf(" -");')
+            with out.block("else"):
+                _show_one(out, member, at, made, depth)
+        else:
+            _show_one(out, member, at, made, depth)
+
+
+def _show_one(out: Any, member: CMember, at: str, made: Generated, depth: int) -> None:
+    match member.kind:
+        case "number" if member.low >= 0:
+            out.add(f'printf(" %llu", (unsigned long long){at});')
+        case "number":
+            out.add(f'printf(" %lld", (long long){at});')
+        case "float":
+            out.add(f"show_float(&{at}, {member.size});")
+        case "bytes":
+            out.add(f"show_bytes({at});")
+        case "record":
+            assert member.inside is not None
+            _show(out, member.inside, f"{at}.", made, depth)
+        case "list" | "values":
+            out.add(f'printf(" %zu", {at}.count);')
+            with out.block(""):
+                out.add(f"size_t i{depth};")
+                with out.block(f"for (i{depth} = 0; i{depth} < {at}.count; i{depth}++)"):
+                    if member.kind == "values":
+                        assert member.item is not None
+                        _show_one(out, member.item, f"{at}.items[i{depth}]", made, depth + 1)
+                    else:
+                        assert member.inside is not None
+                        _show(out, member.inside, f"{at}.items[i{depth}].", made, depth + 1)
+        case "inner":
+            upper = made.prefix.upper()
+            with out.block(f"switch ((int){at}.frame)"):
+                for frame in member.frames:
+                    name = identifier(frame)
+                    show = f"show_{name}(&{at}.of.{inner_name(frame)})"
+                    out.add(f'case {upper}_FRAME_{name}: printf(" @{name}"); {show}; break;')
+                out.add(f'default: printf(" ?"); show_bytes({at}.of.unknown); break;')
+
+
+_COMMON = (
+    """\
+static const char *const reasons[] = { """
+    + ", ".join(f'"{one}"' for one in _REASONS)
+    + """ };
+
+static size_t unhex(const char *text, uint8_t *to)
+{
+    size_t size = 0;
+    while (text != NULL && text[0] == 'x') {
+        text++;
+    }
+    for (; text != NULL && text[0] != 0 && text[1] != 0; text += 2) {
+        char pair[3] = { text[0], text[1], 0 };
+        to[size++] = (uint8_t)strtoul(pair, NULL, 16);
+    }
+    return size;
+}
+
+static void show_bytes(struct framekit_bytes b)
+{
+    size_t i;
+    printf(" x");
+    for (i = 0; i < b.size; i++) {
+        printf("%02x", b.data[i]);
+    }
+}
+
+void show_float(const void *value, size_t size);
+void show_float(const void *value, size_t size)
+{
+    unsigned char bytes[8];
+    size_t i;
+    memcpy(bytes, value, size);
+    printf(" f");
+    for (i = 0; i < size; i++) {
+        printf("%02x", bytes[size - 1 - i]);
+    }
+}
+
+void show_nothing(struct framekit_bytes b);
+void show_nothing(struct framekit_bytes b)
+{
+    show_bytes(b);
+}
+"""
+)
+_LOOP = """\
+int main(void)
+{
+    static char line[400000];
+    while (fgets(line, sizeof line, stdin) != NULL) {
+        line[strcspn(line, "\\r\\n")] = 0;
+        answer(line);
+    }
+    return 0;
+}
+"""
+
+
+def differences(c: CProtocol, asked: Iterable[tuple[str, bytes]]) -> list[str]:
+    """Where C and Python do not say the same of bytes."""
+    pairs = list(dict.fromkeys(asked))
+    found = []
+    answers = c.ask([f"d {identifier(frame)} x{data.hex()}" for frame, data in pairs])
+    for (frame, data), answer in zip(pairs, answers, strict=True):
+        wanted = c.expected(frame, data)
+        if not alike(wanted, answer) and not answer.startswith("! no_room"):
+            found.append(f"{frame} {data.hex(' ').upper()}: Python {wanted[:200]}, C {answer[:200]}")
+    return found
+
+
+def alike(wanted: str, answer: str) -> bool:
+    """Whether C says what Python says. A default of what is absent (`~`, then it) may be a value or none for Python."""
+    if "~" not in answer:
+        return wanted == answer
+    ours, theirs = wanted.split(), answer.split()
+    place = 0
+    for one in ours:
+        if place < len(theirs) and theirs[place] == "~":
+            place += 1
+            if one == "-":
+                place += 1
+                continue
+        if place >= len(theirs) or theirs[place] != one:
+            return False
+        place += 1
+    return place == len(theirs)
+
+
+def trial(c: CProtocol, seed: int, samples: int = 6, changes: int = 12) -> list[str]:
+    """Drawn frames and changed ones, of every frame that the C has."""
+    random_ = random.Random(seed)
+    asked: list[tuple[str, bytes]] = []
+    for frame in c.generated.frames:
+        for data in c.samples(frame, samples):
+            asked.append((frame, data))
+            asked += ((frame, one) for one in mutated(random_, data, changes))
+        asked += ((frame, bytes(random_.randrange(256) for _ in range(random_.randrange(12)))) for _ in range(6))
+    return differences(c, asked)

@@ -1,0 +1,113 @@
+"""Generated C against the Python: the same values of the same bytes, or the same reason at the same place.
+
+gcc compiles it with all warnings as errors, and it runs with AddressSanitizer and UBSan.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from c_harness import GCC, CProtocol, differences, trial
+
+from framekit.codec.c.generate import generate
+from framekit.codec.c.source import CannotSayError, CNames, comment, identifier, string
+from framekit.definition.load import load_protocol, load_protocol_text
+from framekit.definition.sources import shipped_definitions
+
+needs_gcc = pytest.mark.skipif(GCC is None, reason="gcc is missing")
+QUICK = ("ccm", "dynamixel", "host-link", "modbus-rtu")
+
+
+def told(text: str) -> list[str]:
+    """What is left out, each with its place in the file."""
+    made = generate(load_protocol_text(text, "small"))
+    return [re.sub(r"^.*small\.yaml:", "", str(problem)) for _, problem in made.left_out]
+
+
+def compiled(text: str, folder: Path) -> CProtocol:
+    return CProtocol(load_protocol_text(text, "small"), folder)
+
+
+@needs_gcc
+@pytest.mark.parametrize("name", QUICK)
+def test_shipped_frames_are_read_as_by_python(name: str, tmp_path: Path) -> None:
+    c = CProtocol(load_protocol(name), tmp_path)
+    assert c.generated.frames
+    assert trial(c, seed=7) == []
+
+
+@needs_gcc
+@pytest.mark.long
+@pytest.mark.parametrize("path", shipped_definitions(), ids=lambda path: path.stem)
+def test_all_shipped_frames_are_read_as_by_python(path: Path, tmp_path: Path) -> None:
+    c = CProtocol(load_protocol(str(path)), tmp_path)
+    assert trial(c, seed=20, samples=16, changes=60) == []
+
+
+# ---- text of a definition ---------------------------------------------------------------------------------------
+
+HOSTILE = r"""
+protocol: hostile
+about: "*/ int x; /* ??/ \" \\ %s \n"
+params: {limit: {type: number, default: 5}}
+groups:
+  int: {head: [{text: "a\"*/??)\\"}, {field: int, type: u8, values: {1: '*/ boom(', 2: '??/', 3: "x\"y"}}]}
+frames:
+  struct:
+    group: int
+    doc: "*/ boom(); /* ??/ \\"
+    body: [{field: memcpy, type: u8}, {field: NULL, type: u8}, {const: 22 5C 3F}]
+  1-2.3:
+    body: [{text: "??/"}, {field: UINT8_MAX, type: u16, is: int_ + 1}, {field: int_, type: u8}, {field: _, type: u8}]
+"""
+
+
+@needs_gcc
+def test_text_of_a_definition_stays_text(tmp_path: Path) -> None:
+    c = compiled(HOSTILE, tmp_path)
+    assert c.generated.left_out == ()
+    good = b'a"*/??)\\\x01\x02\x03"\\?', b"??/\x00\x06\x05\x07"
+    assert (
+        differences(c, [("struct", good[0]), ("struct", good[0][:-1]), ("1-2.3", good[1]), ("1-2.3", good[1][:3])])
+        == []
+    )
+    assert c.ask(["d struct_ x" + good[0].hex()]) == ["= 1 2 3"]
+    for text in (c.generated.header, c.generated.source):
+        assert "boom(" not in re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
+        assert text.isascii() and "??" not in text
+
+
+def test_texts_that_end_comments_and_strings() -> None:
+    assert comment("a */ b /* c ??/ d \\") == "/* a * / b / * c ? ?/ d */"
+    assert comment("ä\n\u2028") == "/* \\xe4 \\u2028 */"
+    assert string(b'"\\\n1?\xff') == '"\\042\\134\\0121\\077\\377"'
+
+
+def test_names_of_c() -> None:
+    assert [identifier(one) for one in ("int", "a-b", "9x", "_T", "a__b", "UINT8_MAX", "é", "")] == [
+        "int_", "a_b", "x9x", "x_T", "a_b", "UINT8_MAX_", "x_", "x",
+    ]  # fmt: skip
+    names = CNames("a struct")
+    assert names.take("a_b", "'a-b'") == "a_b"
+    with pytest.raises(CannotSayError, match=r"'a\.b' and 'a-b' are both called 'a_b' in a struct"):
+        names.take("a_b", "'a.b'")
+
+
+def test_frames_with_one_name_in_c_are_left_out() -> None:
+    text = "protocol: p\nframes:\n  a-b: {body: [{const: 01}]}\n  a.b: {body: [{const: 02}]}\n"
+    assert generate(load_protocol_text(text, "small")).frames == ("a-b",)
+    assert told(text) == [
+        "4:3: the frame 'a.b' and the frame 'a-b' are both called 'p_a_b' in the C of 'p' – rename one of them"
+    ]
+
+
+def test_what_cannot_be_said_is_left_out_with_its_place() -> None:
+    text = (
+        "protocol: p\nparams: {k: {type: bytes, size: 16, secret: yes}}\nframes:\n"
+        "  plain: {body: [{field: a, type: u8}]}\n"
+        "  keyed: {body: [{field: a, type: u8}, {check: hmac-md5, key: k, size: 4}]}\n"
+    )
+    assert generate(load_protocol_text(text, "small")).frames == ("plain",)
+    assert told(text) == ["5:40: 'hmac-md5', a code that is made with a key"]
