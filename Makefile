@@ -29,6 +29,7 @@ bench: $(STAMP)
 
 guess-score: $(STAMP)
 	$(BIN)/python -m benchmarks.guess_score
+	$(BIN)/python -m benchmarks.guess_real
 
 $(STAMP): pyproject.toml
 	$(PYTHON) -m venv $(VENV)

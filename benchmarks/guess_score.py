@@ -348,7 +348,7 @@ def main() -> None:
     print(f"seed {seed}, {len(results)} made-up protocols")
     print(f"{'':<20} {'cases':>6} {'framing':>8} {'check':>8} {'length':>8}")
     for name, some in [*sorted(rows.items()), ("all", [one[4] for one in results])]:
-        shares = [_share([getattr(one, what) for one in some]) for what in ("framing", "check", "length")]
+        shares = [share([getattr(one, what) for one in some]) for what in ("framing", "check", "length")]
         print(f"{name:<20} {len(some):>6} " + " ".join(f"{one:>8}" for one in shares))
     sure = sum(one[4].sure for one in results)
     wrong = [(one[0], said) for one in results for said in one[4].wrong]
@@ -371,7 +371,7 @@ def main() -> None:
             print(f"missed: --one {one}: framing {framing} {marks.framing}, check {check} {marks.check}{how}")
 
 
-def _share(some: list[bool | None]) -> str:
+def share(some: list[bool | None]) -> str:
     known = [one for one in some if one is not None]
     return f"{sum(known) / len(known):.1%}" if known else "-"
 

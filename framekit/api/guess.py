@@ -6,9 +6,10 @@ of it that passes its check and its vectors; `known_protocols` tries the definit
 
 from __future__ import annotations
 
+import json
 import re
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -23,13 +24,10 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Check
 from framekit.definition.problems import DefinitionError, plural
 from framekit.definition.sources import shipped_definitions
-from framekit.guess.framing import cut_line
 from framekit.guess.guess import guess as guess
-from framekit.guess.model import Direction, GuessedField
+from framekit.guess.model import Direction
 from framekit.guess.model import Guess as Guess
 from framekit.guess.model import HeardBytes as HeardBytes
-from framekit.guess.pieces import joined, streams_of
-from framekit.guess.stuffing import plain_frame
 from framekit.guess.writing import definition_text
 from framekit.link.events import Seen
 from framekit.link.frame_table import table_of
@@ -159,9 +157,13 @@ def _shown(source: str) -> str:
     return re.sub(r"[^\w .,/+-]", "_", source)
 
 
-def _values(fields: dict[str, Any]) -> str:
+def _values(fields: Mapping[str, Any]) -> str:
+    """Values of a frame as vectors have them."""
+
     def plain(value: Any) -> str:
-        return f'"{value.hex(" ").upper()}"' if isinstance(value, (bytes, bytearray)) else str(int(value))
+        if isinstance(value, (bytes, bytearray)):
+            return f'"{value.hex(" ").upper()}"'
+        return json.dumps(value) if isinstance(value, str) else repr(value)
 
     return "{" + ", ".join(f"{name}: {plain(value)}" for name, value in fields.items()) + "}"
 
@@ -192,6 +194,27 @@ def explained(name: str | Path, chunks: Sequence[HeardBytes], client: Literal["i
     _listen(protocol, chunks, client if both else None, monitor)
     whole = sum(len(chunk.data) for chunk in chunks)
     return KnownProtocol(protocol.name, len(good), sum(map(len, good)), whole)
+
+
+def seen_by(protocol: Protocol, chunks: Sequence[HeardBytes]) -> list[Seen]:
+    """What a definition makes of the bytes, in order.
+
+    Where they went two ways, the client's are those that went out; or those that came in, if it reads more of them so.
+    """
+    both = len({chunk.direction for chunk in chunks}) > 1
+    whole = sum(len(chunk.data) for chunk in chunks)
+    ways: tuple[Literal["in", "out"] | None, ...] = ("out", "in") if both else (None,)
+    best: list[Seen] = []
+    most = -1
+    for way in ways:
+        seen: list[Seen] = []
+        _listen(protocol, chunks, way, seen.append)
+        covered = sum(len(one.raw) for one in seen if one.kind == "frame")
+        if covered > most:
+            best, most = seen, covered
+        if covered >= NEARLY_ALL * whole:
+            break
+    return best
 
 
 def _listen(
@@ -255,52 +278,6 @@ def _has_checks(protocol: Protocol) -> bool:
 # ---- going on ---------------------------------------------------------------------------------------------------
 
 
-class Difference(NamedTuple):
-    """A field whose values differ between two recordings."""
-
-    frame: str
-    offset: int
-    field: str
-    first: str
-    second: str
-
-
-def differences(one: Sequence[HeardBytes], two: Sequence[HeardBytes]) -> list[Difference]:
-    """The bytes of frames, guessed from both together, that have other values in the second recording.
-
-    Counters and checks differ always, and are left out.
-    """
-    found = guess([*one, *two])
-    framing = found.framing
-    if framing is None:
-        return []
-    own = [{frame.data for frame in cut_line(framing, streams_of(joined(part))).frames} for part in (one, two)]
-    rows: list[Difference] = []
-    for kind in found.kinds:
-        halves = [
-            [plain_frame(framing, frame.data) for frame in kind.frames if frame.data in part] for part in own
-        ]  # fmt: skip
-        for field in kind.fields:
-            if field.kind not in ("counter", "check", "length", "count"):
-                rows += _of_field(kind.name, field, halves)
-    return rows
-
-
-def _of_field(kind: str, field: GuessedField, halves: list[list[bytes]]) -> Iterator[Difference]:
-    """Where no value is in both halves; in data of varying size byte by byte, of frames of one size."""
-    if field.size:
-        parts = [(field.offset, field.size, halves)]
-    else:
-        sizes = Counter(len(text) for half in halves for text in half)
-        size = max(sizes, key=lambda one: (sizes[one], one), default=0)
-        same = [[text for text in half if len(text) == size] for half in halves]
-        parts = [(place, 1, same) for place in range(field.offset, size)]
-    for place, width, texts in parts:
-        values = [{text[place : place + width] for text in half} for half in texts]
-        if all(values) and not values[0] & values[1]:
-            yield Difference(kind, place, field.name, *map(_some, values))
-
-
 class DefinitionReading(NamedTuple):
     """What a definition makes of recordings: in words, and for programs."""
 
@@ -310,11 +287,7 @@ class DefinitionReading(NamedTuple):
 
 def reading_of(name: str | Path, chunks: Sequence[HeardBytes]) -> DefinitionReading:
     """What of a line is frames of a definition, what is noise or bad, and how fields behave. Raises DefinitionError."""
-    protocol = load_protocol(name)
-    seen: list[Seen] = []
-    both = len({chunk.direction for chunk in chunks}) > 1
-    client: Literal["in", "out"] | None = "out" if both else None
-    _listen(protocol, chunks, client, seen.append)
+    seen = seen_by(load_protocol(name), chunks)
     counts = Counter(one.kind for one in seen)
     fields: dict[str, dict[str, list[Any]]] = defaultdict(lambda: defaultdict(list))
     for one in seen:
@@ -352,8 +325,3 @@ def _behaviour(key: str, values: list[Any], columns: dict[str, list[Any]]) -> st
         if len(steps) == 1:
             return f"goes up by {steps.pop()} from frame to frame"
     return f"{len(shown)} values"
-
-
-def _some(values: set[bytes]) -> str:
-    shown = [value.hex(" ").upper() for value in sorted(values)]
-    return ", ".join(shown[:3]) + (f" … {len(shown)} values" if len(shown) > 3 else "")

@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from framekit.api.frame_rows import shown_bytes, spaced, what_was_seen
 
 if TYPE_CHECKING:
+    from types import FrameType
+
     from framekit import Seen
     from framekit.api.monitor import FrameFilter
     from framekit.api.settings import Names
@@ -269,10 +271,28 @@ def begin_log(level: str | None) -> None:
         logger.setLevel(level.upper())
 
 
+def on_signal(name: str, act: Callable[[], object]) -> None:
+    """From now on the loop does this when a signal (`SIGHUP`) comes; one that this system does not have never comes."""
+    number = getattr(signal, name, None)
+    if number is None:
+        return
+    loop = asyncio.get_running_loop()
+
+    def came(number: int, frame: FrameType | None) -> None:
+        if loop.is_closed():
+            signal.default_int_handler(number, frame)
+        loop.call_soon_threadsafe(act)
+
+    try:
+        loop.add_signal_handler(number, act)
+    except NotImplementedError:  # the loops of Windows
+        signal.signal(number, came)
+
+
 def on_stop(stop: Callable[[], object]) -> None:
-    """From now on SIGINT and SIGTERM ask to stop."""
-    for number in (signal.SIGINT, signal.SIGTERM):
-        asyncio.get_running_loop().add_signal_handler(number, stop)
+    """From now on SIGINT and SIGTERM ask to stop, and Ctrl-Break on Windows."""
+    for name in ("SIGINT", "SIGTERM", "SIGBREAK"):
+        on_signal(name, stop)
 
 
 @contextlib.contextmanager

@@ -128,14 +128,18 @@ def data_of(found: Guess) -> dict[str, Any]:
 
 def add_diff_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("files", metavar="FILE", nargs=2, type=Path, help=f"two recordings: {FILES_HELP}")
+    parser.add_argument(
+        "--with", dest="definition", metavar="NAME.yaml", help="which fields of this definition differ, by their names"
+    )
     add(parser, "--json")
 
 
 def run_diff(arguments: argparse.Namespace) -> int:
-    from framekit.api.guess import differences
+    from framekit.api.differences import definition_differences, differences
 
     one, two = (heard_in([file]) for file in arguments.files)
-    rows = differences(one, two)
+    known = arguments.definition
+    rows = differences(one, two) if known is None else definition_differences(known, one, two)
     if arguments.json:
         for row in rows:
             print_json(row._asdict())

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import io
 import os
 import re
 import sys
@@ -124,9 +125,21 @@ def _parsed(parser: Parser, words: Sequence[str]) -> tuple[argparse.Namespace, l
     return parsed, unknown
 
 
+def fit_output() -> None:
+    """Whatever is printed can be written: in UTF-8 into pipes of Windows, elsewhere as the user has chosen."""
+    for stream in (sys.stdout, sys.stderr):
+        if not isinstance(stream, io.TextIOWrapper) or stream.encoding.lower().replace("-", "") == "utf8":
+            continue
+        if sys.platform == "win32" and not stream.isatty() and "PYTHONIOENCODING" not in os.environ:
+            stream.reconfigure(encoding="utf-8", errors="backslashreplace")
+        else:
+            stream.reconfigure(errors="backslashreplace")
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of the console script; returns the exit status."""
     words = list(sys.argv[1:] if arguments is None else arguments)
+    fit_output()
     parser = build_parser(words[0] if words and words[0] in VERBS else "")
     parsed, unknown = _parsed(parser, words)
     if unknown:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import signal
 import sys
 import threading
 from collections.abc import Callable
@@ -19,6 +18,7 @@ from framekit.cli.common import (
     add,
     begin_log,
     duration_of,
+    on_signal,
     on_stop,
     period_of,
     print_json,
@@ -286,8 +286,7 @@ class RealRun:
             run.edit(model, applied)
 
         files = FileWatch(*self.began_with, changed, lambda error: output.refused(reasons(error)))
-        if hasattr(signal, "SIGHUP"):
-            asyncio.get_running_loop().add_signal_handler(signal.SIGHUP, files.look_now)
+        on_signal("SIGHUP", files.look_now)
         await files.watch()
 
 
@@ -326,9 +325,8 @@ class RunWatch:
         self._run = run
         if self._every:
             run.each(self._every, self.show)
-        if hasattr(signal, "SIGUSR1"):
-            with suppress(RuntimeError):
-                asyncio.get_running_loop().add_signal_handler(signal.SIGUSR1, self.show)
+        with suppress(RuntimeError):  # on simulated time there is no loop
+            on_signal("SIGUSR1", self.show)
 
     def at_end(self) -> None:
         """Shows the status for the last time, where it was asked for."""

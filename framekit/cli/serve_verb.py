@@ -6,7 +6,6 @@ import argparse
 import asyncio
 import contextlib
 import json
-import signal
 import sys
 import time
 from collections.abc import Callable, Iterable
@@ -20,6 +19,7 @@ from framekit.cli.common import (
     duration_of,
     each_once,
     in_words,
+    on_signal,
     on_stop,
     period_of,
     plain,
@@ -184,8 +184,7 @@ def _show_status(output: ServeOutput, every: int, ended: asyncio.Event) -> None:
 
     if every:
         loop.call_later(every / 1e9, go_on)
-    if hasattr(signal, "SIGUSR1"):
-        loop.add_signal_handler(signal.SIGUSR1, output.status)
+    on_signal("SIGUSR1", output.status)
 
 
 def warnings_of(server: AsyncServer) -> list[str]:

@@ -36,14 +36,15 @@ MOST_BYTES = 268_435_456
 SUFFIX = ".framekit"
 """How files of the cache end: no others are ever removed, whatever folder is named."""
 
+_AS_IT_IS = sum(getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
+"""A file is opened itself, no link to another one, without waiting, and byte by byte; where systems know of that."""
+
 
 def cache_folder() -> Path | None:
     """The folder for framekit's files, made if need be; None where there is none that this user alone can write.
 
     `FRAMEKIT_CACHE` names another one; with an empty name nothing is kept.
     """
-    if not hasattr(os, "geteuid"):
-        return None  # no owner to check
     given = os.environ.get("FRAMEKIT_CACHE")
     if given == "":
         return None
@@ -53,7 +54,7 @@ def cache_folder() -> Path | None:
             return None
         with suppress(FileExistsError):
             folder.mkdir(mode=0o700, parents=True)
-        return folder if _is_own(os.lstat(folder), stat.S_ISDIR) else None
+        return folder if _is_own(os.lstat(folder), stat.S_ISDIR) and _is_private(folder) else None
     except (OSError, RuntimeError):  # RuntimeError: no home folder
         return None
 
@@ -62,18 +63,32 @@ def _user_cache() -> Path:
     home = os.environ.get("XDG_CACHE_HOME", "")
     if os.path.isabs(home):
         return Path(home)
-    return Path.home() / ("Library/Caches" if sys.platform == "darwin" else ".cache")
+    if sys.platform not in ("darwin", "win32"):
+        return Path.home() / ".cache"
+    from platformdirs import user_cache_path  # which takes 5 ms to import
+
+    return user_cache_path()
 
 
 def _is_own(found: os.stat_result, kind: object) -> bool:
-    """Whether it is of that kind (`stat.S_ISDIR`, …), this user's, and closed to all others."""
-    return callable(kind) and bool(kind(found.st_mode)) and found.st_uid == os.geteuid() and not found.st_mode & 0o077
+    """Whether it is of that kind (`stat.S_ISDIR`, …), this user's, and closed to all others.
+
+    Windows tells no owner here: there `_is_private` is what counts.
+    """
+    if not (callable(kind) and kind(found.st_mode)):
+        return False
+    return sys.platform == "win32" or (found.st_uid == os.geteuid() and not found.st_mode & 0o077)
+
+
+def _is_private(folder: Path) -> bool:
+    """Whether the place of a folder keeps others out: on Windows the user's profile does, elsewhere no place has to."""
+    return sys.platform != "win32" or folder.resolve().is_relative_to(Path.home().resolve())
 
 
 def read_entry(folder: Path, name: str) -> bytes | None:
     """The content of a file; None if there is none that can be read, or one that another user may have written."""
     try:
-        descriptor = os.open(folder / (name + SUFFIX), os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+        descriptor = os.open(folder / (name + SUFFIX), os.O_RDONLY | _AS_IT_IS)
         try:
             if not _is_own(os.fstat(descriptor), stat.S_ISREG):
                 return None
@@ -89,7 +104,7 @@ def keep(folder: Path, name: str, data: bytes) -> None:
     """Writes a file, whole or not at all; a cache that cannot be written is none."""
     temporary = folder / f"{name}.{os.getpid()}.new{SUFFIX}"
     with suppress(OSError):
-        descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
+        descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _AS_IT_IS, 0o600)
         try:
             with open(descriptor, "wb") as file:
                 file.write(data)

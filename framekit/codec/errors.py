@@ -41,7 +41,7 @@ class FrameError(ValueError):
 
 
 class Misread(FrameError):  # noqa: N818 - what it is a case of says so
-    """A FrameError that finds out what is wrong when somebody asks: most are only asked whether a frame fits.
+    """A FrameError that finds out what is wrong when asked: most are only asked whether a frame fits.
 
     Only for frames that are never refused; that alone is known without reading.
     """

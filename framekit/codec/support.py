@@ -268,13 +268,14 @@ def exact_decimal(value: Any) -> Decimal:
 
 
 def build_decimal(
-    value: Any, size: int | None, decimals: int | None, sign: str, digits: int, fill: bytes, exponent: int
+    value: Any, size: int | None, decimals: int | None, sign: str, digits: int, fill: bytes, exponent: int, point: bool
 ) -> bytes:
     """A number as decimal text; `size` None: as long as it takes, up to 256 characters; nothing is no text at all.
 
     `decimals` digits behind the point (None: as many as the value has), at least `digits` before it; `fill` stands in
     front, zeros behind the sign. `sign`: `minus`, `always`, `space` or `never`. With digits of an `exponent` one digit
-    stands before the point. Raises ValueError for what such a text cannot say.
+    stands before the point. `point`: it stands without digits behind it too. Raises ValueError for what such a text
+    cannot say.
     """
     if value is None and size is None:
         return b""
@@ -301,7 +302,7 @@ def build_decimal(
         number += "0" * -surplus
     number = number.rjust(behind, "0")
     front = number[: len(number) - behind].rjust(digits or not behind, "0")
-    text = front + (f".{number[len(number) - behind :]}" if behind else "") + tail
+    text = front + (f".{number[len(number) - behind :]}" if behind or point else "") + tail
     if negative and sign == "never":
         raise Unfit(f"{value} is negative, and has no sign")
     signed = "-" if negative else {"always": "+", "space": " "}.get(sign, "")
@@ -316,7 +317,14 @@ def build_decimal(
 
 
 def parse_decimal(
-    text: bytes | bytearray, fixed: bool, decimals: int | None, sign: str, digits: int, fill: bytes, exponent: int
+    text: bytes | bytearray,
+    fixed: bool,
+    decimals: int | None,
+    sign: str,
+    digits: int,
+    fill: bytes,
+    exponent: int,
+    point: bool,
 ) -> Any:
     """The number that a decimal text shows: whole ones without point and exponent, others exact. Raises ValueError.
 
@@ -324,14 +332,14 @@ def parse_decimal(
     has a size.
     """
     plain = bytes(text.lstrip(fill) if fixed and fill != b"0" else text).removeprefix(b" " if sign == "space" else b"")
-    if len(text) > 256 or not re.fullmatch(rb"[+-]?[0-9]*(\.[0-9]+)?(E[+-][0-9]{1,4})?", plain):
+    if len(text) > 256 or not re.fullmatch(rb"[+-]?[0-9]*(\.[0-9]*)?(E[+-][0-9]{1,4})?", plain):
         raise Unfit(f"{bytes(text)!r} is not a number in decimal text")
     if not plain.strip(b"+-.E")[:1].isdigit():
         raise Unfit(f"{bytes(text)!r} has no digits")
     shown = plain.decode("ascii")
-    is_whole = decimals == 0 and not exponent and shown.lstrip("+-").isdigit()
+    is_whole = decimals == 0 and not exponent and not point and shown.lstrip("+-").isdigit()
     number = int(shown) if is_whole else Decimal(shown)
-    if build_decimal(number, len(text) if fixed else None, decimals, sign, digits, fill, exponent) != text:
+    if build_decimal(number, len(text) if fixed else None, decimals, sign, digits, fill, exponent, point) != text:
         raise Unfit(f"{bytes(text)!r} is not written as such numbers are")
     return number
 

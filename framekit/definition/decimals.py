@@ -19,6 +19,8 @@ from framekit.definition.tree import Node
 
 SIGNS: Mapping[str, bytes] = {"minus": b"", "always": b"+", "space": b" ", "never": b""}
 """What stands before a number that is not negative."""
+POINTS = {"decimals": False, "always": True}
+"""Whether a point stands without a digit behind it."""
 _MOST_DIGITS = 200
 _MOST_EXPONENT = 4
 
@@ -29,7 +31,8 @@ class DecimalForm:
 
     `decimals`: digits behind the point; None: as many as the value has. `digits`: before the point at least. `fill`:
     the byte that fills a text of fixed size up; zeros stand behind the sign. `exponent`: digits of an exponent, which
-    then always stands there, behind one digit before the point; 0: none. `empty`: no text at all is nothing.
+    then always stands there, behind one digit before the point; 0: none. `empty`: no text at all is nothing. `point`:
+    a point stands there without digits behind it too.
     """
 
     decimals: int | None = 0
@@ -38,32 +41,33 @@ class DecimalForm:
     fill: bytes = b"0"
     exponent: int = 0
     empty: bool = False
+    point: bool = False
 
     @property
     def is_whole(self) -> bool:
-        return self.decimals == 0 and not self.exponent and not self.empty
+        return self.decimals == 0 and not self.exponent and not self.empty and not self.point
 
     @property
     def least(self) -> int:
         """Characters of the shortest one."""
         if self.empty:
             return 0
-        behind = 0 if not self.decimals else self.decimals + 1
+        behind = self.decimals + 1 if self.decimals else int(self.point)
         signs = self.sign in ("always", "space")
-        return signs + max(self.digits, 0 if behind else 1) + behind + (self.exponent and self.exponent + 2)
+        return signs + max(self.digits, 0 if self.decimals else 1) + behind + (self.exponent and self.exponent + 2)
 
     @property
     def contents(self) -> frozenset[int]:
         """The bytes that may stand in one."""
         found = b"0123456789" + self.fill + SIGNS[self.sign]
         found += b"" if self.sign == "never" else b"-"
-        found += b"" if self.decimals == 0 else b"."
+        found += b"." if self.point or self.decimals != 0 else b""
         return frozenset(found + (b"E+-" if self.exponent else b""))
 
     @property
     def arguments(self) -> tuple[int | str | bytes | None, ...]:
         """What the functions that read and build it are given."""
-        return self.decimals, self.sign, self.digits, self.fill, self.exponent
+        return self.decimals, self.sign, self.digits, self.fill, self.exponent, self.point
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +100,10 @@ DECIMAL_KEYS: Mapping[str, Schema] = {
         "pattern": "^(any|[0-9]+)$",
         "x-expected": "a number of digits, or any",
     },
+    "point": {
+        **words("a point", *POINTS),
+        "description": "When a point stands without a digit behind it (16.): decimals (the default: never), always.",
+    },
     "sign": {
         **words("a sign", *SIGNS),
         "description": "Sign of a decimal: minus where it is negative (the default), always, space instead of a plus, "
@@ -126,7 +134,11 @@ def load_form(reader: Reader, keys: Keys, size: object) -> DecimalForm:
     decimals_node, pad_node = keys.get("decimals"), keys.get("pad")
     has_any = decimals_node is not None and reader.text(decimals_node).strip() == "any"
     decimals = None if has_any else _digits(reader, decimals_node, 0)
-    sign_node = keys.get("sign")
+    point_node, sign_node = keys.get("point"), keys.get("sign")
+    point = point_node is not None and reader.one_of(point_node, POINTS, "a point")
+    if point_node is not None and decimals:
+        what = f"{decimals} digits always stand behind the point, point: has no effect"
+        raise reader.broken(point_node.at, what, "leave point out")
     sign = "minus" if sign_node is None else reader.one_of(sign_node, {one: one for one in SIGNS}, "a sign")
     exponent_node = keys.get("exponent")
     exponent = _digits(reader, exponent_node, 0)
@@ -156,7 +168,7 @@ def load_form(reader: Reader, keys: Keys, size: object) -> DecimalForm:
     if exponent_node is not None and decimals is None:
         what = "decimals: any has no exponent: nothing would say where the point stands"
         raise reader.broken(exponent_node.at, what, "write decimals: N")
-    return DecimalForm(decimals, sign, digits, fill, exponent, empty)
+    return DecimalForm(decimals, sign, digits, fill, exponent, empty, point)
 
 
 def _digits(reader: Reader, node: Node | None, otherwise: int) -> int:

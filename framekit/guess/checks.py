@@ -1,4 +1,4 @@
-"""The check of frames nobody told of: every place, every range, every method, and what holds in nearly all frames.
+"""The check of unknown frames: every place, every range, every method, and what holds in nearly all frames.
 
 Sums and exclusive ors are looked for with any constant, CRCs of the catalogue with any register at the start, others by
 algebra. Hypotheses are tried on a few pairs of frames first; what survives is held against all of them.
@@ -18,6 +18,7 @@ from framekit.definition.model.checks import CheckMethod, crc_catalogue, ready_m
 from framekit.definition.problems import NOWHERE
 from framekit.guess.crc_algebra import difference, plain_crc, polynomials, starts_of
 from framekit.guess.model import CheckGuess, CheckPlace, Evidence, Order
+from framekit.guess.stuffing import StuffingError, from_digits
 
 LARGEST_START = 6
 """The first byte that counts is looked for among so many."""
@@ -30,7 +31,7 @@ SURE = 24.0
 """Bits of luck from which a check is believed."""
 TRIED = 16.0
 """So many bits are taken off for the number of hypotheses."""
-LEAST_CODES = 40
+LEAST_CODES = 24
 """A code has so many values, or one for every other frame: what hardly ever changes is none."""
 MOST_PAIRS = 7
 MOST_SOLVED = 4
@@ -98,7 +99,7 @@ def cut_at(place: CheckPlace, frame: bytes) -> CountedBytes | None:
         data = frame[begin + place.size + place.start : len(frame) - place.stop]
         end = begin + place.size
     else:
-        data = frame[place.start : begin]
+        data = frame[place.start : max(0, begin - place.stop)]
     if begin < place.start and place.at is None:
         return None
     raw = frame[begin:end]
@@ -118,9 +119,10 @@ def cut_at(place: CheckPlace, frame: bytes) -> CountedBytes | None:
 
 
 def _digits(text: bytes) -> bytes | None:
-    if len(text) % 2 or any(sign not in b"0123456789ABCDEFabcdef" for sign in text):
+    try:
+        return from_digits(text)
+    except StuffingError:
         return None
-    return bytes.fromhex(text.decode("ascii"))
 
 
 def find_checks(frames: Sequence[bytes], start: int = 0, tail: int = 0, most: int = 3) -> list[CheckGuess]:
@@ -155,7 +157,10 @@ def _rank(one: CheckGuess) -> tuple[float, ...]:
     plain = int(method.initial in (0, ones)) + int(method.kind != "crc" or method.xorout in (0, ones))
     share = round(one.evidence.holds / one.evidence.of, 2)
     known = bool(one.name) or method.kind == "fold"
-    return share, one.place.at is None, -one.place.tail, known, method.kind != "crc", plain, -one.place.start
+    return (
+        share, one.place.at is None, -one.place.tail, known, method.kind != "crc", plain, -one.place.stop,
+        -one.place.start,
+    )  # fmt: skip
 
 
 def _together(found: Sequence[CheckGuess]) -> list[CheckGuess]:
@@ -184,27 +189,36 @@ def _places(frames: Sequence[bytes], start: int, tail: int) -> Iterator[CheckPla
     starts = list(dict.fromkeys((0, start, *range(LARGEST_START + 1))))
     for behind in tails:
         for size in (2, 1, 4, 3):
-            for first in starts:
-                if first + size + behind >= shortest:
-                    continue
-                orders: tuple[Order, ...] = ("big",) if size == 1 else ("little", "big")
-                for order in orders:
-                    yield CheckPlace(size, order, tail=behind, start=first)
+            for stop in _stops(frames, size + behind):
+                for first in starts:
+                    if first + stop + size + behind >= shortest:
+                        continue
+                    orders: tuple[Order, ...] = ("big",) if size == 1 else ("little", "big")
+                    for order in orders:
+                        yield CheckPlace(size, order, tail=behind, start=first, stop=stop)
         if all(_digits(frame[len(frame) - behind - 2 : len(frame) - behind]) for frame in frames[:20]):
             for size in (4, 2, 8, 6):
-                for first in starts[:4]:
-                    if first + size + behind >= shortest:
-                        continue
-                    orders = ("big",) if size == 2 else ("big", "little")
-                    for order in orders:
-                        yield CheckPlace(size, order, "hex", behind, start=first)
-                        yield CheckPlace(size, order, "hex", behind, start=first, counted="hex")
+                for stop in _stops(frames, size + behind):
+                    for first in starts[:4]:
+                        if first + stop + size + behind >= shortest:
+                            continue
+                        orders = ("big",) if size == 2 else ("big", "little")
+                        for order in orders:
+                            place = CheckPlace(size, order, "hex", behind, start=first, stop=stop)
+                            yield place
+                            yield replace(place, counted="hex")
     for at in range(start, min(start + LARGEST_START, shortest - 3)):
         for size in (1, 2):
             for stop in dict.fromkeys((0, tail)):
                 orders = ("big",) if size == 1 else ("little", "big")
                 for order in orders:
                     yield CheckPlace(size, order, at=at, stop=stop)
+
+
+def _stops(frames: Sequence[bytes], behind: int) -> tuple[int, ...]:
+    """Bytes before a code that may not count: none, or one that is the same in nearly all frames, such as `*`."""
+    before = Counter(frame[-behind - 1] for frame in frames if len(frame) > behind)
+    return (0, 1) if before and before.most_common(1)[0][1] >= 0.9 * len(frames) else (0,)
 
 
 def _cuts(place: CheckPlace, frames: Sequence[bytes]) -> list[CountedBytes]:
@@ -284,6 +298,8 @@ def _simple_guess(
 ) -> Iterator[CheckGuess]:
     width, ones = method.width, (1 << method.width) - 1
     chance = width * (held - 1) - TRIED
+    if width > 8 and constant and _swallows_mark(cuts):
+        return
     if chance < SURE or _is_copy(cuts, 0.9 if held >= 0.95 * of else 0.6):
         return
     name = method.name
@@ -297,6 +313,15 @@ def _simple_guess(
         found = method if not constant else _changed(method, initial=constant)
     ready = found.name if found in ready_methods().values() else ""
     yield CheckGuess(place, found, ready, Evidence(held, of, chance))
+
+
+def _swallows_mark(cuts: Sequence[CountedBytes]) -> bool:
+    """Whether a byte of the code never changes, and is none that small numbers have: a mark beside a shorter code."""
+    for shift in (0, 8):
+        value, often = Counter(cut.code >> shift & 0xFF for cut in cuts).most_common(1)[0]
+        if often >= 0.9 * len(cuts) and value not in (0, 0xFF):
+            return True
+    return False
 
 
 def _changed(method: CheckMethod, **parameters: object) -> CheckMethod:

@@ -24,6 +24,7 @@ from framekit.guess.model import (
     LengthField,
     Order,
 )
+from framekit.guess.texts import is_text, with_texts
 
 HEAD = 12
 """So many bytes of a frame's head are looked at one by one."""
@@ -56,7 +57,7 @@ def shape_of(framing: Framing, check: CheckGuess | None) -> FrameShape:
     has_marks = framing.kind in ("marks", "length")
     tail = len(framing.end) if has_marks else 0
     if check is not None and check.place.at is None:
-        tail = max(tail, check.place.tail + check.place.size)
+        tail = max(tail, check.place.behind)
     return FrameShape(len(framing.start) if has_marks else 0, tail)
 
 
@@ -190,7 +191,8 @@ def fields_of(
 ) -> tuple[GuessedField, ...]:  # fmt: skip
     """The fields of frames of one kind, from the first byte to the last. `function`: the byte that tells the kind."""
     shortest, longest = min(map(len, texts)), max(map(len, texts))
-    inner = min(shortest - shape.tail, HEAD if longest > shortest else max(HEAD, shortest - shape.tail))
+    head = HEAD if length is None else max(HEAD, length.end)
+    inner = min(shortest - shape.tail, head if longest > shortest else max(head, shortest - shape.tail))
     found: list[GuessedField] = []
     at = 0
     if shape.head:
@@ -212,10 +214,15 @@ def fields_of(
     if longest > shortest:
         while found and found[-1].kind == "unknown":
             at = found.pop().offset
-        found.append(
-            GuessedField("data", at, 0, "value", f"{shortest - shape.tail - at} to {longest - shape.tail - at} bytes")
-        )
+        about = f"{shortest - shape.tail - at} to {longest - shape.tail - at} bytes"
+        kind: FieldKind = "text" if is_text([text[at : len(text) - shape.tail] for text in texts]) else "value"
+        found.append(GuessedField("data", at, 0, kind, about))
+    found = with_texts(found, texts)
     if check is not None and check.place.at is None:
+        if check.place.stop:
+            before, size = check.place.behind, check.place.stop
+            mark = texts[0][len(texts[0]) - before :][:size].hex(" ").upper()
+            found.append(GuessedField("mark", -before, size, "constant", mark, is_mark=True))
         found.append(
             GuessedField("check", -(check.place.tail + check.place.size), check.place.size, "check", check.name)
         )
@@ -299,6 +306,6 @@ def _merged(fields: Sequence[GuessedField], texts: Sequence[bytes]) -> list[Gues
 def _named(field: GuessedField, names: Counter[str]) -> GuessedField:
     """With a name of its own."""
     names[field.name] += 1
-    many = names[field.name] > 1 or field.name in ("unknown", "constant")
+    many = names[field.name] > 1 or field.name in ("unknown", "constant", "text")
     name = f"{field.name}_{names[field.name]}" if many else field.name
     return replace(field, name=name)

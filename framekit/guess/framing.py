@@ -13,7 +13,10 @@ from framekit.guess.stuffing import StuffingError, find_stuffing, plain_frame
 
 MOST_MARK = 2
 """Bytes of a mark that are looked for."""
-LARGEST_OFFSET = 8
+LARGEST_OFFSET = 16
+"""Where a length may stand, as the sizes of pieces show it."""
+STREAM_OFFSET = 8
+"""And where streams are cut by it alone."""
 USUAL_WIDTHS = {2: 0, 1: 1, 4: 2}
 """Which of several that fit is taken: where the high byte is always 0, nothing tells them apart."""
 LARGEST_PLUS = 40
@@ -265,7 +268,7 @@ def _lengths(texts: Sequence[bytes]) -> Iterator[LengthField]:
     whole = [text for text in texts if len(text) > 2]
     if len({len(text) for text in whole}) < 2:
         return
-    shortest = min(map(len, whole))
+    shortest = sorted(map(len, whole))[len(whole) // 5]  # a few pieces are parts of frames
     found: list[tuple[int, LengthField]] = []
     for length in _fields(min(LARGEST_OFFSET, shortest)):
         if length.end > shortest:
@@ -299,7 +302,7 @@ def _fields(offsets: int) -> Iterator[LengthField]:
 def _lengths_of_stream(streams: Sequence[PieceStream]) -> Iterator[LengthField]:
     """Numbers that lead from frame to frame through streams whose pieces say little."""
     found: list[tuple[float, LengthField]] = []
-    for length in _fields(LARGEST_OFFSET):
+    for length in _fields(STREAM_OFFSET):
         for plus in range(length.end - 4 if length.offset else length.end, length.end + 12):
             one = replace(length, plus=plus)
             worth = _worth(one, streams)
@@ -320,7 +323,7 @@ def _worth(length: LengthField, streams: Sequence[PieceStream]) -> float:
             value = value_at(length, data, at)
             if value is None or not length.end <= value * length.unit + length.plus <= LONGEST_FRAME:
                 return 0.0
-            heads.append(data[at : at + LARGEST_OFFSET])
+            heads.append(data[at : at + STREAM_OFFSET])
             empty += value == 0
             at += value * length.unit + length.plus
         if at != len(data):
@@ -329,11 +332,37 @@ def _worth(length: LengthField, streams: Sequence[PieceStream]) -> float:
         return 0.0  # what counts nothing again and again is no length
     own = range(length.offset, length.end)
     alike = [
-        place for place in range(LARGEST_OFFSET)
+        place for place in range(STREAM_OFFSET)
         if place not in own
         and Counter(head[place : place + 1] for head in heads).most_common(1)[0][1] >= MOST * len(heads)
     ]  # fmt: skip
     return len(alike) * log2(1 + len(heads)) if alike else 0.0
+
+
+def readings_of(length: LengthField, frames: Sequence[HeardFrame]) -> list[LengthField]:
+    """How else the same bytes give the sizes of nearly all frames: without a high byte that is 0, or with one."""
+    low = length.end - 1 if length.order == "big" else length.offset
+    if length.form != "binary" or length.width > 2:
+        return []
+    narrow = replace(length, offset=low, width=1, order="big")
+    before, behind = replace(narrow, offset=low - 1, width=2), replace(narrow, width=2, order="little")
+    found = [one for one in (narrow, before, behind) if one != length and one.offset >= 0]
+    return [one for one in found if _fitting(one, frames) >= 0.9 * len(frames)]
+
+
+def _fitting(length: LengthField, frames: Sequence[HeardFrame]) -> int:
+    """How many frames have the size that a length field tells."""
+    numbers = [(len(frame.data), value_at(length, frame.data, 0)) for frame in frames]
+    return sum(number is not None and size == number * length.unit + length.plus for size, number in numbers)
+
+
+def _told_apart(length: LengthField, frames: Sequence[HeardFrame]) -> LengthField:
+    """The low byte alone, where a high byte may stand before it as well as behind it."""
+    others = readings_of(length, frames)
+    narrow = next((one for one in others if one.width == 1), None)
+    if length.width != 2 or narrow is None or len(others) < 2:
+        return length
+    return narrow if _fitting(narrow, frames) >= _fitting(length, frames) else length
 
 
 def _weighed(cut: CutLine, texts: Sequence[bytes]) -> CutLine:
@@ -348,7 +377,8 @@ def _weighed(cut: CutLine, texts: Sequence[bytes]) -> CutLine:
     chance = framing.evidence.chance
     if framing.kind == "length" and framing.length is not None:
         sizes = {len(frame.data) for frame in frames}
-        length = framing.length
+        length = _told_apart(framing.length, frames)
+        framing = replace(framing, length=length)
         columns = [{frame.data[place] for frame in frames} for place in range(length.offset, length.end)]
         moving = max(1, sum(len(values) > 1 for values in columns))
         chance = 8.0 * moving * (len(sizes) - 1) - 7 - 8 * (moving - 1)

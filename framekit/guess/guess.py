@@ -11,7 +11,7 @@ from statistics import median
 from framekit.guess.checks import find_checks, holds
 from framekit.guess.fields import SURE, directed, kinds_of
 from framekit.guess.framing import SURE as SURE_FRAMING
-from framekit.guess.framing import CutLine, framings_of
+from framekit.guess.framing import CutLine, framings_of, readings_of
 from framekit.guess.model import (
     CheckGuess,
     Evidence,
@@ -22,6 +22,7 @@ from framekit.guess.model import (
     HeardFrame,
     LengthField,
     Statement,
+    Stuffing,
 )
 from framekit.guess.stuffing import StuffingError, plain_frame
 from framekit.guess.writing import named_apart
@@ -68,9 +69,24 @@ def _cut_and_check(chunks: Sequence[HeardBytes]) -> tuple[CutLine, list[bytes | 
         first = first or (cut, plain)
         checks = find_checks(texts, len(cut.framing.start), len(cut.framing.end)) if texts else []
         if checks:
-            return cut, plain, checks[0]
+            return _of_digits(cut, checks[0]) or (cut, plain, checks[0])
     assert first is not None
     return *first, None
+
+
+def _of_digits(cut: CutLine, check: CheckGuess) -> tuple[CutLine, list[bytes | None], CheckGuess] | None:
+    """The frames as bytes, where all between the marks are hex digits, and what these stand for counts."""
+    framing = cut.framing
+    if check.place.counted != "hex" or framing.kind != "marks":
+        return None
+    good = [one.data for one in cut.frames if holds(check, one.data)]
+    framing = replace(framing, stuffing=Stuffing("hex"), evidence=Evidence(len(good), len(cut.frames), SURE))
+    plain = [_plain(framing, one.data) for one in cut.frames]
+    texts = [text for text in plain if text is not None]
+    if not good or len(texts) < 0.9 * len(cut.frames):
+        return None
+    checks = find_checks(texts[:MOST_CHECKED], len(framing.start), len(framing.end))
+    return (replace(cut, framing=framing), plain, checks[0]) if checks else None
 
 
 def _mended(cut: CutLine, plain: list[bytes | None], check: CheckGuess) -> tuple[CutLine, list[bytes | None]]:
@@ -127,8 +143,8 @@ def _of_framing(cut: CutLine) -> Iterator[Statement]:
     if framing.kind == "length" and framing.length is not None:
         length = framing.length
         what = _place_of(length)
-        other = _or_narrower(length, frames)
-        what += f" (or {_place_of(other)})" if other is not None else ""
+        others = [_place_of(one) for one in readings_of(length, frames)]
+        what += f" (or {', or '.join(others)})" if others else ""
         unit = "" if length.unit == 1 else f"{length.unit} × "
         text = f"its size is {unit}the number in {what}, and {length.plus} bytes"
         yield Statement(text, framing.evidence, sure, "a frame of another size")
@@ -139,7 +155,8 @@ def _of_framing(cut: CutLine) -> Iterator[Statement]:
     else:
         yield Statement("its end is told by that mark", framing.evidence, sure, "the mark inside of a frame")
     if framing.stuffing is not None:
-        yield Statement(f"inside, {_stuffed(framing)}", framing.evidence, sure, "an escape byte before anything else")
+        against = "another sign" if framing.stuffing.kind == "hex" else "an escape byte before anything else"
+        yield Statement(f"inside, {_stuffed(framing)}", framing.evidence, sure, against)
 
 
 def _place_of(length: LengthField) -> str:
@@ -148,21 +165,14 @@ def _place_of(length: LengthField) -> str:
     return f"{length.width} byte{'s' * (length.width > 1)} at {length.offset}{digits}{order}"
 
 
-def _or_narrower(length: LengthField, frames: Sequence[HeardFrame]) -> LengthField | None:
-    """The low byte alone, where the high ones are always 0."""
-    low = length.end - 1 if length.order == "big" else length.offset
-    high = [place for place in range(length.offset, length.end) if place != low]
-    if length.form == "hex" or not high or any(frame.data[place] for frame in frames for place in high):
-        return None
-    return replace(length, offset=low, width=1, order="big")
-
-
 def _stuffed(framing: Framing) -> str:
     stuffing = framing.stuffing
     assert stuffing is not None
     match stuffing.kind:
         case "cobs":
             return "bytes are written by COBS"
+        case "hex":
+            return "each byte is written as two hex digits"
         case "doubled":
             return f"{stuffing.escape:02X} is written twice"
         case "escape_xor":
@@ -180,6 +190,7 @@ def _of_check(check: CheckGuess | None) -> Iterator[Statement]:
         where = f"before the last {place.tail} byte{'s' * (place.tail > 1)}"
     name = check.name or _own_name(check)
     text = f"the check {where} is {name}, from byte {place.start} on"
+    text += f" without the {place.stop} before it" if place.stop and place.at is None else ""
     text += f", {place.order} end first" if place.size > 1 and place.form == "binary" else ""
     text += ", as hex digits" if place.form == "hex" else ""
     if check.others:

@@ -87,10 +87,10 @@ class Stuffing:
 
     `kind`: `escape_xor` (the escape byte, then the byte xor `xor`), `escape_codes` (the escape byte, then a code:
     `codes`, code → byte), `doubled` (the escape byte stands twice; a frame begins and ends with it and another byte),
-    `cobs`.
+    `cobs`, `hex` (two digits for each byte).
     """
 
-    kind: Literal["escape_xor", "escape_codes", "doubled", "cobs"]
+    kind: Literal["escape_xor", "escape_codes", "doubled", "cobs", "hex"]
     escape: int = 0
     xor: int = 0
     codes: tuple[tuple[int, int], ...] = ()
@@ -119,8 +119,9 @@ class CheckPlace:
     """Where a code stands in a frame without its stuffing, and what it counts.
 
     It takes `size` bytes (a form of hex: that many characters). It ends `tail` bytes before the frame's end, or, where
-    `at` is given, begins there. It counts from the byte `start` to the code, or, where `at` is given, from there to
-    `stop` bytes before the end. `counted` hex: the bytes that the characters in between stand for are counted.
+    `at` is given, begins there. It counts from the byte `start` to `stop` bytes before the code, or, where `at` is
+    given, from there to `stop` bytes before the end. `counted` hex: the bytes that the characters in between stand for
+    are counted.
     """
 
     size: int
@@ -131,6 +132,11 @@ class CheckPlace:
     start: int = 0
     stop: int = 0
     counted: Form = "binary"
+
+    @property
+    def behind(self) -> int:
+        """Bytes at the frame's end that do not count; 0 where the code stands in the head."""
+        return 0 if self.at is not None else self.stop + self.size + self.tail
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +156,7 @@ class CheckGuess:
 
 
 FieldKind = Literal[
-    "constant", "counter", "address", "function", "length", "count", "copy", "check", "value", "unknown"
+    "constant", "counter", "address", "function", "length", "count", "copy", "check", "text", "value", "unknown"
 ]
 
 

@@ -24,6 +24,8 @@ def unstuffed(stuffing: Stuffing, data: bytes) -> bytes:
     """The plain bytes. Raises StuffingError."""
     if stuffing.kind == "cobs":
         return _from_cobs(data)
+    if stuffing.kind == "hex":
+        return from_digits(data)
     found, at, escape = bytearray(), 0, stuffing.escape
     codes = dict(stuffing.codes)
     while at < len(data):
@@ -45,6 +47,16 @@ def unstuffed(stuffing: Stuffing, data: bytes) -> bytes:
                 raise StuffingError("there is no such code")
         found.append(byte)
     return bytes(found)
+
+
+HEX_DIGITS = frozenset(b"0123456789ABCDEFabcdef")
+
+
+def from_digits(text: bytes) -> bytes:
+    """The bytes that hex digits stand for. Raises StuffingError."""
+    if len(text) % 2 or not HEX_DIGITS.issuperset(text):
+        raise StuffingError("these are no pairs of hex digits")
+    return bytes.fromhex(text.decode("ascii"))
 
 
 def _from_cobs(data: bytes) -> bytes:

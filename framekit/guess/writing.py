@@ -77,7 +77,10 @@ def _frame(kind: FrameKind, guess: Guess, has_sides: bool) -> Iterator[str]:
         keys.append("group: request")
     elif kind.side == "server" and has_sides:
         keys.append("from: server")
-        echoed = [field.name for field in kind.fields if field.kind == "copy"]
+        asked = [{field.name for field in one.fields} for one in guess.kinds if one.side == "client"]
+        echoed = [
+            field.name for field in kind.fields if field.kind == "copy" and all(field.name in names for names in asked)
+        ]
         if echoed:
             keys.append(f"echo: [{', '.join(echoed)}]")
     yield f"  {kind.name}:"
@@ -104,8 +107,8 @@ def _body(kind: FrameKind, framing: Framing, check: CheckGuess | None) -> Iterat
 def _wrap(framing: Framing) -> str:
     stuffing = framing.stuffing
     assert stuffing is not None
-    if stuffing.kind == "cobs":
-        return "cobs"
+    if stuffing.kind in ("cobs", "hex"):
+        return stuffing.kind
     if stuffing.kind == "doubled":
         return f"{{escape: {stuffing.escape:02X}}}"
     if stuffing.kind == "escape_xor":
@@ -120,15 +123,14 @@ def _segments(kind: FrameKind, framing: Framing, check: CheckGuess | None) -> It
     """A segment for each field."""
     sized = next((field for field in kind.fields if field.kind in ("length", "count")), None)
     for field in kind.fields:
-        about = f"  # {field.about}" if field.about and field.kind in ("unknown", "counter", "copy") else ""
+        about = f"  # {field.about}" if field.about and field.kind in ("unknown", "counter", "copy", "text") else ""
         match field.kind:
             case "constant" if field.name in ("start", "end", "function") or field.is_mark:
                 yield f"{{const: {field.about}}}"
             case "length" | "count" if field is sized:
                 yield _length(field, kind, framing)
-            case "value" if field.name == "data":
-                size = "rest" if sized is None else _size_of_data(sized, kind, framing)
-                yield f"{{data: data, size: {size}}}{about}"
+            case "value" | "text" if field.size == 0:
+                yield f"{_data(field, kind, framing, sized)}{about}"
             case "check":
                 yield _check(field, kind, framing, check)
             case "constant":
@@ -138,10 +140,20 @@ def _segments(kind: FrameKind, framing: Framing, check: CheckGuess | None) -> It
 
 
 def _plain(field: GuessedField) -> str:
+    if field.kind == "text":
+        return f"{{field: {field.name}, type: ascii, size: {field.size}}}"
     if field.size in (1, 2, 4):
         order = ", order: little" if "little" in field.about else ""
         return f"{{field: {field.name}, type: u{8 * field.size}{order}}}"
     return f"{{data: {field.name}, size: {field.size}}}"
+
+
+def _data(field: GuessedField, kind: FrameKind, framing: Framing, sized: GuessedField | None) -> str:
+    """Bytes of varying size; so is a text whose size no number says: the rest of a frame is bytes in the language."""
+    size = "rest" if sized is None else _size_of_data(sized, kind, framing)
+    if field.kind == "text" and sized is not None:
+        return f"{{field: {field.name}, type: ascii, size: {size}}}"
+    return f"{{data: {field.name}, size: {size}}}"
 
 
 def _length(field: GuessedField, kind: FrameKind, framing: Framing) -> str:
@@ -153,7 +165,8 @@ def _length(field: GuessedField, kind: FrameKind, framing: Framing) -> str:
         unit, plus = length.unit, length.plus
     else:
         wire, order, unit, plus = "u8", "", field.unit, field.plus
-    if not any(one.name == "data" for one in kind.fields):
+    data = next((one.name for one in kind.fields if not one.size), None)
+    if data is None:
         at = field.offset
         wires = {frame.data[at : at + field.size] for frame in kind.frames}
         if framing.stuffing is None and len(wires) == 1:
@@ -162,9 +175,9 @@ def _length(field: GuessedField, kind: FrameKind, framing: Framing) -> str:
     more = _around(kind) - plus
     if unit == 2:
         return f"{{field: {field.name}, type: {wire}{order}}}  # counts words" if more else (
-            f"{{length: {field.name}, type: {wire}{order}, of: [data], unit: words}}"
+            f"{{length: {field.name}, type: {wire}{order}, of: [{data}], unit: words}}"
         )  # fmt: skip
-    return f"{{length: {field.name}, type: {wire}{order}, of: [data]" + (f", plus: {more}" if more else "") + "}"
+    return f"{{length: {field.name}, type: {wire}{order}, of: [{data}]" + (f", plus: {more}" if more else "") + "}"
 
 
 def _size_of_data(field: GuessedField, kind: FrameKind, framing: Framing) -> str:
@@ -179,7 +192,7 @@ def _size_of_data(field: GuessedField, kind: FrameKind, framing: Framing) -> str
 
 def _around(kind: FrameKind) -> int:
     """Bytes of a frame beside its data."""
-    return sum(field.size for field in kind.fields if field.name != "data")
+    return sum(field.size for field in kind.fields)
 
 
 def _check(field: GuessedField, kind: FrameKind, framing: Framing, check: CheckGuess | None) -> str:
@@ -193,10 +206,24 @@ def _check(field: GuessedField, kind: FrameKind, framing: Framing, check: CheckG
     first = len(framing.start) if framing.stuffing is not None else 0  # in a wrap its own content counts
     if place.at is not None:
         keys.append(f"over: {place.at + place.size + place.start}..{_last_counted(kind)}")
-    elif place.start != first:
-        named = [one.name for one in kind.fields if one.offset == place.start and not one.is_mark and one.size >= 0]
-        keys.append(f"over: {named[0] if named and named[0] != 'start' else place.start - first}..here")
+    elif place.start != first or place.stop:
+        named = [one.name for one in kind.fields if one.offset == place.start and not _is_unnamed(one, kind)]
+        begin = named[0] if named else str(place.start - first)
+        keys.append(f"over: {begin}..{_before_mark(kind, first) if place.stop else 'here'}")
     return "{" + ", ".join(keys) + "}"
+
+
+def _is_unnamed(field: GuessedField, kind: FrameKind) -> bool:
+    """Whether a field is a constant in the definition."""
+    is_fixed = field.kind in ("length", "count") and all(one.size for one in kind.fields)
+    return field.is_mark or field.name in ("start", "end", "function") or is_fixed
+
+
+def _before_mark(kind: FrameKind, first: int) -> str:
+    """The field before the bytes that do not count before a code, or its last byte."""
+    before = next(number for number, field in enumerate(kind.fields) if field.name == "mark") - 1
+    last = kind.fields[before]
+    return str(last.offset + last.size - 1 - first) if _is_unnamed(last, kind) else last.name
 
 
 def _last_counted(kind: FrameKind) -> str:

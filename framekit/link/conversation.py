@@ -359,7 +359,7 @@ class _Player:
         self._do(self.engine.opened(0))
         if self.case.do is not None:
             if self.side.start is None:
-                return [f"{self.case.at}: {self.case.name}: nobody runs services here"]
+                return [f"{self.case.at}: {self.case.name}: no role of this case runs services"]
             self._do(self.side.start(self.engine, self.case.do, self.station, self.now, self.results.append))
         for script in self.case.script:
             getattr(self, f"_{script.kind}")(script)
@@ -525,7 +525,7 @@ class _Player:
         """Notes what was sent although the script says nothing of it."""
         for sent in self.line.sent:
             data = sent.data.hex(" ").upper()
-            self._note(script, f"sent {data} at {readable_time(sent.started)}, which nobody expected")
+            self._note(script, f"sent {data} at {readable_time(sent.started)}, which was not expected")
         return bool(self.line.sent)
 
     # ---- the end ------------------------------------------------------------------------------------------
@@ -538,7 +538,7 @@ class _Player:
         self._something_sent(None)
         if self.line.closed_at is not None:
             self._note(
-                None, f"the connection was closed at {readable_time(self.line.closed_at)}, which nobody expected"
+                None, f"the connection was closed at {readable_time(self.line.closed_at)}, which was not expected"
             )
         if self.results:
             self._validate(self.results[0])

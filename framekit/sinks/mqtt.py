@@ -214,7 +214,7 @@ class MqttSink(Sink):
             return
         answer |= {"value": value, **({"id": said["id"]} if said.get("id") is not None else {})}
         told_who = said.get("who")
-        sender = told_who[:100] if isinstance(told_who, str) and told_who else "somebody"
+        sender = told_who[:100] if isinstance(told_who, str) and told_who else "a client"
         who = f"{sender!r} by {command.topic} of {self.kind.place}"
         host.write(name, value, who, told)
 

@@ -202,7 +202,7 @@ class _Session(InternalSession):
         server = self.iserver
         assert isinstance(server, _InnerServer)
         where = ":".join(map(str, self.name[:2])) if isinstance(self.name, tuple) else str(self.name)
-        who = f"{self.user.name or 'somebody'!r} at {where} by OPC UA"
+        who = f"{self.user.name or 'a client'!r} at {where} by OPC UA"
         return [await server.points.write(one, who) for one in params.NodesToWrite]
 
 

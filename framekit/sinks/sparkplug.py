@@ -173,7 +173,7 @@ class SparkplugSink(Sink):
         if connection is None or host is None:
             return
         names = {number: name for name, number in self._aliases.items()}
-        who = f"somebody by {command.topic} of {self.kind.place}"
+        who = f"a client by {command.topic} of {self.kind.place}"
         try:
             for asked in decoded(command.payload):
                 name = asked.name or names.get(asked.alias or 0, "")

@@ -8,6 +8,7 @@ scheme. Simulated lines (`sim:`) are made above this layer.
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
@@ -56,7 +57,7 @@ class Scheme:
 def _open_serial(url: str, settings: LineFormat | None, clock: AsyncioClock, wiring: LineSettings) -> Port:
     from framekit.transport.serial_port import SerialPort
 
-    return SerialPort(url, settings, clock, wiring)
+    return SerialPort(url.rstrip(":") if _WINDOWS_DEVICE.fullmatch(url) else url, settings, clock, wiring)
 
 
 def _open_tcp(url: str, settings: LineFormat | None, clock: AsyncioClock, wiring: LineSettings) -> Port:
@@ -84,13 +85,15 @@ def _listen_udp(url: str, clock: AsyncioClock, accepted: Accepted) -> PortListen
 
 
 def _open_pty(url: str, settings: LineFormat | None, clock: AsyncioClock, wiring: LineSettings) -> Port:
+    if sys.platform == "win32":
+        raise ValueError("Windows has no pseudo-terminals – name a port such as COM3, or listen at tcp://HOST:PORT")
     from framekit.transport.pty_port import PtyPort
 
     return PtyPort(settings, clock, wiring)
 
 
 SCHEMES: dict[str, Scheme] = {
-    "": Scheme(form="a device such as /dev/ttyUSB0", open=_open_serial, wires=True),
+    "": Scheme(form="a device such as /dev/ttyUSB0 or COM3", open=_open_serial, wires=True),
     "tcp": Scheme(form="tcp://HOST:PORT", open=_open_tcp, listen=_listen_tcp, names_host=True),
     "tcp-listen": Scheme(form="tcp-listen://HOST:PORT", listen=_listen_tcp),
     "udp": Scheme(form="udp://HOST:PORT", open=_open_udp, names_host=True),
@@ -105,8 +108,14 @@ for _name in PYSERIAL:
 # ---- finding and using them -----------------------------------------------------------------------------------
 
 
+_WINDOWS_DEVICE = re.compile(r"(?:\\\\\.\\)?COM\d+:?", re.IGNORECASE)
+"""How Windows names a serial device: `COM3`, `COM3:`, `\\\\.\\COM12`."""
+
+
 def scheme_name(url: str) -> str:
     """The word before the colon, in small letters; empty for a device of this machine."""
+    if _WINDOWS_DEVICE.fullmatch(url):
+        return ""
     found = re.match(r"([A-Za-z][A-Za-z0-9+.-]*):", url)
     return found[1].lower() if found else ""
 
@@ -163,7 +172,7 @@ def help_on_ports(*others: str, serves: bool = False) -> str:
     """What a command line says of `--port`."""
     hidden = {SCHEMES[name].form for name in PYSERIAL}
     known = [form for form in forms(opened=not serves, listening=serves, served=serves) if form not in hidden]
-    listed = ["/dev/ttyUSB0, any pyserial URL", *known, *others]
+    listed = ["/dev/ttyUSB0, COM3, any pyserial URL", *known, *others]
     return f"{', '.join(listed[:-1])} or {listed[-1]}"
 
 

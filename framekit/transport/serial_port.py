@@ -123,7 +123,7 @@ def open_device(url: str, settings: LineFormat | None, wiring: LineSettings = PL
     import serial
 
     line = settings or LineFormat(9600)
-    options: dict[str, Any] = {"timeout": POLL, "exclusive": True if is_device(url) and os.name == "posix" else None}
+    options: dict[str, Any] = {"timeout": POLL, "exclusive": True if has_descriptor(url) else None}
     opened = serial.serial_for_url(
         url,
         baudrate=line.speed,
@@ -175,6 +175,11 @@ def is_device(url: str) -> bool:
     return "://" not in url
 
 
+def has_descriptor(url: str) -> bool:
+    """Whether a port has a file descriptor that the loop can watch: a device does, but not on Windows."""
+    return is_device(url) and sys.platform != "win32"
+
+
 def reason_of(error: Exception) -> str:
     """Why a device could not be opened or was lost, for people."""
     number = getattr(error, "errno", None)
@@ -182,7 +187,12 @@ def reason_of(error: Exception) -> str:
         number = next(iter(error.__context__.args), None)
     if number in _REASONS:
         return _REASONS[number]
-    return str(error) or type(error).__name__
+    text = str(error)
+    if "FileNotFoundError(" in text:  # pyserial's words on Windows: it names the class, and keeps no number
+        return _REASONS[errno.ENOENT]
+    if "PermissionError(" in text:
+        return _REASONS[errno.EBUSY]
+    return text or type(error).__name__
 
 
 def set_attribute(device: Any, name: str, on: bool) -> None:
@@ -354,7 +364,7 @@ class SerialPort(Port):
             self.clock.call_soon(lambda: use.lost(reason))
 
     def _connect(self, use: _SerialUse) -> SerialConnection:
-        if is_device(self.name) and os.name == "posix":
+        if has_descriptor(self.name):
             return DescriptorConnection(self.name, self.settings, self.clock, use, self.wiring)
         previous = self._last_threads
         self._last_threads = ThreadConnection(self.name, self.settings, self.clock, use, previous, self.wiring)

@@ -14,7 +14,7 @@ SHORTEST_TOKEN = 12
 
 
 class Access:
-    """The token of one server. `made`: nobody has given one, so that it has to be told."""
+    """The token of one server. `made`: it was not given, so that it has to be told."""
 
     def __init__(self, token: str = "") -> None:
         """Raises ValueError for a token that is too short to be a secret."""

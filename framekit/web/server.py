@@ -103,7 +103,7 @@ class PageApp:
             await socket.close(1013)
             return
         client = socket.client
-        who = "somebody" if client is None else f"{client.host}:{client.port}"
+        who = "a browser" if client is None else f"{client.host}:{client.port}"
         self.browsers += 1
         try:
             await socket.accept()

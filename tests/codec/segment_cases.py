@@ -51,7 +51,7 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
         Case("hex bytes", "- const: 1B 54", {}, "1B 54", bad={"1B 55": "constant", "1B": "short", "1B 54 00": "surplus"}),
         Case("names of control characters", "- const: DLE STX", {}, "10 02"),
         Case("text", "- text: WR44", {}, "57 52 34 34"),
-        Case("bytes nobody looks at", "- {skip: 3, fill: 20}", {}, "20 20 20"),
+        Case("bytes that are not looked at", "- {skip: 3, fill: 20}", {}, "20 20 20"),
         Case("none of them", "- {field: a, type: u8}\n- {skip: 0}\n- {skip: 0, fill: 32, name: x}\n"
              "- {field: b, type: u8}\n- {skip: 0, fill: 32}\n- {check: sum8, over: a..x}", {"a": 1, "b": 2}, "01 02 01"),
     ),
@@ -100,6 +100,9 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
              {"a": Decimal("807.038")}, _text("0807.038\r\n"), bad={_text("807.038\r\n"): "digits"}),
         Case("with as many decimals as the value has", "- {field: a, type: decimal, decimals: any, end: 2C}",
              {"a": Decimal("12.50")}, _text("12.50,"), bad={_text("12.,"): "digits"}),
+        Case("a point without digits behind it", "- {field: a, type: decimal, decimals: any, point: always, end: 2C}\n"
+             "- {field: b, type: decimal, point: always, size: 4}", {"a": Decimal("16.4"), "b": Decimal(-16)},
+             _text("16.4,-16."), bad={_text("16,-16."): "digits"}),
         Case("an exponent", "- {field: a, type: decimal, decimals: 3, exponent: 2, sign: always, end: 0A}",
              {"a": Decimal("-0.0125")}, _text("-1.250E-02\n"), bad={_text("-12.50E-03\n"): "digits"}),
         Case("no text at all is nothing", "- {field: a, type: decimal, decimals: 1, empty: yes, end: 2C}\n"
@@ -161,6 +164,9 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
         Case("a scale of digits", "- {field: a, type: decimal, size: 4, scale: 0.01}", {"a": Decimal("-0.50")}, _text("-050")),
         Case("a list of scaled numbers", "- {repeat: a, times: 2, of: i16, scale: 0.1}",
              {"a": [Decimal("1.5"), Decimal("-0.2")]}, "00 0F FF FE"),
+        Case("a list of numbers that always have a point",
+             "- {repeat: a, times: 2, of: decimal, size: 4, pad: 20, point: always}", {"a": [Decimal(16), Decimal(-7)]},
+             _text(" 16. -7.")),
         Case("a list of decimals", "- {repeat: a, times: 2, of: decimal, size: 5, decimals: 1, sign: always}",
              {"a": [Decimal("1.5"), Decimal("-0.2")]}, _text("+01.5-00.2")),
         Case("a time", "- {field: a, type: u16, unit: 10 ms}", {"a": 500_000_000}, "00 32"),

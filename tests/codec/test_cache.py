@@ -166,6 +166,38 @@ def test_a_folder_that_others_can_write_is_no_cache(cache: Path, made: list[str]
     assert list(cache.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("system", "settings", "place"),
+    [
+        ("linux", {}, ".cache/framekit"),
+        ("linux", {"XDG_CACHE_HOME": "."}, ".cache/framekit"),
+        ("linux", {"XDG_CACHE_HOME": "HOME/other"}, "other/framekit"),
+        ("darwin", {"XDG_CACHE_HOME": "HOME/other"}, "other/framekit"),
+        ("win32", {"FRAMEKIT_CACHE": "HOME/own"}, "own"),
+        ("win32", {"FRAMEKIT_CACHE": "HOME/../own"}, None),  # other users may write there
+    ],
+)
+def test_where_the_folder_is(
+    system: str, settings: dict[str, str], place: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home = tmp_path / "home"
+    home.mkdir()
+    monkeypatch.setattr(sys, "platform", system)
+    monkeypatch.setenv("HOME", str(home))
+    monkeypatch.delenv("FRAMEKIT_CACHE", raising=False)
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    for name, value in settings.items():
+        monkeypatch.setenv(name, value.replace("HOME", str(home)))
+    assert cache_folder() == (None if place is None else home / place)
+
+
+def test_the_folder_of_a_mac(tmp_path: Path) -> None:
+    code = "import sys; sys.platform = 'darwin'\nfrom framekit.codec.cache import cache_folder\nprint(cache_folder())"
+    given = {name: value for name, value in os.environ.items() if name not in ("FRAMEKIT_CACHE", "XDG_CACHE_HOME")}
+    ran = subprocess.run([sys.executable, "-c", code], env=given | {"HOME": str(tmp_path)}, capture_output=True)
+    assert ran.stdout.decode().strip() == str(tmp_path / "Library/Caches/framekit")
+
+
 def test_an_empty_name_keeps_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FRAMEKIT_CACHE", "")
     assert cache_folder() is None

@@ -201,18 +201,20 @@ class DecimalText(Adapter):
     def _digits(number: Decimal, form: DecimalForm, path: str) -> str:
         size = abs(number)
         if form.exponent:
+            bare = "." if form.point and not form.decimals else ""
             mantissa, _, place = f"{size:.{form.decimals}E}".partition("E")
             power = int(place) if size else 0
             mantissa = mantissa if size else f"{Decimal(0):.{form.decimals}f}"
             if Decimal(f"{mantissa}E{power}") != size or len(str(abs(power))) > form.exponent:
                 raise FormError(f"{number} has too many digits", path)
-            return f"{mantissa}E{'-' if power < 0 else '+'}{abs(power):0{form.exponent}}"
+            return f"{mantissa}{bare}E{'-' if power < 0 else '+'}{abs(power):0{form.exponent}}"
         decimals = max(-number.as_tuple().exponent, 0) if form.decimals is None else form.decimals
         body = f"{size:.{decimals}f}"
         if Decimal(body) != size:
             raise FormError(f"{number} has too many decimals", path)
         front, point, behind = body.partition(".")
-        return (front.lstrip("0").rjust(form.digits, "0") if point else front.rjust(form.digits, "0")) + point + behind
+        text = front.lstrip("0").rjust(form.digits, "0") if point else front.rjust(form.digits, "0")
+        return text + (point or ("." if form.point else "")) + behind
 
 
 class UpTo(Construct):

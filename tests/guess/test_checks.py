@@ -118,6 +118,27 @@ def test_fletchers_code_is_found() -> None:
     assert found.method.kind == "fold" and found.place.start == 2 and found.place.order == "little"
 
 
+def test_a_mark_beside_a_code_is_no_part_of_it() -> None:
+    """A sum whose high byte hardly changes fits a code of two bytes, of which one is a mark."""
+    rng = random.Random(11)
+    frames = []
+    for size in [rng.choice([3, 5]) for _ in range(60)]:
+        data = bytes([0x68, *(rng.randrange(8, 20) for _ in range(size))])
+        frames.append(data + bytes([sum(data) & 0xFF, 0x16]))
+    (found, *_) = find_checks(frames)
+    assert (found.name, found.place.size, found.place.tail) == ("sum8", 1, 1)
+
+
+def test_a_mark_before_a_code_does_not_count() -> None:
+    rng, frames = random.Random(12), []
+    for _ in range(20):
+        data = bytes(rng.randrange(0x20, 0x7F) for _ in range(rng.choice([5, 9, 14])))
+        code = compute(ready_methods()["crc16-xmodem"], data)
+        frames.append(b"#" + data + b"*" + code.to_bytes(2, "big"))
+    (found, *_) = find_checks(frames, 1)
+    assert (found.name, found.place.start, found.place.stop) == ("crc16-xmodem", 1, 1)
+
+
 def others(kind: str, rng: random.Random) -> list[bytes]:
     """Frames without a check."""
     count, size, value = rng.choice([10, 50, 200]), rng.choice([8, 16, 24]), 500

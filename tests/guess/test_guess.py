@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from framekit.api.guess import HeardError, differences, heard, known_protocols
+from framekit.api.differences import differences
+from framekit.api.guess import HeardError, heard, known_protocols
 from framekit.cli.main import main
 from framekit.codec.checks import compute
 from framekit.definition.model.checks import ready_methods

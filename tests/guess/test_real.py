@@ -52,7 +52,10 @@ def test_modbus_by_pymodbus() -> None:
     assert {"copy_0", "copy_1", "count", "data"} <= {field.name for field in told.fields}
     found = modbus("FramerAscii")
     assert found.framing is not None and (found.framing.start, found.framing.end) == (b":", b"\r\n")
-    assert check_of(found) == ("lrc8", 1, "") and found.check is not None and found.check.place.counted == "hex"
+    assert found.framing.stuffing is not None and found.framing.stuffing.kind == "hex"
+    assert check_of(found) == ("lrc8", 1, "")
+    told = next(kind for kind in found.kinds if kind.side == "server")
+    assert {"copy_1", "copy_2", "count", "data"} <= {field.name for field in told.fields}
     found = modbus("FramerSocket")
     assert found.framing is not None and found.framing.length is not None and found.check is None
     assert (found.framing.length.offset, found.framing.length.width, found.framing.length.plus) == (4, 2, 6)
@@ -72,7 +75,8 @@ def test_nmea_by_pynmea2() -> None:
     found = said_of(out)
     assert found.framing is not None and (found.framing.start, found.framing.end) == (b"$", b"\r\n")
     assert found.check is not None and found.check.evidence.holds == found.check.evidence.of
-    assert found.check.place.form == "hex" and found.check.place.tail == 2
+    assert (found.check.name, found.check.place.form, found.check.place.tail) == ("xor8", "hex", 2)
+    assert (found.check.place.start, found.check.place.stop) == (1, 1)  # between $ and *
 
 
 def test_ubx_by_pyubx2() -> None:

@@ -8,7 +8,7 @@ from functools import cache
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from link.service_loop import FRAMES
+from link.service_loop import FRAMES, Loop
 
 from framekit.definition.load import load_protocol, load_protocol_text
 from framekit.link.addresses import MOST_KNOWN, Address, AddressError, AddressGrammar, FormMatcher
@@ -348,3 +348,26 @@ def test_a_text_is_taken_apart_once_and_no_more_are_kept_than_there_is_room_for(
             grammar.parse(f"%R{number}x", check=False)
         assert len(grammar._read_before) <= MOST_KNOWN
     assert grammar.parse("%R10").start == 9
+
+
+ONE_PLACE = """
+protocol: one
+station: {type: none}
+groups: {request: {from: client, head: [{const: STX}]}}
+frames:
+  GET: {group: request, body: [{text: G}]}
+  SET: {group: request, body: [{text: S}, {data: d, size: 2}]}
+  TOLD: {from: server, body: [{const: SOH}, {data: d, size: 2}]}
+  OK: {from: server, body: [{const: ACK}]}
+areas: {SP: {unit: word, size: 9}}
+addresses: [{form: "SP", area: SP, start: 4}]
+services:
+  read: [{areas: [SP], limit: {count: 1}, request: {GET: {}}, reply: {TOLD: {d: data}}}]
+  write: [{areas: [SP], limit: {count: 1}, request: {SET: {d: data}}, reply: {OK: {}}}]
+"""
+
+
+def test_a_server_knows_the_only_place_that_an_area_has() -> None:
+    loop = Loop(ONE_PLACE)
+    assert loop.do("write", "SP", [7]).ok and loop.memory.read("SP", "word", 4, 1) == [7]
+    assert loop.do("read", "SP").values == [7]

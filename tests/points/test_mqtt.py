@@ -105,7 +105,7 @@ def test_values_are_written_back_and_others_refused(tmp_path: Path, caplog: pyte
         assert listener.of("framekit/boiler/temperature/set/answer") == []
     logged = [record.getMessage() for record in caplog.records]
     place = f"127.0.0.1:{broker.port}"
-    assert f"point setpoint: 0.0 → 45.5, written by 'somebody' by {set_} of {place}" in logged
+    assert f"point setpoint: 0.0 → 45.5, written by 'a client' by {set_} of {place}" in logged
     why = "99 is not in 5..60, the range of setpoint"
     assert f"point setpoint: 99 was refused to 'anna' by {set_} of {place}: {why}" in logged
     assert not any(one.startswith(("point setpoint: 0.0 → 33", "point setpoint: 33")) for one in logged)

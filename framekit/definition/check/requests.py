@@ -38,7 +38,7 @@ from framekit.definition.model.frames import (
 from framekit.definition.model.procedure import Row
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Data
-from framekit.definition.model.services import NOT_COMPARED, ServiceRow, is_passed_over, told_by
+from framekit.definition.model.services import NOT_COMPARED, ServiceRow, is_passed_over, only_start, told_by
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, RecordOf, Value
 from framekit.definition.problems import Problem
 from framekit.definition.sources import fingerprint
@@ -72,7 +72,7 @@ def check_request_matching(protocol: Protocol, row: ServiceRow) -> Iterator[Prob
         return
     if not read <= _known_names(protocol, row):
         return  # what is misspelt is told elsewhere
-    for missing in _missing_names(row, read):
+    for missing in _missing_names(protocol, row, read):
         what = f"a server cannot tell the {missing} that this {row.service} asks for"
         yield Problem(row.at, what, f"put it into the request, or add back: {{{missing}: …}}, or client_only: yes")
 
@@ -168,13 +168,13 @@ def _known_names(protocol: Protocol, row: ServiceRow) -> set[str]:
     return known
 
 
-def _missing_names(row: ServiceRow, read: set[str]) -> Iterator[str]:
+def _missing_names(protocol: Protocol, row: ServiceRow, read: set[str]) -> Iterator[str]:
     """What of area and start no part of the request says."""
     if "text" in read:
         return
     if not read & {"area", "memory", "code"} and len(row.areas) != 1:
         yield "area"
-    if "start" not in read:
+    if "start" not in read and only_start(protocol.addresses, row.areas) is None:
         yield "start"
 
 

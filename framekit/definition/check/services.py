@@ -100,7 +100,8 @@ def _missing(made: FrameOf, frame: Frame) -> Iterator[Problem]:
 def _never_fit(protocol: Protocol, made: FrameOf, frame: Frame) -> Iterator[Problem]:
     """Numbers that stand in a constructor, or that errors answer with, and their fields cannot hold."""
     errors = protocol.errors
-    codes = errors.memory if errors is not None and made is errors.answer else {}
+    answers = [] if errors is None else [row.frame for row in errors.answer]
+    codes = errors.memory if errors is not None and len(answers) == 1 and made is answers[0] else {}
     for name, value in made.fields.items():
         if not isinstance(value, Expression):
             continue

@@ -541,7 +541,7 @@ class _Kinds:
             for row in rows:
                 self._service(row)
         if protocol.errors is not None:
-            self._made(self._checker({"code": "any"}), [protocol.errors.answer])
+            self._made(self._checker({"code": "any"}), [row.frame for row in protocol.errors.answer])
         return self.found
 
     def _checker(self, local: Mapping[str, Kind] | None = None, attributes: Attributes | None = None) -> KindChecker:

@@ -182,7 +182,7 @@ class Repeat(Segment):
 
     def contents(self, of_frame: Contents) -> frozenset[int]:
         if self.align > 1:
-            return EVERY_BYTE  # nobody looks at what fills up
+            return EVERY_BYTE  # what fills up is not looked at
         return self.of.contents if isinstance(self.of, FieldType) else contents_of(self.of, of_frame)
 
     @property

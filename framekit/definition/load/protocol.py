@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from shutil import copyfile
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
@@ -382,7 +383,11 @@ def load_protocol_text(text: str, name: str = "definition", folder: Path | None 
         path.write_text(text, encoding="utf-8")
         if folder is not None:
             for other in folder.glob("*.yaml"):
-                (Path(temporary) / other.name).symlink_to(other.resolve())
+                beside = Path(temporary) / other.name
+                try:
+                    beside.symlink_to(other.resolve())
+                except OSError:  # Windows lets few users make links
+                    copyfile(other, beside)
         return _load(path).protocol
 
 

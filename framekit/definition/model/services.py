@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -325,10 +325,27 @@ class AddressForm:
         return ordered_by_need(self.results)
 
     @property
+    def only_start(self) -> int | None:
+        """Where the place is, of a form that names one place of each area."""
+        start = self.results.get("start")
+        root = None if start is None else start.root
+        return root.value if isinstance(root, Number) and not root.is_time else None
+
+    def may_name(self, areas: Collection[str]) -> bool:
+        """Whether it can name one of these areas; none given: of any."""
+        return not areas or not isinstance(self.area, str) or self.area in areas
+
+    @property
     def names(self) -> set[str]:
         """What the form tells of an address beside its area and unit."""
         inside = [one for part in self.parts for one in (part.parts if isinstance(part, Maybe) else (part,))]
         return {*self.results, *(one.name for one in inside if isinstance(one, Part))}
+
+
+def only_start(forms: Iterable[AddressForm], areas: Collection[str]) -> int | None:
+    """The start of every place that addresses of these areas can name, where it is the same for all of them."""
+    starts = {form.only_start for form in forms if form.may_name(areas)}
+    return next(iter(starts)) if len(starts) == 1 else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -538,6 +555,21 @@ class NameTable:
     when: Expression | None = None
 
 
+def _answers(reading: KeyReading, node: Node) -> tuple[ReplyRow, ...]:
+    """One answer, or a list of them. Raises Broken where one has a condition too many or too few."""
+    rows = _replies(reading, node)
+    for row in rows:
+        if row.frame is None or row.buffer is not None:
+            raise reading.reader.broken(row.at, "an answer is one frame", "write {FRAME: {…}}, and when: beside it")
+        if row.when is None and row is not rows[-1]:
+            what = "this answer has no condition, so those behind it are never sent"
+            raise reading.reader.broken(row.at, what, "add when:, or make it the last one")
+    if rows and rows[-1].when is not None:
+        what = "the last answer has a condition, so some codes have no answer"
+        raise reading.reader.broken(rows[-1].at, what, "leave its when: out, or add an answer for the other codes")
+    return rows
+
+
 def _name_tables(reading: KeyReading, node: Node) -> tuple[NameTable, ...]:
     """Names of tables, or `{table, when}`."""
     reader = reading.reader
@@ -554,7 +586,8 @@ def _name_tables(reading: KeyReading, node: Node) -> tuple[NameTable, ...]:
 class Errors:
     """How a device says no, by any of `frames` (or groups). `memory`: unknown, range, access, no_service → code.
 
-    `answer` builds the error frame. Where `unanswered` holds it says that there was no answer.
+    The first row of `answer` whose condition holds builds the error frame. Where `unanswered` holds it says that there
+    was no answer.
     """
 
     at: Position
@@ -564,5 +597,5 @@ class Errors:
     names: tuple[NameTable, ...] = key("names", Form({}, _name_tables), default=())
     detail: Expression | None = key("detail", EXPRESSION, default=None)
     unanswered: Expression | None = key("unanswered", EXPRESSION, default=None)
-    answer: FrameOf | None = key("answer", CONSTRUCTOR, default=None)
+    answer: tuple[ReplyRow, ...] = key("answer", Form({}, _answers), default=())
     memory: Mapping[str, Expression] = key("memory", EXPRESSIONS, factory=dict)

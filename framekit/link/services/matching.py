@@ -17,7 +17,7 @@ from framekit.codec.python.source import Source
 from framekit.codec.shown import explain
 from framekit.definition.expression import Expression, emit, is_constant, names_in, tells_setting
 from framekit.definition.model.frames import attributes_in, expressions_of, field_names, parts_of
-from framekit.definition.model.services import AS_NUMBERS, is_passed_over, told_by
+from framekit.definition.model.services import AS_NUMBERS, is_passed_over, only_start, told_by
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
 from framekit.definition.sources import fingerprint
 from framekit.link.addresses import Address, AddressError, code_of
@@ -528,7 +528,8 @@ class RowWriter:
     def _complete(self, level: WriterLevel, place: str) -> None:
         """Writes start, count, sizes and data of a place."""
         values, fixed = level.values, self.given.get(place)
-        self.let(level, "start", f"int({values['start']})" if "start" in values else "0")
+        otherwise = str(only_start(self.shared.protocol.addresses, self.row.areas) or 0)
+        self.let(level, "start", f"int({values['start']})" if "start" in values else otherwise)
         if isinstance(fixed, AreaUnit):
             packer = self.values.constant(self.facts.packers[fixed.unit])
             unit = fixed.unit

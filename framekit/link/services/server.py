@@ -218,8 +218,14 @@ class MemoryServer:
             self._rows.setdefault(row.matching.frame, []).append(row)
         errors = protocol.errors
         self._memory_codes = {} if errors is None else {n: compile_expression(e) for n, e in errors.memory.items()}
-        answer = None if errors is None else errors.answer
-        self._answer = None if answer is None else compile_value(answer, protocol, codec, self.shared.table)
+        self._answers = [
+            (
+                None if row.when is None else compile_expression(row.when),
+                compile_value(row.frame, protocol, codec, self.shared.table),
+            )
+            for row in (() if errors is None else errors.answer)
+            if row.frame is not None
+        ]
 
     def serve(self, request: FrameValue, buffer: bytes, station: Any, check_only: bool, names: Names) -> Served:
         """Does what a request asks for, or, with `check_only`, only says whether it would be refused.
@@ -323,10 +329,13 @@ class MemoryServer:
         return self._refused(request, self._memory_code("range", names), names, _trouble(request, error))
 
     def _refused(self, request: FrameValue, code: int, names: Names, trouble: str = "") -> Served:
-        if self._answer is None:
-            return Served(None, b"", code, trouble)
+        known = Names({"code": code}, names)
         try:
-            reply = self._answer(Names({"code": code}, names))
+            answers = (build for when, build in self._answers if when is None or when(known))
+            build = next(answers, None)
+            if build is None:
+                return Served(None, b"", code, trouble)
+            reply = build(known)
         except EVALUATION_ERRORS as error:
             return Served(None, b"", code, trouble or _trouble(request, error))
         self.shared.table.fill_echo(reply, request)

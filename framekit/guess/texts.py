@@ -1,0 +1,101 @@
+"""Which bytes of frames are text: signs that people read, in all frames, so many of them that it is no luck."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import groupby
+from math import log2
+
+from framekit.guess.model import Evidence, GuessedField
+
+PRINTABLE = frozenset(range(0x20, 0x7F))
+NUMBER_SIGNS = frozenset(b"0123456789.")
+LEADING_SIGNS = frozenset(b"+- ")
+LUCK = 12.0
+"""Bits of luck from which signs are text."""
+BITS = log2(256 / len(PRINTABLE))
+"""So many of them tells each value that a byte has."""
+ENOUGH = 200
+"""In so many texts luck is counted."""
+LONGEST_SHOWN = 24
+
+
+def with_texts(fields: Sequence[GuessedField], texts: Sequence[bytes]) -> list[GuessedField]:
+    """Bytes beside each other of which nothing is known, and that are signs in all frames, are fields of text.
+
+    Digits beside each other are one field, also where the first of them never change.
+    """
+    found: list[GuessedField] = []
+    before_text = LUCK if fields and fields[-1].kind == "text" else 0.0
+    for is_open, group in groupby(fields, lambda one: one.size > 0 and one.name in ("unknown", "constant")):
+        run = list(group)
+        found += _parted(run, texts, before_text) if is_open else run
+    return found
+
+
+def shown_text(text: bytes) -> str:
+    """Signs in quotes, the first of them."""
+    signs = "".join(chr(byte) if byte in PRINTABLE else "·" for byte in text[:LONGEST_SHOWN])
+    return f"'{signs}'" + (" …" if len(text) > LONGEST_SHOWN else "")
+
+
+def _parted(run: Sequence[GuessedField], texts: Sequence[bytes], known: float) -> Iterator[GuessedField]:
+    """The fields of a run of bytes, text in place of its bytes. `known`: bits of luck that speak for text already."""
+    first, end = run[0].offset, run[-1].offset + run[-1].size
+    seen = {place: {text[place] for text in texts} for place in range(first, end)}
+    for is_text, group in groupby(range(first, end), lambda place: seen[place] <= PRINTABLE):
+        places = list(group)
+        luck = known + BITS * sum(len(seen[place]) for place in places)
+        if is_text and len(places) > 1 and luck >= LUCK:
+            yield from _fields(places, seen, texts, luck)
+        else:
+            yield from _as_before(run, places)
+
+
+def _as_before(run: Sequence[GuessedField], places: Sequence[int]) -> Iterator[GuessedField]:
+    """What was said of these bytes; of a constant as much of it as lies there."""
+    for one in run:
+        begin, end = max(one.offset, places[0]), min(one.offset + one.size, places[-1] + 1)
+        if begin < end and one.kind == "constant":
+            about = " ".join(one.about.split()[begin - one.offset : end - one.offset])
+            yield replace(one, offset=begin, size=end - begin, about=about)
+        elif begin < end:
+            yield one
+
+
+def _fields(
+    places: Sequence[int], seen: dict[int, set[int]], texts: Sequence[bytes], luck: float
+) -> Iterator[GuessedField]:
+    """Numbers, and what is between them; what never changes beside what does."""
+    parts: list[list[int]] = []
+    for place in places:
+        is_digit = seen[place] <= NUMBER_SIGNS
+        begins = is_digit != bool(parts and parts[-1] and seen[parts[-1][-1]] <= NUMBER_SIGNS)
+        after_sign = is_digit and parts and len(parts[-1]) == 1 and seen[parts[-1][0]] <= LEADING_SIGNS
+        leads = not is_digit and seen[place] <= LEADING_SIGNS
+        if not parts or leads or (begins and not after_sign):
+            parts.append([place])
+        else:
+            parts[-1].append(place)
+    for varies, group in groupby(parts, lambda part: any(len(seen[place]) > 1 for place in part)):
+        own = list(group)
+        for part in own if varies else [[place for one in own for place in one]]:
+            yield _field(part[0], len(part), varies, texts, luck)
+
+
+def _field(at: int, size: int, varies: bool, texts: Sequence[bytes], luck: float) -> GuessedField:
+    values = sorted({text[at : at + size] for text in texts})
+    evidence = Evidence(len(texts), len(texts), luck)
+    if not varies:
+        return GuessedField("constant", at, size, "text", f"always {shown_text(values[0])}", evidence)
+    about = f"{len(values)} values, {shown_text(values[0])} to {shown_text(values[-1])}"
+    return GuessedField("text", at, size, "text", about, evidence)
+
+
+def is_text(texts: Sequence[bytes]) -> bool:
+    """Whether all of these are signs, and too many for luck."""
+    if not all(PRINTABLE.issuperset(text) for text in texts):
+        return False
+    seen = {sign for text in texts[:ENOUGH] for sign in enumerate(text)}
+    return BITS * len(seen) >= LUCK

@@ -1,0 +1,38 @@
+"""Recordings of programs not written here: what is said of each, held against what is known of its protocol."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
+from benchmarks.guess_real import FOLDER, TRUTHS, all_of, case_of, judged_real
+
+NOT_YET = {
+    "df1": {"framing", "check", "wrong"}, "m-bus": {"framing", "check", "wrong"}, "osdp": {"check"},
+}  # fmt: skip
+"""What is missed in a file, and is known to be."""
+
+
+@pytest.mark.parametrize("name", TRUTHS)
+def test_what_is_said_of_a_recording_is_right(name: str) -> None:
+    marks = judged_real(case_of(name, 200))
+    missed = {what for what in ("framing", "check", "length") if getattr(marks, what) is False}
+    assert missed | ({"wrong"} if marks.wrong else set()) == NOT_YET.get(name, set()), marks.wrong
+
+
+def test_each_recording_has_its_truth_and_its_row() -> None:
+    assert {path.stem for path in FOLDER.glob("*.pcap")} == set(TRUTHS)
+    readme = (FOLDER / "README.md").read_text("utf-8")
+    assert all(f"| {name}.pcap |" in readme for name in TRUTHS)
+    assert sum(path.stat().st_size for path in FOLDER.glob("*.pcap")) < 300_000
+
+
+@pytest.mark.long
+def test_first_frames_and_damaged_ones() -> None:
+    marks = [one[3] for name in TRUTHS for one in all_of((name, 1))]
+    assert sum(one.framing for one in marks) >= 0.93 * len(marks)
+    checks = [one.check for one in marks if one.check is not None]
+    assert sum(checks) >= 0.85 * len(checks)
