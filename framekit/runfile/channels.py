@@ -170,6 +170,10 @@ class ChannelLoader:
             if not name.strip():
                 raise self.reader.broken(node.at, "a simulated device has no name", "write sim:FILE")
             self._inside(name.strip(), node)
+        kind = scheme_of(port)
+        if kind is not None and kind.placed is not None:
+            with self.reader.refusing(node.at):
+                return kind.placed(port, self.folder)
         return port
 
     def _inside(self, name: str, node: Node) -> None:

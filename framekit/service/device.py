@@ -520,7 +520,7 @@ class ListeningPort(Port):
         self.listener = make_listener(channel.port, clock, self._accept)
         self.channel = channel
         self.clock = clock
-        self.name = channel.port
+        self.name = channel.port.partition("?")[0]
         self.settings = None
         self.serving: Serving | None = None
 
@@ -549,7 +549,7 @@ class ListeningPort(Port):
         try:
             self.listener.listen()
         except OSError as error:
-            reason = f"{self.channel.port}: {error.strerror or error}"
+            reason = f"{self.listener.name}: {error.strerror or error}"
             self.clock.call_soon(lambda: events.closed(now, reason))
             return
         self.name = self.listener.name

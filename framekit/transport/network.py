@@ -16,7 +16,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
 from functools import partial
-from typing import Any, cast
+from typing import Any, Protocol, cast
 
 from framekit.transport.clock import MOST, PIECE, AsyncioClock, Turns
 from framekit.transport.port import Accepted, AcceptedPort, Port, PortEvents
@@ -49,7 +49,8 @@ class Connection(asyncio.BufferedProtocol):
             connected: socket.socket = transport.get_extra_info("socket")
             connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             connected.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        transport.set_write_buffer_limits(0)
+        encrypts = transport.get_extra_info("sslcontext") is not None
+        transport.set_write_buffer_limits(int(encrypts), 0)  # TLS counts as full what is at the limit, not above it
         self.transport = transport
         if self.port.connection is self:
             self.port.connected()
@@ -84,7 +85,7 @@ class Connection(asyncio.BufferedProtocol):
     def connection_lost(self, error: Exception | None) -> None:
         self.transport = None
         if self.port.connection is self:
-            self.port.lost(FAR_END_CLOSED if error is None else str(error) or type(error).__name__)
+            self.port.lost(FAR_END_CLOSED if error is None else self.port.why_lost(error))
 
 
 class StreamPort(Port):
@@ -127,6 +128,10 @@ class StreamPort(Port):
         self._forget()
         if events is not None:
             events.closed(self.clock.now(), reason)
+
+    def why_lost(self, error: Exception) -> str:
+        """What ended the connection, for people."""
+        return str(error) or type(error).__name__
 
     def _forget(self) -> None:
         self.events = self.connection = None
@@ -195,7 +200,7 @@ class TcpPort(StreamPort):
     async def _connect(self, connection: Connection) -> None:
         try:
             async with asyncio.timeout(self.connect_within):
-                await self.clock.loop.create_connection(lambda: connection, self.host, self.number)
+                await self.connect(connection)
         except TimeoutError:
             reason = f"no connection to {self.host}:{self.number} within {self.connect_within:g} s"
         except (OSError, UnicodeError) as error:
@@ -204,6 +209,10 @@ class TcpPort(StreamPort):
             return
         if self.connection is connection:
             self.lost(reason)
+
+    async def connect(self, connection: Connection) -> None:
+        """Makes the connection. Raises OSError."""
+        await self.clock.loop.create_connection(lambda: connection, self.host, self.number)
 
     def close(self) -> None:
         connecting, self._connecting = self._connecting, None
@@ -279,6 +288,12 @@ class TcpAcceptedPort(StreamPort, AcceptedPort):
             connection.transport.resume_reading()
 
 
+class Closable(Protocol):
+    """What is at work until it is closed."""
+
+    def close(self) -> None: ...
+
+
 class NetworkListener(ABC):
     """Listens at `host`; `accepted` gets a port, not yet opened, for each who comes. `number` 0 asks for a free one."""
 
@@ -293,7 +308,7 @@ class NetworkListener(ABC):
         self.accepted = accepted
         self._socket: socket.socket | None = None
         self._opening: asyncio.Task[None] | None = None
-        self._at_work: asyncio.Server | asyncio.DatagramTransport | None = None
+        self._at_work: Closable | None = None
         self._is_at(number)
 
     def _is_at(self, number: int) -> None:
@@ -344,14 +359,15 @@ class TcpListener(NetworkListener):
         self._at_work = await self.clock.loop.create_server(self._protocol, sock=listening)
 
     def _protocol(self) -> asyncio.BufferedProtocol:
-        return _AcceptedConnection(TcpAcceptedPort(self.host, self.clock), self.accepted)
+        return AcceptedConnection(TcpAcceptedPort(self.host, self.clock), self.accepted)
 
 
-class _AcceptedConnection(Connection):
-    """Is its port's connection from the start, and offers the port when it is made."""
+class AcceptedConnection(Connection):
+    """Is its port's connection from the start, and offers the port when it is made. `scheme`: the kind of the port."""
 
-    def __init__(self, port: TcpAcceptedPort, accepted: Accepted) -> None:
+    def __init__(self, port: TcpAcceptedPort, accepted: Accepted, scheme: str = "tcp") -> None:
         super().__init__(port)
+        self.scheme = scheme
         self.accepted_port = port
         self.accepted = accepted
         port.connection = self
@@ -359,7 +375,7 @@ class _AcceptedConnection(Connection):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         host, number, *_ = transport.get_extra_info("peername") or (self.port.name, 0)
         self.port.sender = f"{bracketed(host)}:{number}"
-        self.port.name = f"tcp://{self.port.sender}"
+        self.port.name = f"{self.scheme}://{self.port.sender}"
         self.accepted_port.host = str(host)
         super().connection_made(transport)
         self.port.clock.turns.take(NEWCOMER, self._offer)

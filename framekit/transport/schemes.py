@@ -18,6 +18,8 @@ from framekit.definition.problems import did_you_mean
 from framekit.definition.times import PLAIN, LineSettings
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from framekit.definition.times import LineFormat
     from framekit.transport.clock import AsyncioClock, Clock
     from framekit.transport.port import Accepted, Port, PortListener
@@ -40,7 +42,8 @@ class Scheme:
     `open`: what opens one; None where it only listens. `listen`: what makes a port of each connection that comes; None
     where there are no connections. `wires`: whether there is a line with wires, so that its type, duplex, direction,
     echo and handshake can be said. `names_host`: whether the URL names the host that it connects to. `served`: whether
-    only servers can open it, since others learn from them where it is.
+    only servers can open it, since others learn from them where it is. `placed`: what gives the URL with the files that
+    it names in a folder; None where it names none. Raises ValueError.
     """
 
     form: str
@@ -49,6 +52,7 @@ class Scheme:
     wires: bool = False
     names_host: bool = False
     served: bool = False
+    placed: Callable[[str, Path], str] | None = None
 
 
 # ---- the kinds that are here ----------------------------------------------------------------------------------
@@ -70,6 +74,24 @@ def _listen_tcp(url: str, clock: AsyncioClock, accepted: Accepted) -> PortListen
     from framekit.transport.network import TcpListener
 
     return TcpListener(*host_and_port(url), clock, accepted)
+
+
+def _open_tls(url: str, settings: LineFormat | None, clock: AsyncioClock, wiring: LineSettings) -> Port:
+    from framekit.transport.tls_port import TlsPort
+
+    return TlsPort(url, clock, wiring.connect_within)
+
+
+def _listen_tls(url: str, clock: AsyncioClock, accepted: Accepted) -> PortListener:
+    from framekit.transport.tls_port import TlsListener
+
+    return TlsListener(url, clock, accepted)
+
+
+def _tls_in(url: str, folder: Path) -> str:
+    from framekit.transport.tls_port import placed
+
+    return placed(url, folder)
 
 
 def _open_udp(url: str, settings: LineFormat | None, clock: AsyncioClock, wiring: LineSettings) -> Port:
@@ -96,6 +118,7 @@ SCHEMES: dict[str, Scheme] = {
     "": Scheme(form="a device such as /dev/ttyUSB0 or COM3", open=_open_serial, wires=True),
     "tcp": Scheme(form="tcp://HOST:PORT", open=_open_tcp, listen=_listen_tcp, names_host=True),
     "tcp-listen": Scheme(form="tcp-listen://HOST:PORT", listen=_listen_tcp),
+    "tls": Scheme(form="tls://HOST:PORT", open=_open_tls, listen=_listen_tls, names_host=True, placed=_tls_in),
     "udp": Scheme(form="udp://HOST:PORT", open=_open_udp, names_host=True),
     "udp-listen": Scheme(form="udp-listen://HOST:PORT", open=_open_udp, listen=_listen_udp),
     "pty": Scheme(form="pty:", open=_open_pty, wires=True, served=True),

@@ -10,15 +10,18 @@ import tty
 from collections.abc import AsyncIterator, Callable, Coroutine, Mapping
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
+
+from transport.certificates import Authority
 
 from framekit.definition.times import LineFormat
 from framekit.link.events import CharacterFault
 from framekit.transport.clock import AsyncioClock
-from framekit.transport.network import TcpListener
 from framekit.transport.port import AcceptedPort, Port
 from framekit.transport.pty_port import PtyPair
-from framekit.transport.schemes import open_port
+from framekit.transport.schemes import make_listener, open_port
 from framekit.transport.simulated_line import SimulatedLine
 
 LONGEST = 180
@@ -175,9 +178,15 @@ async def network(client: str) -> AsyncIterator[Pair]:
     """A client port of that URL scheme, and the port of its connection on the other side."""
     clock = AsyncioClock(asyncio.get_running_loop())
     accepted: asyncio.Queue[AcceptedPort] = asyncio.Queue()
-    listener = TcpListener("127.0.0.1", 0, clock, accepted.put_nowait)
+    folder = TemporaryDirectory()
+    listens, query = "tcp-listen://127.0.0.1:0", ""
+    if client == "tls":
+        authority = Authority(Path(folder.name))
+        cert, key = authority.issue("server", hosts=("127.0.0.1",))
+        listens, query = f"tls://127.0.0.1:0?cert={cert}&key={key}", f"?ca={authority.ca}"
+    listener = make_listener(listens, clock, accepted.put_nowait)
     listener.listen()
-    left = open_port(f"{client}://127.0.0.1:{listener.number}", LineFormat(1_000_000), clock)
+    left = open_port(f"{client}://127.0.0.1:{listener.name.rpartition(':')[2]}{query}", LineFormat(1_000_000), clock)
 
     async def connected() -> tuple[Waiting, Port, Waiting]:
         here = Waiting()
@@ -198,6 +207,7 @@ async def network(client: str) -> AsyncIterator[Pair]:
         yield pair
     finally:
         listener.stop()
+        folder.cleanup()
 
 
 PAIRS: dict[str, Callable[[], AbstractAsyncContextManager[Pair]]] = {
@@ -205,6 +215,7 @@ PAIRS: dict[str, Callable[[], AbstractAsyncContextManager[Pair]]] = {
     "simulated stream": lambda: simulated(None),
     "pty": pseudo_terminals,
     "tcp": lambda: network("tcp"),
+    "tls": lambda: network("tls"),
     "socket": lambda: network("socket"),
 }
 

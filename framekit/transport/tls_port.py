@@ -1,0 +1,261 @@
+"""TLS over TCP, `tls://HOST:PORT`: a port that connects, and a listener that offers those whose handshake ends well.
+
+What a side needs stands behind `?` in the port's name, files in PEM: `ca` and `name` of one that connects, `clients`
+of one that listens, `cert` and `key` of both. Files are read whenever a port is opened, so a new certificate needs no
+restart. No key, and nothing of its file, is ever shown.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import os
+import socket
+import ssl
+from pathlib import Path
+from urllib.parse import parse_qsl, quote, urlencode
+
+from framekit.definition.problems import did_you_mean
+from framekit.transport.clock import AsyncioClock
+from framekit.transport.network import (
+    FAR_END_CLOSED,
+    AcceptedConnection,
+    Connection,
+    NetworkListener,
+    TcpAcceptedPort,
+    TcpPort,
+    bracketed,
+)
+from framekit.transport.port import Accepted
+from framekit.transport.schemes import host_and_port
+
+log = logging.getLogger(__name__)
+
+OF_CLIENTS = ("ca", "name", "cert", "key")
+OF_SERVERS = ("cert", "key", "clients")
+FILES = ("ca", "cert", "key", "clients")
+SERVER_FORM = "tls://HOST:PORT?cert=FILE&key=FILE"
+
+HANDSHAKE_WITHIN = 10.0
+"""How long a handshake may take (s)."""
+SHUTDOWN_WITHIN = 2.0
+"""How long the other side has to say that it has closed, too (s)."""
+MOST_HANDSHAKES = 64
+"""At once; one more is closed as soon as it is made."""
+ACCEPTS_AGAIN = 1.0
+"""After the system could not take one more connection (s)."""
+
+_REASONS = {
+    "WRONG_VERSION_NUMBER": "the other side does not speak TLS",
+    "HTTP_REQUEST": "the other side does not speak TLS",
+    "UNEXPECTED_EOF_WHILE_READING": FAR_END_CLOSED,
+    "TLSV13_ALERT_CERTIFICATE_REQUIRED": "the other side wants a certificate – give cert= and key=",
+    "PEER_DID_NOT_RETURN_A_CERTIFICATE": "the other side has no certificate",
+    "TLSV1_ALERT_UNKNOWN_CA": "the other side does not know who signed the certificate",
+    "SSLV3_ALERT_BAD_CERTIFICATE": "the other side refuses the certificate",
+    "SSLV3_ALERT_CERTIFICATE_EXPIRED": "the other side says that the certificate has expired",
+}
+
+
+# ---- names of ports ---------------------------------------------------------------------------------------------
+
+
+def parted(url: str) -> tuple[str, dict[str, str]]:
+    """The URL without what stands behind `?`, and that by name. Raises ValueError for what no side knows."""
+    place, _, query = url.partition("?")
+    found: dict[str, str] = {}
+    for name, value in parse_qsl(query, keep_blank_values=True):
+        if name not in (*OF_CLIENTS, *OF_SERVERS):
+            known = list(dict.fromkeys((*OF_CLIENTS, *OF_SERVERS)))
+            raise ValueError(f"a tls: port has no '{name}' – {did_you_mean(name, known)}")
+        if name in found or not value.strip():
+            raise ValueError(f"'{name}' of a tls: port names {'two things' if name in found else 'nothing'} – name one")
+        found[name] = value
+    if "key" in found and "cert" not in found:
+        raise ValueError("a tls: port has a key and no certificate – add cert=FILE")
+    return place, found
+
+
+def placed(url: str, folder: Path) -> str:
+    """The same with the files that it names in that folder, where they have no whole path. Raises ValueError."""
+    place, given = parted(url)
+    for name in FILES:
+        if name in given:
+            given[name] = str(folder / given[name])
+    return f"{place}?{urlencode(given, quote_via=quote, safe='/')}" if given else place
+
+
+def _of_one_side(url: str, known: tuple[str, ...], what: str) -> tuple[str, int, dict[str, str]]:
+    place, given = parted(url)
+    wrong = next((name for name in given if name not in known), None)
+    if wrong is not None:
+        raise ValueError(f"'{wrong}' is nothing for a tls: port that {what} – known are {', '.join(known)}")
+    return *host_and_port(place), given
+
+
+# ---- certificates -----------------------------------------------------------------------------------------------
+
+
+def client_context(given: dict[str, str]) -> ssl.SSLContext:
+    """What a client needs for its handshakes. Raises OSError, with the name of the file that cannot be used."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    if "ca" in given:
+        _trust(context, given["ca"])
+    else:
+        context.load_default_certs(ssl.Purpose.SERVER_AUTH)
+    if "cert" in given:
+        _show(context, given)
+    return context
+
+
+def server_context(given: dict[str, str]) -> ssl.SSLContext:
+    """What a server needs for its handshakes. Raises OSError, with the name of the file that cannot be used."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    _show(context, given)
+    if "clients" in given:
+        _trust(context, given["clients"])
+        context.verify_mode = ssl.CERT_REQUIRED
+    return context
+
+
+def _trust(context: ssl.SSLContext, file: str) -> None:
+    try:
+        context.load_verify_locations(file)
+    except ssl.SSLError:
+        raise OSError(f"{file} holds no certificates in PEM") from None
+    except OSError as error:
+        raise OSError(f"{file}: {error.strerror or error}") from None
+
+
+def _show(context: ssl.SSLContext, given: dict[str, str]) -> None:
+    cert, key = given["cert"], given.get("key")
+    for file in (cert, key):
+        if file is not None and not os.access(file, os.R_OK):
+            raise OSError(f"{file}: it is not there, or may not be read")
+    try:
+        context.load_cert_chain(cert, key, password=_no_password)
+    except PermissionError as error:
+        raise OSError(str(error)) from None
+    except (OSError, ValueError):
+        files = cert if key is None else f"{cert} and {key}"
+        raise OSError(f"{files}: they hold no certificate in PEM with the key that fits it") from None
+
+
+def _no_password() -> str:
+    """Else the library asks on the terminal."""
+    raise PermissionError("the key has a password, and a port cannot ask for it – keep the key in a file without one")
+
+
+def why(error: Exception) -> str:
+    """What was wrong with a handshake, or ended a connection, for people."""
+    if isinstance(error, ssl.SSLCertVerificationError):
+        return f"the certificate of the other side is not good: {error.verify_message.rstrip('.')}"
+    if isinstance(error, ssl.SSLError):
+        name = error.reason or ""
+        return _REASONS.get(name) or f"TLS: {name.lower().replace('_', ' ') or 'it failed'}"
+    if isinstance(error, ConnectionAbortedError):
+        return f"no handshake within {HANDSHAKE_WITHIN:g} s"
+    return FAR_END_CLOSED if isinstance(error, ConnectionResetError) else str(error) or type(error).__name__
+
+
+# ---- connecting -------------------------------------------------------------------------------------------------
+
+
+class TlsPort(TcpPort):
+    """A connection to a server whose certificate is signed by one that is trusted, and names the host."""
+
+    def __init__(self, url: str, clock: AsyncioClock, connect_within: int | None = None) -> None:
+        host, number, self._given = _of_one_side(url, OF_CLIENTS, "connects")
+        super().__init__(host, number, clock, connect_within)
+        self.name = f"tls://{bracketed(host)}:{number}"
+
+    async def connect(self, connection: Connection) -> None:
+        context = client_context(self._given)
+        try:
+            await self.clock.loop.create_connection(
+                lambda: connection, self.host, self.number, ssl=context,
+                server_hostname=self._given.get("name", self.host),
+                ssl_handshake_timeout=HANDSHAKE_WITHIN, ssl_shutdown_timeout=SHUTDOWN_WITHIN,
+            )  # fmt: skip
+        except (ssl.SSLError, ConnectionAbortedError, ConnectionResetError) as error:
+            raise OSError(why(error)) from None
+
+    def why_lost(self, error: Exception) -> str:
+        return why(error)
+
+
+# ---- listening --------------------------------------------------------------------------------------------------
+
+
+class TlsListener(NetworkListener):
+    """Accepts connections, and offers those whose handshake ends well; why another one did not is logged."""
+
+    scheme, reached_by, kind = "tls", "tls", socket.SOCK_STREAM
+
+    def __init__(self, url: str, clock: AsyncioClock, accepted: Accepted) -> None:
+        host, number, self._given = _of_one_side(url, OF_SERVERS, "listens")
+        if "cert" not in self._given:
+            raise ValueError(f"a tls: port that listens needs a certificate and its key – write {SERVER_FORM}")
+        super().__init__(host, number, clock, accepted)
+        self._context: ssl.SSLContext | None = None
+        self._handshakes: set[asyncio.Task[None]] = set()
+
+    def _bound(self, family: socket.AddressFamily, address: tuple[str, int]) -> socket.socket:
+        self._context = server_context(self._given)
+        return socket.create_server(address, family=family)
+
+    async def _open(self, listening: socket.socket) -> None:
+        listening.setblocking(False)
+        self._at_work = Acceptance(listening, self.clock.loop.create_task(self._accept(listening)))
+
+    async def _accept(self, listening: socket.socket) -> None:
+        loop = self.clock.loop
+        while True:
+            try:
+                connected, address = await loop.sock_accept(listening)
+            except OSError as error:
+                if listening.fileno() < 0:
+                    return
+                log.warning("%s accepts nothing for now: %s", self.name, error)
+                await asyncio.sleep(ACCEPTS_AGAIN)
+                continue
+            if len(self._handshakes) >= MOST_HANDSHAKES:
+                connected.close()
+                continue
+            handshake = loop.create_task(self._shake_hands(connected, f"{bracketed(address[0])}:{address[1]}"))
+            self._handshakes.add(handshake)
+            handshake.add_done_callback(self._handshakes.discard)
+
+    async def _shake_hands(self, connected: socket.socket, client: str) -> None:
+        def protocol() -> AcceptedConnection:
+            return AcceptedConnection(TcpAcceptedPort(self.host, self.clock), self.accepted, "tls")
+
+        assert self._context is not None
+        try:
+            await self.clock.loop.connect_accepted_socket(
+                protocol, connected, ssl=self._context,
+                ssl_handshake_timeout=HANDSHAKE_WITHIN, ssl_shutdown_timeout=SHUTDOWN_WITHIN,
+            )  # fmt: skip
+        except OSError as error:
+            connected.close()
+            log.warning("%s: no handshake with %s: %s", self.name, client, why(error))
+
+    def stop(self) -> None:
+        super().stop()
+        for handshake in list(self._handshakes):
+            handshake.cancel()
+
+
+class Acceptance:
+    """A socket at which connections are accepted, until it is closed."""
+
+    def __init__(self, listening: socket.socket, task: asyncio.Task[None]) -> None:
+        self._listening, self._task = listening, task
+
+    def close(self) -> None:
+        self._task.cancel()
+        with contextlib.suppress(OSError):
+            self._listening.close()
