@@ -469,11 +469,11 @@ def run_frames(arguments: argparse.Namespace) -> int:
 
 
 def _protocols(as_json: bool) -> int:
-    """The shipped definitions by family, a line each; one that extends another is of the same family."""
+    """The definitions that can be named, by family, a line each; one that extends another is of the same family."""
     from framekit.definition.nodes import head_of
-    from framekit.definition.sources import shipped_definitions
+    from framekit.definition.sources import known_definitions
 
-    heads = {path.stem: head_of(path) for path in shipped_definitions()}
+    heads = {path.stem: head_of(path) for path in known_definitions()}
     rows = [
         (_family(name, heads), name, kind, head.get("about", ""))
         for name, head in heads.items()

@@ -17,6 +17,7 @@ from typing import Any, NoReturn
 
 from framekit import __version__
 from framekit.cli.common import VerbError
+from framekit.definition.sources import PATH_VARIABLE
 
 VERBS = {
     "check": "check definitions and run files",
@@ -40,6 +41,8 @@ VERBS = {
     "loopback": "test a port that is wired back to itself",
     "points": "make points of a register list",
     "history": "show the values that a run has kept",
+    "new": "lay out a protocol of your own",
+    "schema": "print the schemas of files, and the settings of an editor",
     "completion": "print a shell's completion script",
 }
 
@@ -52,7 +55,7 @@ TOGETHER = {
 }
 """Verbs that stand in one module; `run` stands in `run_verb`. A module has `add_VERB_arguments` and `run_VERB`."""
 
-READS_ITSELF = ("check", "test", "completion", "record", "loopback", "points", "history")
+READS_ITSELF = ("check", "test", "completion", "record", "loopback", "points", "history", "new", "schema")
 """Verbs that look at definitions as they are written, or at none: they take nothing from the cache."""
 
 _TOLD = [
@@ -109,6 +112,9 @@ def build_parser(only: str | None = None) -> Parser:
     """The parser with every verb; or, quicker, with this one alone; or, with '', with all of them by name only."""
     parser = Parser(prog="framekit", description="Protocols of serial field devices in YAML, and run.")
     parser.add_argument("--version", action="version", version=f"framekit {__version__}")
+    parser.add_argument(
+        "--path", metavar="FOLDER", action="append", help=f"look for definitions there too, as in {PATH_VARIABLE}"
+    )
     verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True, prog="framekit")
     for verb, about in VERBS.items() if not only else [(only, VERBS[only])]:
         one = parser.verbs[verb] = verbs.add_parser(verb, help=about, description=about[0].upper() + about[1:] + ".")
@@ -138,8 +144,33 @@ def fit_output() -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of the console script; returns the exit status."""
-    words = list(sys.argv[1:] if arguments is None else arguments)
     fit_output()
+    folders, words = _folders(list(sys.argv[1:] if arguments is None else arguments))
+    before = os.environ.get(PATH_VARIABLE)
+    if folders:
+        os.environ[PATH_VARIABLE] = os.pathsep.join([*folders, *([before] if before else [])])
+    try:
+        return _main(words)
+    finally:
+        if folders and before is None:
+            del os.environ[PATH_VARIABLE]
+        elif before is not None:
+            os.environ[PATH_VARIABLE] = before
+
+
+def _folders(words: list[str]) -> tuple[list[str], list[str]]:
+    """The folders of `--path` before the verb, and the other words."""
+    folders: list[str] = []
+    while words[:1] == ["--path"] and len(words) > 1:
+        folders.append(words[1])
+        del words[:2]
+    while words and words[0].startswith("--path="):
+        folders.append(words.pop(0).removeprefix("--path="))
+    return folders, words
+
+
+def _main(words: list[str]) -> int:
+    """Carries out the words behind the options that come before a verb."""
     parser = build_parser(words[0] if words and words[0] in VERBS else "")
     parsed, unknown = _parsed(parser, words)
     if unknown:

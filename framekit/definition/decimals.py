@@ -96,7 +96,7 @@ SCALE_KEYS: Mapping[str, Schema] = {
 DECIMAL_KEYS: Mapping[str, Schema] = {
     "decimals": {
         "description": "Digits behind the point of a decimal; any: as many as the value has; default 0, no point.",
-        "type": "string",
+        "type": ["string", "integer"],
         "pattern": "^(any|[0-9]+)$",
         "x-expected": "a number of digits, or any",
     },
@@ -111,13 +111,13 @@ DECIMAL_KEYS: Mapping[str, Schema] = {
     },
     "digits": {
         "description": "Digits before the point of a decimal at least, with zeros in front; default 1.",
-        "type": "string",
+        "type": ["string", "integer"],
         "pattern": "^[0-9]+$",
         "x-expected": "a number of digits",
     },
     "exponent": {
         "description": "Digits of the exponent of a decimal: with 2, 1.5 is 1.5E+00.",
-        "type": "string",
+        "type": ["string", "integer"],
         "pattern": "^[0-9]+$",
         "x-expected": "a number of digits",
     },

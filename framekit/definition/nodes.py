@@ -237,7 +237,29 @@ def read_text(text: str, file: str, noted: list[Problem] | None = None) -> Node:
         builder.problems.append(syntax_problem(error, text, file))
     except _GivenUp:
         pass
-    return builder.result(noted)
+    return _without_version(builder.result(noted), noted)
+
+
+LANGUAGE = 1
+"""The version of the language that is read; a file may say it by `framekit: 1`."""
+
+
+def _without_version(node: Node, noted: list[Problem] | None) -> Node:
+    """The tree without the version of the language. Raises DefinitionError or notes that it is not the one read."""
+    entries = node.entries if isinstance(node, Mapping) else ()
+    said = next((entry for entry in entries if entry.key.text == "framekit"), None)
+    if said is None or not isinstance(node, Mapping):
+        return node
+    value = said.value.text if isinstance(said.value, Scalar) else "a list or mapping"
+    if value != str(LANGUAGE):
+        newer = value.isdigit() and int(value) > LANGUAGE
+        what = f"this is version {value} of the language" if newer else f"'{value}' is no version of the language"
+        todo = "install a newer framekit, which reads it" if newer else f"write framekit: {LANGUAGE}"
+        problem = Problem(said.value.at, what, todo)
+        if noted is None:
+            raise DefinitionError([problem])
+        noted.append(problem)
+    return without(node, "framekit")
 
 
 def head_of(source: Path) -> dict[str, str]:
@@ -249,7 +271,9 @@ def head_of(source: Path) -> dict[str, str]:
             if not isinstance(event, yaml.ScalarEvent):
                 break
             texts.append(event.value)
-    return dict(zip(texts[::2], texts[1::2], strict=False))
+    heads = dict(zip(texts[::2], texts[1::2], strict=False))
+    heads.pop("framekit", None)
+    return heads
 
 
 def _unreadable(error: OSError) -> tuple[str, str]:

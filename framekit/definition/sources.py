@@ -5,11 +5,11 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import fields, is_dataclass
 from decimal import Decimal
 from enum import Enum
-from functools import cache
+from functools import cache, lru_cache
 from hashlib import sha256
 from pathlib import Path, PurePosixPath
 from types import CodeType, ModuleType
@@ -29,23 +29,90 @@ def shipped_folder(name: Literal["frames", "schemas"]) -> Path:
     return installed if installed.is_dir() else package.parent / name
 
 
-@cache
-def definition_folders() -> tuple[Path, ...]:
-    """The folders of shipped definitions: one for each family of protocols."""
-    frames = shipped_folder("frames")
-    return (*sorted(path for path in frames.iterdir() if path.is_dir()), frames)
-
-
 def shipped_definitions(pattern: str = "*.yaml") -> list[Path]:
     """The shipped files of this pattern, by name."""
-    return sorted(
-        (path for folder in definition_folders() for path in folder.glob(pattern)), key=lambda path: path.name
-    )
+    folders = _with_families(shipped_folder("frames"))
+    return sorted((path for folder in folders for path in folder.glob(pattern)), key=lambda path: path.name)
+
+
+def known_definitions() -> list[Path]:
+    """The definitions of every folder that is searched, by name; of two with one name the one that is found first."""
+    found: dict[str, Path] = {}
+    for folder in searched_folders():
+        for path in folder.glob("*.yaml"):
+            found.setdefault(path.stem, path)
+    return [found[name] for name in sorted(found)]
+
+
+PATH_VARIABLE = "FRAMEKIT_PATH"
+"""The variable that names more folders with definitions, as PATH does with programs."""
+PACKAGES = "framekit.protocols"
+"""The group of entry points by which installed packages bring definitions: each names a package, which holds them."""
+
+
+def roots() -> Iterator[Path]:
+    """The folders of FRAMEKIT_PATH, that of shipped definitions, and those of installed packages, in this order."""
+    yield from _path(os.environ.get(PATH_VARIABLE, ""))
+    yield shipped_folder("frames")
+    yield from _packages()
+
+
+@cache
+def _path(text: str) -> tuple[Path, ...]:
+    return tuple(Path(folder).expanduser().absolute() for folder in text.split(os.pathsep) if folder)
+
+
+@cache
+def _packages() -> tuple[Path, ...]:
+    """The folders of the packages, by the names of their entry points. None of them is imported."""
+    from importlib.metadata import entry_points
+    from importlib.util import find_spec
+
+    found: list[Path] = []
+    for point in sorted(entry_points(group=PACKAGES), key=lambda point: point.name):
+        package, *inside = point.module.split(".")
+        with suppress(ImportError, ValueError):
+            spec = find_spec(package)
+            places = () if spec is None else spec.submodule_search_locations or ()
+            found += [Path(place, *inside, *(point.attr or "").split(".")) for place in places]
+    return tuple(found)
+
+
+def searched_folders() -> Iterator[Path]:
+    """Every folder in which a name is looked for: the roots, and the folders in them, one for each family."""
+    for root in roots():
+        yield from _with_families(root)
+
+
+def _with_families(root: Path) -> tuple[Path, ...]:
+    try:
+        return _families(root, root.stat().st_mtime_ns)
+    except OSError:
+        return ()
+
+
+@lru_cache(64)
+def _families(root: Path, changed: int) -> tuple[Path, ...]:
+    return (*sorted(path for path in root.iterdir() if path.is_dir()), root)
+
+
+def root_of(path: Path) -> Path | None:
+    """The root that a file lies in, so that it may name others of it by `../`; None if it lies in none."""
+    path = path.resolve()
+    return next((root for root in roots() if path.is_relative_to(root.resolve())), None)
 
 
 def find_definition(name: str, folder: Path) -> Path | None:
-    """The file of a definition: `folder/NAME`, `folder/NAME.yaml`, or a shipped one; None if there is none."""
-    return _first_file(name, (folder, *definition_folders()), ".yaml")
+    """The file of a definition: `folder/NAME`, `folder/NAME.yaml`, or one in a folder that is searched; None if there
+    is none. A name with `../` is looked for beside `folder` only, inside the root that it lies in."""
+    if ".." not in PurePosixPath(name).parts:
+        return _first_file(name, (folder, *searched_folders()), ".yaml")
+    root = root_of(folder)
+    return (
+        None
+        if root is None
+        else _first_file(os.path.relpath(folder.resolve() / name, root.resolve()), (root,), ".yaml")
+    )
 
 
 def _first_file(name: str, places: Iterable[Path], suffix: str) -> Path | None:
@@ -176,7 +243,7 @@ def find_profile(name: str, folder: Path | None, at: Position, *, kind: str, suf
     if not name or name.startswith(("/", "~")) or "\\" in name or ".." in PurePosixPath(name).parts:
         what = f"'{name}' leaves the folder of the file that names it"
         raise DefinitionError([Problem(at, what, "name a profile beside it or a shipped one")])
-    places = [place for place in (folder, *definition_folders()) if place is not None]
+    places = [place for place in (folder, *searched_folders()) if place is not None]
     found = _first_file(name, places, suffix)
     if found is not None:
         return found

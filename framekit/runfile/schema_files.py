@@ -14,6 +14,8 @@ from framekit.definition.kinds.base import KINDS
 from framekit.definition.model import segments
 from framekit.definition.model.procedure import Action, Row, Step
 from framekit.definition.model.services import UNIT_BITS
+from framekit.definition.nodes import LANGUAGE
+from framekit.definition.schema import FIRST_KEYS
 from framekit.definition.sources import shipped_folder
 from framekit.definition.wire_types import TYPES
 from framekit.memory.views import ORDERS, VIEWS
@@ -34,6 +36,12 @@ PARTS = (
     ("action", Action, "Why, in a sentence."),
 )
 """Definitions of the schema with the classes that their keys are read into, and what `doc` holds there."""
+
+VERSION = {
+    "enum": [LANGUAGE, str(LANGUAGE)],
+    "x-name": "a version of the language",
+    "description": "Version of the language that the file is written in.",
+}
 
 Schemas = dict[str, dict[str, Any]]
 
@@ -57,6 +65,8 @@ def with_tables(schemas: Schemas) -> Schemas:
     behaviours = {word: schema_of_behaviour(kind) for word, kind in BEHAVIOURS.items()}
     with_kinds(schemas["device.schema.json"]["$defs"], "behaviour", behaviours)
     point = schemas["points.schema.json"]["$defs"]["point"]["properties"]
+    for name in sorted({f"{kind}.schema.json" for kind in FIRST_KEYS.values()}):
+        schemas[name]["properties"]["framekit"] = VERSION
     point["type"]["enum"], point["order"]["enum"] = [*UNIT_BITS, *VIEWS], list(ORDERS)
     return schemas
 

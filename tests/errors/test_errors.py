@@ -13,7 +13,7 @@ import pytest
 from framekit.api import check
 from framekit.cli.main import main
 from framekit.definition.problems import Problem
-from framekit.definition.sources import definition_folders
+from framekit.definition.sources import searched_folders
 
 HERE = Path(__file__).parent
 FILES = sorted([*HERE.glob("definitions/*.yaml"), *HERE.glob("runs/*.yaml")])
@@ -29,7 +29,7 @@ def expected(path: Path) -> list[str]:
 def as_written(path: Path, problems: list[Problem]) -> list[str]:
     """Problems with file names as the corpus writes them."""
     names = {f"{path.resolve()}:": "FILE:", f"{path}:": "FILE:", f"{path.parent.resolve()}/": ""} | {
-        f"{folder}/": "" for folder in definition_folders()
+        f"{folder}/": "" for folder in searched_folders()
     }
     found = []
     for problem in problems:

@@ -19,7 +19,7 @@ from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar, is_cut, read_nodes, read_text, unread
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
 from framekit.definition.schema import Kind, validate, wrong_kind
-from framekit.definition.sources import definition_folders, find_definition
+from framekit.definition.sources import PATH_VARIABLE, find_definition, root_of, searched_folders
 
 T = TypeVar("T")
 
@@ -135,13 +135,13 @@ class Documents:
         ]
 
     def find(self, name: Node, beside: Path) -> Path:
-        """The file a definition names: beside it, else among the shipped ones. Raises Broken."""
+        """The file a definition names: beside it, else in a folder that is searched. Raises Broken."""
         text = self.reader.text(name)
-        parts = PurePosixPath(text).parts
-        if not text or text.startswith(("/", "~")) or ".." in parts or "\\" in text:
-            raise self.reader.broken(
-                name.at, f"'{text}' leaves the definition's folder", "name a file beside it or a shipped one"
-            )
+        upwards = ".." in PurePosixPath(text).parts
+        if not text or text.startswith(("/", "~")) or "\\" in text or (upwards and root_of(beside) is None):
+            todo = "name a file beside it or a shipped one"
+            todo += f"; ../ leads to files of a folder of {PATH_VARIABLE}" if upwards else ""
+            raise self.reader.broken(name.at, f"'{text}' leaves the definition's folder", todo)
         found = find_definition(text, beside.parent)
         if found is None:
             raise self.reader.broken(name.at, f"there is no definition '{text}'", self._near(text, beside))
@@ -149,7 +149,7 @@ class Documents:
         return found
 
     def _near(self, text: str, beside: Path) -> str:
-        folders = (beside.parent, *definition_folders())
+        folders = (beside.parent, *searched_folders())
         known = {file.stem for folder in folders for file in folder.glob("*.yaml") if "." not in file.stem}
         name = text.removesuffix(".yml").removesuffix(".yaml")
         return did_you_mean(name, known) or f"put {name}.yaml beside {beside.name}"
@@ -182,8 +182,15 @@ class Documents:
             root = merged(base.root, root)
             names, files, uses = names + base.names, files + base.files, dict(base.uses)
             application = base.application
-        used = [(self.reader.text(name), self._named(name, path)) for name in self.reader.items(root.get("uses"))]
-        uses |= {name.removesuffix(".yaml").removesuffix(".yml"): one for name, one in used if one is not None}
+        used = [(name, self._named(name, path)) for name in self.reader.items(root.get("uses"))]
+        own_uses: dict[str, SourceText] = {}
+        for node, one in used:
+            name = PurePosixPath(self.reader.text(node)).name.removesuffix(".yaml").removesuffix(".yml")
+            if one is not None and own_uses.get(name, one).path != one.path:
+                self.reader.note(node.at, f"there are two files '{name}' in uses", "give one of them another name")
+            if one is not None:
+                own_uses[name] = one
+        uses |= own_uses
         own = self.roots[path]
         carried = own.get("application") if own.get("protocol") is not None else None
         application = self._named(carried, path) or application

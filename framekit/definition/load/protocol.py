@@ -31,7 +31,7 @@ from framekit.definition.model.values import FrameOf, LayoutOf, ReadAs, Table
 from framekit.definition.nodes import Entry, Node, Scalar
 from framekit.definition.nodes import Mapping as MappingNode
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
-from framekit.definition.sources import Sources, current_cache, definition_file, shipped_definitions, sources_of
+from framekit.definition.sources import Sources, current_cache, definition_file, known_definitions, sources_of
 
 T = TypeVar("T")
 
@@ -402,7 +402,7 @@ def definition_path(name: str | Path, folder: Path | None = None) -> Path:
         raise DefinitionError([Problem(Position(str(name), 0, 0), what, "check its name and folder")])
     if found is None:
         own = {file.stem for file in (folder or Path.cwd()).glob("*.yaml") if "." not in file.stem}
-        ours = {file.stem for file in shipped_definitions() if "." not in file.stem}
+        ours = {file.stem for file in known_definitions() if "." not in file.stem}
         known, shipped = own | ours, ", ".join(sorted(ours))
         hint = did_you_mean(str(name), known) or f"name a YAML file, or one that comes with framekit: {shipped}"
         raise DefinitionError([Problem(Position(str(name), 0, 0), f"there is no definition '{name}'", hint)])

@@ -1,0 +1,100 @@
+"""The schemas of files for editors: one for a kind of file, or one that tells the kinds apart by their first key.
+
+Each stands alone: what the shipped schemas have in files of their own is in its `$defs`.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from framekit.api.errors import RequestError
+from framekit.definition.problems import did_you_mean
+from framekit.definition.schema import FIRST_KEYS
+from framekit.definition.sources import known_definitions, shipped_folder
+
+DRAFT = "https://json-schema.org/draft/2020-12/schema"
+_SUFFIX = ".schema.json"
+_DEFINITIONS = "#/$defs/"
+
+Schema = dict[str, Any]
+
+
+def kinds() -> list[str]:
+    """The kinds of files."""
+    return sorted(set(FIRST_KEYS.values()))
+
+
+def schema(kind: str | None = None) -> Schema:
+    """The schema of a kind of file; without one, that of all of them. Raises RequestError for an unknown kind."""
+    if kind is not None and kind not in kinds():
+        hint = did_you_mean(kind, kinds()) or f"known: {', '.join(kinds())}"
+        raise RequestError(f"there is no kind of file '{kind}' – {hint}")
+    definitions: Schema = {}
+    names = [path.stem for path in known_definitions() if "." not in path.stem]
+    for file in sorted(shipped_folder("schemas").glob(f"*{_SUFFIX}")):
+        stem = file.name.removesuffix(_SUFFIX)
+        whole = _moved(json.loads(file.read_text("utf-8")), stem)
+        for place in _protocols_of(stem, whole):
+            place["anyOf"] = [{"enum": names}, {"not": {"enum": names}}]
+        for key in ("$schema", "$id"):
+            whole.pop(key, None)
+        definitions |= whole.pop("$defs", {})
+        if stem in kinds():
+            definitions[stem] = whole
+    chosen = _chosen(definitions) if kind is None else {"$ref": _DEFINITIONS + kind}
+    name = "framekit" if kind is None else definitions[kind]["title"]
+    return {"$schema": DRAFT, "$id": f"framekit:{kind or 'any'}", "title": name, **chosen, "$defs": definitions}
+
+
+def _protocols_of(stem: str, whole: Schema) -> list[Schema]:
+    """The places of a schema in which a known protocol may be named, so that an editor offers their names."""
+    if stem == "run":
+        return [whole["$defs"]["run.channel"]["properties"]["protocol"]]
+    if stem == "device":
+        return [whole["properties"]["protocol"]]
+    return [whole["properties"][key] for key in ("extends", "application")] if stem == "protocol" else []
+
+
+def settings_of_vscode(path: Path) -> Schema:
+    """Settings that give YAML files the schema at a path; files of others it leaves alone."""
+    return {"yaml.schemas": {str(path): ["*.yaml", "*.yml"]}}
+
+
+def _chosen(definitions: Schema) -> Schema:
+    """The kind by the key that only it begins with: the schema of that."""
+    rules = []
+    for key, kind in FIRST_KEYS.items():
+        others = [{"required": [other]} for other in FIRST_KEYS if _goes_before(other, key, definitions)]
+        known: Schema = {"required": [key], **({"not": {"anyOf": others}} if others else {})}
+        rules.append({"if": known, "then": {"$ref": _DEFINITIONS + kind}})
+    return {"type": "object", "allOf": rules}
+
+
+def _goes_before(other: str, key: str, definitions: Schema) -> bool:
+    """Whether a file with both keys is of the other's kind: the other's schema knows this key too."""
+    mine, named = FIRST_KEYS[key], FIRST_KEYS[other]
+    return named != mine and key in definitions[named]["properties"] and other not in definitions[mine]["properties"]
+
+
+def _moved(part: Any, stem: str) -> Any:
+    """A schema with its definitions, and what refers to them, under names that all files may share."""
+    if isinstance(part, list):
+        return [_moved(item, stem) for item in part]
+    if not isinstance(part, dict):
+        return part
+    if "dependentSchemas" in part and "oneOf" in part:  # editors offer what stands in the alternatives themselves
+        part = {key: value for key, value in part.items() if key not in ("dependentSchemas", "oneOf", "type")} | {
+            "anyOf": list(part["dependentSchemas"].values())
+        }
+    found: Schema = {}
+    for key, value in part.items():
+        if key == "$ref":
+            file, _, name = value.partition(_DEFINITIONS)
+            found[key] = f"{_DEFINITIONS}{file.removesuffix(_SUFFIX) or stem}.{name}"
+        elif key == "$defs":
+            found[key] = {f"{stem}.{name}": _moved(one, stem) for name, one in value.items()}
+        else:
+            found[key] = _moved(value, stem)
+    return found

@@ -1,0 +1,41 @@
+"""`framekit schema`: the schemas of files, with which editors complete keys and mark what is wrong."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from framekit.cli.common import VerbError, in_words, near, print_json, why_not
+
+
+def add_schema_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("kind", metavar="KIND", nargs="?", help="protocol, run, device …; default: one for all files")
+    parser.add_argument("-o", "--output", metavar="FILE", type=Path, help="where to write it; default: standard output")
+    parser.add_argument(
+        "--vscode", metavar="FILE", type=Path, nargs="?", const=Path(".vscode/framekit.schema.json"),
+        help="write the schema of all files there, and print the settings of Visual Studio Code; "
+        "default: .vscode/framekit.schema.json",
+    )  # fmt: skip
+
+
+def run_schema(arguments: argparse.Namespace) -> int:
+    import json
+
+    from framekit.api.schemas import schema, settings_of_vscode
+
+    with in_words():
+        whole = schema(arguments.kind)
+    place = arguments.vscode or arguments.output
+    if place is None:
+        print_json(whole)
+        return 0
+    try:
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_text(json.dumps(whole, ensure_ascii=False, indent=1) + "\n", "utf-8")
+    except OSError as error:
+        raise VerbError(why_not(error)) from None
+    if arguments.vscode is None:
+        print(near(str(place)))
+    else:
+        print_json(settings_of_vscode(Path("./" + place.as_posix()) if not place.is_absolute() else place))
+    return 0
