@@ -20,7 +20,7 @@ from framekit.api.run import nanoseconds
 from framekit.api.settings import checked_station
 from framekit.definition.times import LineFormat
 from framekit.link.events import Seen
-from framekit.run.model import DEFAULT_LIMITS, ConnectionLimits
+from framekit.run.model import DEFAULT_LIMITS, ConnectionLimits, Network, in_both, network_of
 from framekit.runfile.channels import line_of
 from framekit.runfile.devices import Device as Device
 from framekit.runfile.devices import DeviceSettings, load_devices, with_faults
@@ -29,6 +29,7 @@ from framekit.service.device import Serving, ServingMonitor, check_line
 from framekit.service.device_points import DevicePoints
 from framekit.service.driver import LineLoad
 from framekit.transport.clock import AsyncioClock
+from framekit.transport.schemes import scheme_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,6 +241,7 @@ def aserve(
     monitor: Callable[[Seen], None] | None = None,
     idle_timeout: str | float = DEFAULT_LIMITS.idle / 1e9,
     connections: int = DEFAULT_LIMITS.per_address,
+    allow: Sequence[str] = (),
     texts: Mapping[str, str] | None = None,
 ) -> AsyncServer:
     """Simulated devices for asyncio, opened by `async with` or `await`; see `framekit.serve` for the arguments."""
@@ -261,10 +263,23 @@ def aserve(
     try:
         check_line(found)
         line = line_of(found[0].protocol, speed, format)
-        limits = ConnectionLimits(nanoseconds(idle_timeout), connections)
+        limits = ConnectionLimits(nanoseconds(idle_timeout), connections, _clients(allow, found, port))
     except ValueError as error:
         raise RequestError(str(error)) from None
     return AsyncServer(found, port, line, initial or {}, monitor, limits)
+
+
+def _clients(allow: Sequence[str], devices: Sequence[Device], port: str) -> tuple[Network, ...]:
+    """Where clients may come from: as is said here, else as the files say. Raises ValueError."""
+    if not allow:
+        found: tuple[Network, ...] = ()
+        for device in devices:
+            found = in_both(found, device.clients)
+        return found
+    kind = scheme_of(port)
+    if kind is None or kind.listen is None:
+        raise ValueError(f"'{port}' has no clients with addresses – leave out which of them are allowed")
+    return tuple(map(network_of, [allow] if isinstance(allow, str) else allow))
 
 
 def _text(value: Any) -> str:
@@ -334,7 +349,8 @@ def serve(server: AsyncServer) -> Server:
     `texts`: as `initial`, with texts as device files have them.
     `params`, `role`, `speed`, `format`, `monitor`: as for `connect`. `faults`: a fault plan, of what goes wrong with
     what the devices send. `idle_timeout` (seconds, a time such as `10 min`, or `never`): how long a connection may go
-    without a good frame; `connections`: of one client address.
+    without a good frame; `connections`: of one client address; `allow`: addresses and networks of clients that may
+    connect, such as `192.168.1.0/24`, instead of what device files say.
 
     Raises DefinitionError for a wrong file or setting of the device, RequestError, LineClosedError.
     """

@@ -78,6 +78,10 @@ def add_serve_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--connections", type=int, metavar="N", help="connections that one client address may have; default: 64"
     )
+    parser.add_argument(
+        "--allow", action="append", default=[], metavar="ADDRESS",
+        help="only clients from there may connect: an address or a network such as 192.168.1.0/24; may be repeated",
+    )  # fmt: skip
     add(parser, "--for")
     parser.add_argument("--quiet", action="store_true", help="do not show what goes over the line")
     add(parser, "--screen")
@@ -111,6 +115,7 @@ def server_of(arguments: argparse.Namespace) -> AsyncServer:
         "sizes": _assigned(arguments.size, "ADDRESS=N"),
         "params": _assigned(arguments.param, "NAME=VALUE"),
         "map": _assigned(arguments.map, "AREA=ADDRESS"),
+        "allow": [one for text in arguments.allow for one in text.split(",")],
     }
     options = ("role", "memory", "speed", "format", "faults", "idle_timeout", "connections")
     given |= {name: value for name in options if (value := getattr(arguments, name)) is not None}

@@ -9,7 +9,7 @@ a family of devices has, its limits, where its status bits stand and what its co
 from __future__ import annotations
 
 import ipaddress
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from enum import Enum
@@ -430,22 +430,66 @@ class StationRules:
     own_dead: bool = False
 
 
+Network = ipaddress.IPv4Network | ipaddress.IPv6Network
+
+
+def network_of(text: str) -> Network:
+    """An address, or a network such as `192.168.1.0/24`. Raises ValueError."""
+    try:
+        return ipaddress.ip_network(text.strip())
+    except ValueError:
+        pass
+    try:
+        whole = ipaddress.ip_network(text.strip(), strict=False)
+    except ValueError:
+        raise ValueError(f"'{text}' is no address of clients – write one like 192.168.1.20 or 192.168.1.0/24") from None
+    raise ValueError(f"'{text}' names one address and a whole network – write {whole}, or the address alone")
+
+
+def in_both(some: Sequence[Network], others: Sequence[Network]) -> tuple[Network, ...]:
+    """The addresses that are in both; no networks at all are all addresses. Raises ValueError where none is."""
+    if not some or not others:
+        return (*some, *others)
+    found = [
+        min(one, other, key=lambda network: network.num_addresses)
+        for one in some
+        for other in others
+        if one.overlaps(other)
+    ]
+    if not found:
+        raise ValueError("no client may use all devices of this line – let their 'clients' have an address in common")
+    return tuple(dict.fromkeys(found))
+
+
 @dataclass(frozen=True, slots=True)
 class ConnectionLimits:
-    """What keeps a few clients from locking the others out.
+    """What keeps a few clients from locking the others out, and strangers outside.
 
     `idle`: a connection over which no good frame went for so long (ns) is closed. `per_address`: connections that one
-    client address may have at once. Raises ValueError for limits that let no client in.
+    client address may have at once. `allowed`: where clients may come from; from everywhere, if it is empty. Raises
+    ValueError for limits that let no client in.
     """
 
     idle: int = 600_000_000_000
     per_address: int = 64
+    allowed: tuple[Network, ...] = ()
 
     def __post_init__(self) -> None:
         if self.idle <= 0:
             raise ValueError("the idle time-out is above 0 – write a time such as 10 min, or never")
         if self.per_address <= 0:
             raise ValueError("an address may have 1 connection at least")
+
+    def lets_in(self, host: str) -> bool:
+        """Whether a client with this address may come in."""
+        if not self.allowed:
+            return True
+        try:
+            address = ipaddress.ip_address(host)
+        except ValueError:
+            return False
+        plain = getattr(address, "ipv4_mapped", None) or address
+        return any(plain in network for network in self.allowed)
 
 
 DEFAULT_LIMITS = ConnectionLimits()

@@ -40,8 +40,10 @@ from framekit.run.model import (
     DeadRule,
     FaultPlan,
     Merge,
+    Network,
     Silence,
     StationRules,
+    network_of,
 )
 from framekit.runfile.fault_plans import leaves_folder, read_fault_plan
 from framekit.transport.schemes import is_known, no_port, scheme_of
@@ -72,6 +74,15 @@ class Attempts:
     def maybe(self, read: Callable[[Node], T], node: Node | None) -> T | None:
         """What a node says; None where there is none, or where it is broken."""
         return None if node is None else self.to(lambda: read(node))
+
+
+def read_clients(reader: Reader, node: Node) -> tuple[Network, ...]:
+    """Where clients may come from: one address or network, or a list. Raises Broken."""
+    found = []
+    for item in reader.items(node):
+        with reader.refusing(item.at):
+            found.append(network_of(reader.text(item)))
+    return tuple(found)
 
 
 class ChannelLoader:
@@ -153,13 +164,17 @@ class ChannelLoader:
         return found
 
     def _limits(self, node: Node) -> ConnectionLimits:
-        """What clients of a port that listens may do. Raises Broken."""
-        reader, keys = self.reader, self.reader.mapping(node)
-        idle, connections = keys.get("idle_timeout"), keys.get("connections")
+        """Which clients a port that listens has, and what they may do. Raises Broken."""
+        reader = self.reader
+        if not isinstance(node, Mapping):
+            return ConnectionLimits(allowed=read_clients(reader, node))
+        keys = reader.mapping(node)
+        idle, connections, allow = keys.get("idle_timeout"), keys.get("connections"), keys.get("allow")
         with reader.refusing(node.at):
             return ConnectionLimits(
                 DEFAULT_LIMITS.idle if idle is None else reader.time(idle),
                 DEFAULT_LIMITS.per_address if connections is None else reader.number(connections),
+                () if allow is None else read_clients(reader, allow),
             )
 
     def _port(self, node: Node) -> str:

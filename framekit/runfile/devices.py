@@ -10,6 +10,7 @@ from collections.abc import Mapping as MappingOf
 from collections.abc import Sequence as SequenceOf
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -31,10 +32,10 @@ from framekit.memory.memory import Area as MemoryArea
 from framekit.memory.memory import DeviceMemory, OrderedArea
 from framekit.memory.profile import ClockBit, FixedBit, MemoryProfile, load_profile, load_profile_node
 from framekit.run.behaviours import Behaviour
-from framekit.run.model import FaultPlan, OwnPlace
+from framekit.run.model import FaultPlan, Network, OwnPlace
 from framekit.run.own_memory import AnyAddresses, ProtocolAddresses, addresses_of
 from framekit.runfile.behave import BehaveLoader
-from framekit.runfile.channels import needs_station, read_mapping, read_params, read_station
+from framekit.runfile.channels import needs_station, read_clients, read_mapping, read_params, read_station
 from framekit.runfile.fault_plans import load_fault_plan, mismatches, read_fault_plan
 from framekit.runfile.transfers import number_for
 
@@ -48,7 +49,8 @@ class Device:
 
     `profile` is None for a memory that is the areas of the protocol. `mapping`: areas of the protocol that stand
     elsewhere in the memory (area → memory area and the number of its first element there). `shares`: it is the
-    device of that name before it, over another protocol of the line (`also`): they have one memory.
+    device of that name before it, over another protocol of the line (`also`): they have one memory. `clients`: where
+    those may come from that are served; from everywhere, if it is empty.
     """
 
     name: str
@@ -64,6 +66,7 @@ class Device:
     faults: FaultPlan | None = None
     shares: bool = False
     behaviours: tuple[Behaviour, ...] = ()
+    clients: tuple[Network, ...] = ()
 
     @property
     def station(self) -> str:
@@ -142,7 +145,7 @@ def _over_others(
                 if main.mapping or known.isdisjoint(area.memory for area in protocol.areas.values()):
                     what = f"no area of '{protocol.name}' is in the memory of this device"
                     raise reader.broken(node.at, what, "name a protocol for the same memory, without map")
-                one = replace(one, areas=main.areas, grammar=main.grammar, profile=main.profile, initial=())
+                one = replace(one, areas=main.areas, grammar=main.grammar, profile=main.profile, initial=(), clients=())
                 found.append(replace(one, name=main.name, shares=True))
     return tuple(found)
 
@@ -204,6 +207,7 @@ class _DeviceLoader:
             initial=start_values(reader, grammar, node.get("set") if isinstance(node, MappingNode) else None),
             faults=read_fault_plan(reader, self.root.get("faults"), self.definition.path.parent, self.protocol),
             behaviours=self._behaviours(grammar),
+            clients=self.reader.maybe(partial(read_clients, reader), self.root.get("clients")) or (),
         )
         if len(stations) < 2:
             return (replace(device, own=stations[0] if stations else None),)

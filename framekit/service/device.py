@@ -8,6 +8,7 @@ connection has over TCP. Nothing here prints; what watches gives `monitor`.
 from __future__ import annotations
 
 import asyncio
+import logging
 import os
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -35,6 +36,8 @@ from framekit.transport.port import AcceptedPort, Port, PortEvents, PortListener
 from framekit.transport.schemes import make_listener, open_port, scheme_of
 from framekit.transport.simulated_line import SimulatedLine, Transmission
 from framekit.transport.wiring import wired
+
+log = logging.getLogger(__name__)
 
 
 class DeviceStore:
@@ -307,6 +310,9 @@ ServingMonitor = Callable[[str, int, Seen], None]
 MOST_CONNECTIONS = 256
 """At once; one more is closed as soon as it is made."""
 
+MOST_STRANGERS = 256
+"""So many addresses that are not allowed are logged, each once."""
+
 
 class Serving:
     """Serves devices, all of which hear the same line. `wrap` may put something around every port, faults say.
@@ -336,6 +342,7 @@ class Serving:
         self.listener: PortListener | None = None
         self._own_port: Port | None = None
         self._hosts: dict[Port, str] = {}
+        self._strangers: set[str] = set()
         self._idle_alarm = clock.alarm(self._close_idle)
         for number, store in enumerate(self.stores):
             store.troubles.append(partial(self._trouble, number))
@@ -390,7 +397,10 @@ class Serving:
         return listener
 
     def accept(self, port: AcceptedPort) -> None:
-        """Answers on a connection, or closes it where there are too many."""
+        """Answers on a connection, or closes it where its client is not allowed, or where there are too many."""
+        if not self.limits.lets_in(port.host):
+            self._refuse_stranger(port)
+            return
         if not self._has_room(port):
             self.line_errors["connections refused"] += 1
             port.close()
@@ -404,6 +414,13 @@ class Serving:
 
         self._begin(port, state)
         self._set_idle_alarm()
+
+    def _refuse_stranger(self, port: AcceptedPort) -> None:
+        self.line_errors["clients not allowed"] += 1
+        if port.host not in self._strangers and len(self._strangers) < MOST_STRANGERS:
+            self._strangers.add(port.host)
+            log.warning("%s is not allowed as a client: closed; it is counted from now on", port.host)
+        port.close()
 
     def _has_room(self, port: AcceptedPort) -> bool:
         """Whether one more may be served. A sender of datagrams never ends by itself: it takes an older one's place."""
