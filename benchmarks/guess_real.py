@@ -231,7 +231,7 @@ def judged_real(case: RealCase) -> Marks:
 
 
 def _checks_of(found: Guess) -> list[CheckGuess]:
-    return [] if found.check is None else [found.check]
+    return list({id(one): one for kind in found.kinds if (one := kind.check) is not None}.values())
 
 
 def _is_explained(found: Guess, said: Sequence[CheckGuess], frame: bytes) -> bool:

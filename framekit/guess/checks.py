@@ -177,8 +177,7 @@ def _together(found: Sequence[CheckGuess]) -> list[CheckGuess]:
             if other.place.start not in starts and other.evidence.holds >= best.evidence.holds:
                 starts.add(other.place.start)
                 others.append(f"{other.name or other.method.kind} from byte {other.place.start} on")
-        method = best.method
-        result.append(CheckGuess(best.place, method, best.name, best.evidence, 0, tuple(others)))
+        result.append(replace(best, others=tuple(others)))
     return result
 
 
@@ -369,20 +368,30 @@ def _crcs(place: CheckPlace, cuts: Sequence[CountedBytes], width: int, of: int) 
     step = max(1, len(pairs) // MOST_PAIRS)
     some = pairs[::step][:MOST_PAIRS]
     alone = cuts[:: max(1, len(cuts) // MOST_PAIRS)][:MOST_PAIRS]
+    changed = [(_combined(one.data, two.data), one.code ^ two.code) for one, two in some]
     for family in families():
         if family.width != width:
             continue
         if len(some) >= 2:
-            alike = sum(_agree(family, one, two) for one, two in some)
-            if alike >= 0.6 * len(some) and alike >= 2:
+            if _agrees(family, changed):
                 yield from _with_start(place, cuts, family, of)
         else:
             yield from _ready_in(place, cuts, alone, family, of)
 
 
-def _agree(family: Family, one: CountedBytes, two: CountedBytes) -> bool:
-    changed = bytes(a ^ b for a, b in zip(one.data, two.data, strict=True))
-    return plain_crc(changed, *family) == one.code ^ two.code
+def _combined(one: bytes, two: bytes) -> bytes:
+    """Two of one size, by exclusive or."""
+    return (int.from_bytes(one, "big") ^ int.from_bytes(two, "big")).to_bytes(len(one), "big")
+
+
+def _agrees(family: Family, changed: Sequence[tuple[bytes, int]]) -> bool:
+    """Whether most of the pairs differ as a family says, two at least."""
+    wrong = 0
+    for data, code in changed:
+        wrong += plain_crc(data, *family) != code
+        if wrong > 0.4 * len(changed):
+            return False
+    return len(changed) - wrong >= 2
 
 
 def _ready_in(
@@ -426,7 +435,9 @@ def _with_start(place: CheckPlace, cuts: Sequence[CountedBytes], family: Family,
             name="own", kind="crc", width=family.width, poly=family.poly, initial=init, refin=family.refin,
             refout=family.refout, xorout=xorout,
         )  # fmt: skip
-        yield CheckGuess(place, method, name, Evidence(held, of, chance))
+        usual = init in (0, ones, *likely) or xorout in (0, ones)
+        is_sure = bool(name) or len(known) > 2 or (len(known) == 2 and usual)
+        yield CheckGuess(place, method, name, Evidence(held, of, chance), is_sure=is_sure)
         found += 1
         if found == MOST_SOLVED:
             return

@@ -49,10 +49,9 @@ def common_divisor(numbers: Iterable[int]) -> int:
 
 def difference(one: bytes, other: bytes, code: int, width: int, mirrored: bool) -> int:
     """What the polynomial divides: of two data of one size, and the exclusive or of their codes."""
-    changed = bytes(a ^ b for a, b in zip(one, other, strict=True))
     if mirrored:
-        changed, code = changed.translate(MIRROR), reflect(code, width)
-    return int.from_bytes(changed, "big") << width ^ code
+        one, other, code = one.translate(MIRROR), other.translate(MIRROR), reflect(code, width)
+    return (int.from_bytes(one, "big") ^ int.from_bytes(other, "big")) << width ^ code
 
 
 def polynomials(differences: Sequence[int], width: int) -> Iterator[int]:

@@ -52,9 +52,10 @@ class AskedTold(NamedTuple):
     reply: bytes
 
 
-def shape_of(framing: Framing, check: CheckGuess | None) -> FrameShape:
+def shape_of(framing: Framing, check: CheckGuess | None, texts: Sequence[bytes]) -> FrameShape:
     """Where content begins, and what follows it."""
     has_marks = framing.kind in ("marks", "length")
+    has_marks = has_marks and all(one.startswith(framing.start) and one.endswith(framing.end) for one in texts)
     tail = len(framing.end) if has_marks else 0
     if check is not None and check.place.at is None:
         tail = max(tail, check.place.behind)
@@ -84,14 +85,6 @@ def directed(frames: Sequence[HeardFrame], plain: Sequence[bytes]) -> tuple[list
     if apart >= 0.9 * len(frames):
         return ["client" if number % 2 == 0 else "server" for number in range(len(frames))], float(apart)
     return ["" for _ in frames], 0.0
-
-
-def pairs_of(sides: Sequence[str], plain: Sequence[bytes]) -> list[AskedTold]:
-    """A frame of the client and the server's frame right behind it."""
-    together = list(zip(sides, plain, strict=True))
-    return [
-        AskedTold(one, two) for (first, one), (second, two) in pairwise(together) if (first, second) == CLIENT_SERVER
-    ]
 
 
 CLIENT_SERVER = ("client", "server")
@@ -135,30 +128,75 @@ def _surprise(counts: Counter[int]) -> float:
 
 def kinds_of(
     frames: Sequence[HeardFrame], plain: Sequence[bytes], sides: Sequence[str], framing: Framing,
-    check: CheckGuess | None,
+    checks: Sequence[CheckGuess | None], rules: Sequence[int],
 ) -> list[FrameKind]:  # fmt: skip
-    """The kinds of frames with their fields. `plain`: the frames without their stuffing."""
-    shape = shape_of(framing, check)
-    known = _known_places(framing, check)
-    groups: dict[tuple[str, int | None], list[int]] = defaultdict(list)
-    pairs = pairs_of(sides, plain)
-    copies = _copies(pairs, shape, known)
-    places: dict[str, int | None] = {}
-    for side in dict.fromkeys(sides):
-        own = [number for number, one in enumerate(sides) if one == side]
-        place = places[side] = function_place([plain[number] for number in own], shape, known, set(copies))
-        for number in own:
-            groups[side, None if place is None else plain[number][place]].append(number)
+    """The kinds of frames with their fields. `plain`: the frames without their stuffing; `rules`: which of the checks
+    each of them has."""
     found = []
-    for (side, value), numbers in groups.items():
-        name = {"client": "asked", "server": "told"}.get(side, "frame")
-        name = name if value is None else f"{name}_{value:02x}"
-        texts = [plain[number] for number in numbers]
-        fields = fields_of(
-            texts, shape, framing.length, check, copies, is_reply=side == "server", function=places[side]
-        )
-        own_frames = tuple(frames[number] for number in numbers)
-        found.append(FrameKind(name, own_frames[0].direction, fields, own_frames, side))
+    pairs = [(one, two) for one, two in pairwise(range(len(frames))) if (sides[one], sides[two]) == CLIENT_SERVER]
+    for rule, check in enumerate(checks):
+        own = [number for number, one in enumerate(rules) if one == rule]
+        if not own:
+            continue
+        shape = shape_of(framing, check, [plain[number] for number in own])
+        known = _known_places(framing, check)
+        some = [AskedTold(plain[one], plain[two]) for one, two in pairs if rule == rules[one] == rules[two]]
+        copies = _copies(some, shape, known)
+        groups = _by_function([(number, sides[number]) for number in own], plain, shape, known, copies)
+        heads = {plain[number][shape.head : shape.head + 1] for number in own}
+        rule_form = {shape.head} if len(checks) > 1 and len(heads) == 1 else set[int]()
+        asked, told = ([plain[number] for number in own if sides[number] == side] for side in CLIENT_SERVER)
+        forms = frozenset(_telling(asked, told, shape) - known - set(copies) | rule_form)
+        for (side, value, place), numbers in groups.items():
+            name = {"client": "asked", "server": "told"}.get(side, "frame")
+            name = name if value is None else f"{name}_{value:02x}"
+            texts = [plain[number] for number in numbers]
+            fields = fields_of(
+                texts, shape, framing.length, check, copies, is_reply=side == "server", function=place, forms=forms
+            )
+            own_frames = tuple(frames[number] for number in numbers)
+            found.append((numbers[0], FrameKind(name, own_frames[0].direction, fields, own_frames, side, check)))
+    order = {"client": 0, "server": 1}
+    return [kind for _, kind in sorted(found, key=lambda one: (order.get(one[1].side, 2), one[0]))]
+
+
+def _by_function(
+    numbers: Sequence[tuple[int, str]], plain: Sequence[bytes], shape: FrameShape, known: set[int],
+    copies: dict[int, Evidence],
+) -> dict[tuple[str, int | None, int | None], list[int]]:  # fmt: skip
+    """Frames of each side by the byte that tells their form: (side, the byte, its place) → numbers.
+
+    Where one side has such a byte and replies repeat it, the other side is told apart by it too.
+    """
+    sides: dict[str, list[int]] = defaultdict(list)
+    for number, side in numbers:
+        sides[side].append(number)
+    places = {
+        side: function_place([plain[number] for number in own], shape, known, set(copies))
+        for side, own in sides.items()
+    }
+    repeated = [place for place in places.values() if place in copies]
+    groups: dict[tuple[str, int | None, int | None], list[int]] = defaultdict(list)
+    for side, own in sides.items():
+        place = places[side]
+        if repeated and place is None:
+            values = Counter(plain[number][repeated[0]] for number in own)
+            place = repeated[0] if 2 <= len(values) <= MOST_KINDS else None
+        for number in own:
+            groups[side, None if place is None else plain[number][place], place].append(number)
+    return groups
+
+
+def _telling(asked: Sequence[bytes], told: Sequence[bytes], shape: FrameShape) -> set[int]:
+    """Places in the head of frames that are always the same on either side, but not on both."""
+    if min(len(asked), len(told)) < LEAST_OF_KIND:
+        return set()
+    shortest = min(map(len, (*asked, *told)))
+    found = set()
+    for place in range(shape.head, min(shortest - shape.tail, shape.head + MOST_COPIED)):
+        values = [{text[place] for text in side} for side in (asked, told)]
+        if len(values[0]) == len(values[1]) == 1 and values[0] != values[1]:
+            found.add(place)
     return found
 
 
@@ -187,9 +225,10 @@ def _copies(pairs: Sequence[AskedTold], shape: FrameShape, known: set[int]) -> d
 
 def fields_of(
     texts: Sequence[bytes], shape: FrameShape, length: LengthField | None, check: CheckGuess | None,
-    copies: dict[int, Evidence], *, is_reply: bool, function: int | None,
+    copies: dict[int, Evidence], *, is_reply: bool, function: int | None, forms: frozenset[int],
 ) -> tuple[GuessedField, ...]:  # fmt: skip
-    """The fields of frames of one kind, from the first byte to the last. `function`: the byte that tells the kind."""
+    """The fields of frames of one kind, from the first byte to the last. `function`: the byte that tells the kind;
+    `forms`: constants that other kinds have otherwise."""
     shortest, longest = min(map(len, texts)), max(map(len, texts))
     head = HEAD if length is None else max(HEAD, length.end)
     inner = min(shortest - shape.tail, head if longest > shortest else max(head, shortest - shape.tail))
@@ -200,9 +239,9 @@ def fields_of(
         at = shape.head
     names = Counter[str]()
     while at < inner:
-        if at == function:
-            value = f"{texts[0][at]:02X}"
-            field = GuessedField("function", at, 1, "constant", value, Evidence(len(texts), len(texts)), is_mark=True)
+        if at == function or at in forms:
+            value, name = f"{texts[0][at]:02X}", "function" if at == function else "form"
+            field = GuessedField(name, at, 1, "constant", value, Evidence(len(texts), len(texts)), is_mark=True)
         elif at in copies:
             about = "as in the request" if is_reply else "the reply repeats it"
             field = GuessedField(f"copy_{at}", at, 1, "copy", about, copies[at])

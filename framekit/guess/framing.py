@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -44,7 +45,10 @@ def framings_of(chunks: Sequence[HeardBytes]) -> list[CutLine]:
     """What the framing may be, the most likely first; the last one takes the pieces as they came."""
     pieces = joined(chunks)
     streams = streams_of(pieces)
-    texts = [piece.data for piece in pieces[:MOST_PIECES]]
+    texts = [
+        piece for stream in streams for start, piece in zip(stream.starts, stream.pieces, strict=True)
+        if start not in stream.signals
+    ][:MOST_PIECES] or [piece.data for piece in pieces[:MOST_PIECES]]  # fmt: skip
     seen, found = set[Framing](), list[CutLine]()
     for framing in _hypotheses(texts, streams):
         if framing not in seen:
@@ -119,7 +123,11 @@ def cut_stream(framing: Framing, stream: PieceStream) -> list[tuple[int, int]]:
     found, at, mark = list[tuple[int, int]](), 0, framing.start
     shared = framing.kind == "marks" and len(mark) == 1 and mark == framing.end
     while at < len(data):
-        end = _end_of(framing, data, at, starts)
+        if at in stream.signals:
+            ends = bisect_right(stream.starts, at)
+            end: int | None = stream.starts[ends] if ends < len(stream.starts) else len(data)
+        else:
+            end = _end_of(framing, data, at, starts)
         if end is not None:
             found.append((at, end))
             at = end

@@ -24,6 +24,7 @@ from framekit.guess.model import (
     Statement,
     Stuffing,
 )
+from framekit.guess.rules import rules_of
 from framekit.guess.stuffing import StuffingError, plain_frame
 from framekit.guess.writing import named_apart
 
@@ -43,16 +44,21 @@ def guess(chunks: Sequence[HeardBytes]) -> Guess:
     cut, plain, check = _cut_and_check(chunks)
     if check is not None:
         cut, plain = _mended(cut, plain, check)
+    rules = rules_of(cut.frames, plain, cut.framing, check)
+    check = rules[0].check
     found.framing, found.frames, found.noise, found.check = cut.framing, list(cut.frames), cut.noise, check
-    whole = [number for number, text in enumerate(plain) if text is not None and _is_good(text, check)]
+    rule_of = {number: at for at, rule in enumerate(rules) for number in rule.numbers}
+    whole = sorted(rule_of)
     frames = [cut.frames[number] for number in whole]
     texts = [text for number in whole if (text := plain[number]) is not None]
     if texts:
         sides, luck = directed(frames, texts)
-        found.kinds = named_apart(kinds_of(frames, texts, sides, cut.framing, check))
+        checks = [rule.check for rule in rules]
+        kinds = kinds_of(frames, texts, sides, cut.framing, checks, [rule_of[number] for number in whole])
+        found.kinds = named_apart(kinds)
         found.statements = [
             *_of_framing(cut),
-            *_of_check(check),
+            *(statement for rule in rules for statement in _of_check(rule.check, rule.which)),
             *_of_sides(frames, sides, luck),
             *_of_fields(found.kinds),
         ]
@@ -122,11 +128,6 @@ def _plain(framing: Framing, data: bytes) -> bytes | None:
         return None
 
 
-def _is_good(text: bytes, check: CheckGuess | None) -> bool:
-    """Whether its check is right, where there is one."""
-    return check is None or holds(check, text)
-
-
 # ---- statements -------------------------------------------------------------------------------------------------
 
 
@@ -181,7 +182,7 @@ def _stuffed(framing: Framing) -> str:
     return f"a mark is written as {stuffing.escape:02X} and a code: {codes}"
 
 
-def _of_check(check: CheckGuess | None) -> Iterator[Statement]:
+def _of_check(check: CheckGuess | None, which: str) -> Iterator[Statement]:
     if check is None:
         return
     place = check.place
@@ -189,6 +190,7 @@ def _of_check(check: CheckGuess | None) -> Iterator[Statement]:
     if place.at is None and place.tail:
         where = f"before the last {place.tail} byte{'s' * (place.tail > 1)}"
     name = check.name or _own_name(check)
+    where += f" of frames {which}" if which else ""
     text = f"the check {where} is {name}, from byte {place.start} on"
     text += f" without the {place.stop} before it" if place.stop and place.at is None else ""
     text += f", {place.order} end first" if place.size > 1 and place.form == "binary" else ""
@@ -198,7 +200,7 @@ def _of_check(check: CheckGuess | None) -> Iterator[Statement]:
     yield Statement(
         f"{text}, in different frames",
         check.evidence,
-        True,
+        check.is_sure,
         "a frame in which it does not hold, and that was not damaged",
     )
 

@@ -144,7 +144,8 @@ class CheckGuess:
     """A check that fits: `method` may have parameters of its own, `name` is that of a ready one, or ''.
 
     `plus`: what is added (sums) or combined by exclusive or (all others) at the end, where no ready method does so.
-    `others`: how else the same could be said, as far as the frames tell.
+    `others`: how else the same could be said, as far as the frames tell. Not sure: frames of other sizes may show that
+    it begins or ends with something else.
     """
 
     place: CheckPlace
@@ -153,6 +154,7 @@ class CheckGuess:
     evidence: Evidence
     plus: int = 0
     others: tuple[str, ...] = ()
+    is_sure: bool = True
 
 
 FieldKind = Literal[
@@ -181,13 +183,15 @@ class GuessedField:
 
 @dataclass(frozen=True, slots=True)
 class FrameKind:
-    """Frames of one form: they go one way, and have the same fields. `side`: client or server, '' if not known."""
+    """Frames of one form: they go one way, and have the same fields. `side`: client or server, '' if not known.
+    `check`: theirs, if they have one."""
 
     name: str
     direction: Direction
     fields: tuple[GuessedField, ...]
     frames: tuple[HeardFrame, ...]
     side: str = ""
+    check: CheckGuess | None = None
 
 
 @dataclass(slots=True)

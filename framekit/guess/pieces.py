@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -21,13 +22,15 @@ SECOND = 1_000_000_000
 @dataclass(frozen=True, slots=True)
 class PieceStream:
     """All bytes that went one way. `starts`: where pieces begin, the first at 0; `times`: when those came, if known;
-    `numbers`: which pieces of the whole line they are."""
+    `numbers`: which pieces of the whole line they are; `signals`: the starts of short answers that are always the same,
+    such as ACK."""
 
     direction: Direction
     data: bytes
     starts: tuple[int, ...]
     times: tuple[int | None, ...]
     numbers: tuple[int, ...]
+    signals: frozenset[int] = frozenset()
 
     @property
     def pieces(self) -> list[bytes]:
@@ -90,8 +93,40 @@ def joined(chunks: Sequence[HeardBytes]) -> list[HeardBytes]:
     return found
 
 
+LARGEST_SIGNAL = 3
+LEAST_SIGNALS = 3
+
+
+def signals_of(texts: Sequence[bytes]) -> frozenset[bytes]:
+    """Short pieces that come again and again, and are no parts of frames: no other piece begins or ends so, but where
+    a frame follows at once."""
+    often = Counter(texts)
+    short = [text for text, count in often.items() if len(text) <= LARGEST_SIGNAL and count >= LEAST_SIGNALS]
+    longer = [text for text in texts if len(text) > LARGEST_SIGNAL]
+    heads = Counter(text[:2] for text in longer)
+    found = set[bytes]()
+    for signal in short:
+        behind = [text[len(signal) :] for text in longer if text.startswith(signal)]
+        alone = sum(heads[text[:2]] < LEAST_SIGNALS or text[:2] == signal[:2] for text in behind)
+        ends = sum(text.endswith(signal) for text in longer)
+        if longer and alone <= 0.1 * often[signal] and ends <= 0.1 * len(longer):
+            found.add(signal)
+    return frozenset(found)
+
+
+def apart(pieces: Sequence[HeardBytes], signals: frozenset[bytes]) -> list[HeardBytes]:
+    """The pieces, with signals before a frame as pieces of their own."""
+    found = list[HeardBytes]()
+    for piece in pieces:
+        first = next((one for one in signals if piece.data.startswith(one) and len(piece.data) > len(one)), b"")
+        found += [piece._replace(data=data) for data in (first, piece.data[len(first) :]) if data]
+    return found
+
+
 def streams_of(pieces: Sequence[HeardBytes]) -> list[PieceStream]:
     """A stream for each way."""
+    signals = signals_of([piece.data for piece in pieces])
+    pieces = apart(pieces, signals) if signals else pieces
     found = []
     for direction in dict.fromkeys(piece.direction for piece in pieces):
         own = [(number, piece) for number, piece in enumerate(pieces) if piece.direction == direction]
@@ -101,5 +136,6 @@ def streams_of(pieces: Sequence[HeardBytes]) -> list[PieceStream]:
             at += len(piece.data)
         times = tuple(piece.time for _, piece in own)
         data = b"".join(piece.data for _, piece in own)
-        found.append(PieceStream(direction, data, tuple(starts), times, tuple(number for number, _ in own)))
+        short = frozenset(start for start, (_, piece) in zip(starts, own, strict=True) if piece.data in signals)
+        found.append(PieceStream(direction, data, tuple(starts), times, tuple(number for number, _ in own), short))
     return found

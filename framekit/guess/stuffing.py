@@ -74,7 +74,7 @@ def _from_cobs(data: bytes) -> bytes:
 
 def plain_frame(framing: Framing, data: bytes) -> bytes:
     """A frame without its stuffing, with its marks. Raises StuffingError."""
-    if framing.stuffing is None:
+    if framing.stuffing is None or not (data.startswith(framing.start) and data.endswith(framing.end)):
         return data
     inner = data[len(framing.start) : len(data) - len(framing.end)]
     return framing.start + unstuffed(framing.stuffing, inner) + framing.end

@@ -6,10 +6,12 @@ Only numbers and hex digits of the capture go into it, and names made here.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import pairwise
 
+from framekit.definition.model.checks import CheckMethod
 from framekit.guess.checks import FLETCHER
-from framekit.guess.model import CheckGuess, FrameKind, Framing, Guess, GuessedField
+from framekit.guess.model import FrameKind, Framing, Guess, GuessedField
 
 FIRST_NAMED = 16
 """Unknown bytes beyond so many of one frame are one field of bytes."""
@@ -24,7 +26,7 @@ def definition_text(guess: Guess, name: str, source: str) -> str:
     ]
     if has_sides:
         lines.append("extends: standard")
-    lines += ["order: big", *_check_section(guess.check), *_receiver(guess, has_sides)]
+    lines += ["order: big", *_check_section(guess), *_receiver(guess, has_sides)]
     if has_sides:
         lines += ["groups:", "  request: {from: client}"]
     lines.append("frames:")
@@ -33,10 +35,19 @@ def definition_text(guess: Guess, name: str, source: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _check_section(check: CheckGuess | None) -> Iterator[str]:
-    if check is None or check.name:
-        return
-    method = check.method
+def _own_checks(guess: Guess) -> dict[CheckMethod, str]:
+    """The methods that are no ready ones, with their names."""
+    own = [kind.check.method for kind in guess.kinds if kind.check is not None and not kind.check.name]
+    return {method: f"own_{at}" if at else "own" for at, method in enumerate(dict.fromkeys(own))}
+
+
+def _check_section(guess: Guess) -> Iterator[str]:
+    rows = [f"{name}: {{{_method(method)}}}" for method, name in _own_checks(guess).items()]
+    if rows:
+        yield f"checks: {{{', '.join(rows)}}}"
+
+
+def _method(method: CheckMethod) -> str:
     if method.kind == "crc":
         yes = "yes" if method.refin else "no"
         keys = (
@@ -53,7 +64,7 @@ def _check_section(check: CheckGuess | None) -> Iterator[str]:
         keys = f"method: {base}"
         keys += f", complement: {method.complement}" if method.complement else ""
         keys += f", initial: 0x{method.initial:X}" if method.initial else ""
-    yield f"checks: {{own: {{{keys}}}}}"
+    return keys
 
 
 def _receiver(guess: Guess, has_sides: bool) -> Iterator[str]:
@@ -87,12 +98,14 @@ def _frame(kind: FrameKind, guess: Guess, has_sides: bool) -> Iterator[str]:
     for key in keys:
         yield f"    {key}"
     yield "    body:"
-    yield from (f"      {line}" for line in _body(kind, framing, guess.check))
+    yield from (f"      {line}" for line in _body(kind, framing, guess))
 
 
-def _body(kind: FrameKind, framing: Framing, check: CheckGuess | None) -> Iterator[str]:
-    segments = list(_segments(kind, framing, check))
-    if framing.stuffing is None:
+def _body(kind: FrameKind, framing: Framing, guess: Guess) -> Iterator[str]:
+    own = "" if kind.check is None else kind.check.name or _own_checks(guess)[kind.check.method]
+    segments = list(_segments(kind, framing, own))
+    has_marks = any(field.name == "end" for field in kind.fields)
+    if framing.stuffing is None or not has_marks:
         yield from (f"- {text}" for text in segments)
         return
     inner = [text for text, field in zip(segments, kind.fields, strict=True) if field.name not in ("start", "end")]
@@ -119,8 +132,8 @@ def _wrap(framing: Framing) -> str:
     return f"{{escape: {stuffing.escape:02X}, codes: {{{codes}}}}}"
 
 
-def _segments(kind: FrameKind, framing: Framing, check: CheckGuess | None) -> Iterator[str]:
-    """A segment for each field."""
+def _segments(kind: FrameKind, framing: Framing, check: str) -> Iterator[str]:
+    """A segment for each field. `check`: the name of the check."""
     sized = next((field for field in kind.fields if field.kind in ("length", "count")), None)
     for field in kind.fields:
         about = f"  # {field.about}" if field.about and field.kind in ("unknown", "counter", "copy", "text") else ""
@@ -132,7 +145,7 @@ def _segments(kind: FrameKind, framing: Framing, check: CheckGuess | None) -> It
             case "value" | "text" if field.size == 0:
                 yield f"{_data(field, kind, framing, sized)}{about}"
             case "check":
-                yield _check(field, kind, framing, check)
+                yield _check(kind, framing, check)
             case "constant":
                 yield f"{_plain(field)}  # always {field.about}"
             case _:
@@ -195,10 +208,10 @@ def _around(kind: FrameKind) -> int:
     return sum(field.size for field in kind.fields)
 
 
-def _check(field: GuessedField, kind: FrameKind, framing: Framing, check: CheckGuess | None) -> str:
-    assert check is not None
-    place = check.place
-    keys = [f"check: {check.name or 'own'}"]
+def _check(kind: FrameKind, framing: Framing, check: str) -> str:
+    assert kind.check is not None
+    place = kind.check.place
+    keys = [f"check: {check}"]
     if place.form == "hex":
         keys.append("as: hex")
     if place.order == "little" and place.size > 1:
@@ -243,5 +256,5 @@ def named_apart(kinds: Sequence[FrameKind]) -> list[FrameKind]:
     for kind in kinds:
         seen[kind.name] = seen.get(kind.name, 0) + 1
         name = kind.name if seen[kind.name] == 1 else f"{kind.name}_{seen[kind.name]}"
-        found.append(FrameKind(name, kind.direction, kind.fields, kind.frames, kind.side))
+        found.append(replace(kind, name=name))
     return found

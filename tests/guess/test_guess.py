@@ -43,12 +43,15 @@ def polls(count: int, one_wire: bool = False) -> list[HeardBytes]:
     return found
 
 
+FUNCTIONS = ["asked_03", "asked_04", "asked_06", "told_03", "told_04", "told_06"]
+
+
 @pytest.mark.parametrize("one_wire", [False, True])
 def test_requests_and_replies_are_told_apart(one_wire: bool) -> None:
     found = guess(polls(40, one_wire))
     assert found.framing is not None and found.framing.kind == "pauses" and len(found.frames) == 80
     assert found.check is not None and found.check.name == "crc16-modbus"
-    assert [kind.name for kind in found.kinds] == ["asked", "told_03", "told_04", "told_06"]
+    assert [kind.name for kind in found.kinds] == FUNCTIONS
     told = next(kind for kind in found.kinds if kind.name == "told_03")
     assert [(field.name, field.kind) for field in told.fields] == [
         ("copy_0", "copy"), ("function", "constant"), ("count", "count"), ("data", "value"), ("check", "check"),
@@ -193,7 +196,7 @@ def test_a_counter_is_as_wide_as_its_carries_show() -> None:
 
 def test_a_port_that_hears_both_sides_is_one_wire() -> None:
     chunks = [chunk._replace(direction="in") for chunk in polls(40)]
-    assert of_one_direction(guess(chunks)) == ["asked", "told_03", "told_04", "told_06"]
+    assert of_one_direction(guess(chunks)) == FUNCTIONS
     alone = [HeardBytes(at * 10_000_000, "in", rtu(bytes([7, at, 3, at * 7 & 255]))) for at in range(40)]
     assert of_one_direction(guess(alone)) == ["frame"]
 
