@@ -24,7 +24,7 @@ from framekit.api.monitor import FrameLog
 from framekit.api.run import AsyncRun, view_of
 from framekit.web.access import Access
 from framekit.web.server import WebServer
-from framekit.web.session import VALUES_EVERY
+from framekit.web.session import VALUES_EVERY, WebBoard
 from framekit.web.shown import shown_run
 
 CHANNELS, BLOCKS, POINTS = 8, 64, 2_000
@@ -96,7 +96,7 @@ async def carry_out(path: Path, seconds: float) -> None:
     log = FrameLog()
     run = AsyncRun(path, monitor=log.add)
     server = WebServer("127.0.0.1", 0, Access())
-    server.begin(shown_run(run, view_of(run, log)))
+    server.begin(WebBoard(shown_run(run, view_of(run, log))))
     samples = PageSamples()
     async with run:
         changing = asyncio.ensure_future(_change(run))

@@ -1,23 +1,20 @@
-"""Unknown lines from Python: bytes of files, what can be said of them, and a definition made of that.
+"""Unknown lines from Python: bytes of files, and what can be said of them.
 
-`heard` reads captures, hex text and pcap files of TCP or UDP; `guess` says what it can; `write_definition` makes YAML
-of it that passes its check and its vectors; `known_protocols` tries the definitions that are there.
+`heard` reads captures, hex text and pcap files of TCP or UDP; `guess` says what it can; `known_protocols` tries the
+definitions that are there. What was found becomes YAML in `draft`.
 """
 
 from __future__ import annotations
 
-import json
 import re
 from collections import Counter, defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from framekit.api.check import check_file
 from framekit.codec.codec import compile_protocol
-from framekit.codec.shown import explain
 from framekit.definition.load.protocol import load_protocol
 from framekit.definition.model.frames import flat
 from framekit.definition.model.protocol import Protocol
@@ -28,7 +25,7 @@ from framekit.guess.guess import guess as guess
 from framekit.guess.model import Direction
 from framekit.guess.model import Guess as Guess
 from framekit.guess.model import HeardBytes as HeardBytes
-from framekit.guess.writing import definition_text
+from framekit.guess.model import Statement as Statement
 from framekit.link.events import Seen
 from framekit.link.frame_table import table_of
 from framekit.link.listener import Listener
@@ -36,8 +33,6 @@ from framekit.service.capture import CaptureError, CaptureReader
 
 LARGEST = 16 << 20
 """Bytes of one file that are read."""
-MOST_VECTORS = 3
-"""Frames of a kind that become vectors."""
 MOST_TRIED = 4096
 """So many bytes are tried with each definition that is there."""
 NEARLY_ALL = 0.9
@@ -113,59 +108,6 @@ def _of_text(path: Path, head: bytes) -> list[HeardBytes]:
         way = _WAYS[match["way"].lower()] if match["way"] else ""
         found.append(HeardBytes(time, way, bytes.fromhex(re.sub(r"[\s,:]", "", match["bytes"]))))
     return found
-
-
-# ---- a definition -----------------------------------------------------------------------------------------------
-
-
-def write_definition(found: Guess, path: Path, source: str) -> list[str]:
-    """Writes `NAME.yaml` and `NAME.vectors.yaml` beside it; what its check says. Raises OSError, HeardError."""
-    if not found.kinds:
-        raise HeardError("no frames were found – nothing can be written")
-    name = path.name.removesuffix(".yaml")
-    if re.fullmatch(r"[a-z][a-z0-9_-]*", name) is None:
-        raise HeardError(
-            f"'{name}' is no name of a protocol – write small letters, digits, - and _, such as meter.yaml"
-        )
-    path.write_text(definition_text(found, name, _shown(source)), "utf-8")
-    vectors = path.with_name(f"{name}.vectors.yaml")
-    vectors.unlink(missing_ok=True)
-    try:
-        protocol = load_protocol(path)
-    except DefinitionError as error:
-        return [str(problem) for problem in error.problems]
-    codec = compile_protocol(protocol)
-    lines = [f"vectors: {name}", "frames:"]
-    problems = [str(problem) for problem in check_file(str(path)).problems if not problem.warning]
-    for kind in found.kinds:
-        for frame in list(dict.fromkeys(one.data for one in kind.frames))[:MOST_VECTORS]:
-            shown = frame.hex(" ").upper()
-            try:
-                fields = codec.frames[kind.name].decode(frame, {})
-            except ValueError as error:
-                problems.append(f"{kind.name} does not read {shown}: {explain(error)}")
-                continue
-            lines += [
-                f"  - frame: {kind.name}", f"    source: {_shown(source)}", f"    values: {_values(fields)}",
-                f"    bytes: {shown}",
-            ]  # fmt: skip
-    vectors.write_text("\n".join(lines) + "\n", "utf-8")
-    return problems
-
-
-def _shown(source: str) -> str:
-    return re.sub(r"[^\w .,/+-]", "_", source)
-
-
-def _values(fields: Mapping[str, Any]) -> str:
-    """Values of a frame as vectors have them."""
-
-    def plain(value: Any) -> str:
-        if isinstance(value, (bytes, bytearray)):
-            return f'"{value.hex(" ").upper()}"'
-        return json.dumps(value) if isinstance(value, str) else repr(value)
-
-    return "{" + ", ".join(f"{name}: {plain(value)}" for name, value in fields.items()) + "}"
 
 
 # ---- protocols that are there -----------------------------------------------------------------------------------

@@ -100,14 +100,15 @@ class ReplacedFile:
         _sync_folder(self.path.parent)
 
 
-def replace_whole(path: Path, content: bytes, like: Path) -> None:
-    """A file has this content from one moment to the next, whatever happens, and the rights of another one.
+def replace_whole(path: Path, content: bytes, like: Path | None = None) -> None:
+    """A file has this content from one moment to the next, whatever happens, and the rights of another one, if given.
 
     Raises OSError.
     """
     part = _part_of(path)
     with part.open("wb") as stream:
-        os.chmod(part, like.stat().st_mode & MODE)
+        if like is not None:
+            os.chmod(part, like.stat().st_mode & MODE)
         stream.write(content)
         stream.flush()
         os.fsync(stream.fileno())

@@ -68,15 +68,15 @@ def heard_in(files: list[Path]) -> list[HeardBytes]:
 
 def write(found: Guess, path: Path, source: str) -> None:
     """The definition, with its vectors. Raises VerbError."""
-    from framekit.api.guess import HeardError, write_definition
+    from framekit.api.draft import DraftError, write_definition
 
     try:
-        problems = write_definition(found, path, source)
-    except (HeardError, OSError) as error:
+        draft = write_definition(found, path, source)
+    except (DraftError, OSError) as error:
         raise VerbError(str(error)) from None
-    for problem in problems:
+    for problem in draft.problems:
         print(f"not right yet: {problem}")
-    if not problems:
+    if not draft.problems:
         print(f"{path} is written, and its vectors beside it – framekit test {path}")
 
 

@@ -1,4 +1,4 @@
-"""The option `--web` of `run` and `serve`: a page that shows them in a browser, as long as they go on."""
+"""The option `--web` of `run`, `serve` and `guess`: a page that shows them in a browser, as long as they go on."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from framekit import AsyncServer, Seen
     from framekit.api.monitor import LiveView
     from framekit.api.run import OnSeen, RunCalls
+    from framekit.web.messages import PageBoard
     from framekit.web.server import WebServer
-    from framekit.web.shown import Shown
 
 USUAL = "127.0.0.1:8040"
 MISSING = (
@@ -78,9 +78,10 @@ class WebPage:
             yield
             return
         from framekit.api.run import view_of
+        from framekit.web.session import WebBoard
         from framekit.web.shown import shown_run
 
-        async with self._shows(shown_run(run, view_of(run, self.log))):
+        async with self.shows(WebBoard(shown_run(run, view_of(run, self.log)))):
             yield
 
     def watch(self, devices: AsyncServer) -> None:
@@ -107,28 +108,30 @@ class WebPage:
         if self.server is None or self._view is None:
             yield
             return
+        from framekit.web.session import WebBoard
         from framekit.web.shown import shown_server
 
-        async with self._shows(shown_server(devices, self._view)):
+        async with self.shows(WebBoard(shown_server(devices, self._view))):
             yield
 
     @asynccontextmanager
-    async def _shows(self, shown: Shown) -> AsyncIterator[None]:
+    async def shows(self, board: PageBoard, to: str = "fire and write") -> AsyncIterator[None]:
+        """Shows this meanwhile. `to`: what browsers do with the token, '' where there is nothing to be done."""
         assert self.server is not None
-        self.server.begin(shown)
-        self._tell(self.server)
+        self.server.begin(board)
+        self._tell(self.server, to)
         try:
             yield
         finally:
             await self.server.end()
 
-    def _tell(self, server: WebServer) -> None:
-        """Where the page is, and, where it was made, the token with which it fires and writes."""
-        token = server.access.token if server.access.made else ""
+    def _tell(self, server: WebServer, to: str) -> None:
+        """Where the page is, and, where it was made, the token with which it does what it can."""
+        token = server.access.token if server.access.made and to else ""
         if self._json:
             print_json({"event": "web", "url": server.url} | ({"token": token} if token else {}))
         else:
-            print(f"page: {server.url}" + (f" – to fire and write: {server.url}#token={token}" if token else ""))
+            print(f"page: {server.url}" + (f" – to {to}: {server.url}#token={token}" if token else ""))
         sys.stdout.flush()
 
 

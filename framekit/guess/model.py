@@ -158,8 +158,9 @@ class CheckGuess:
 
 
 FieldKind = Literal[
-    "constant", "counter", "address", "function", "length", "count", "copy", "check", "text", "value", "unknown"
-]
+    "constant", "counter", "address", "function", "length", "count", "copy", "check", "text", "value", "unknown",
+    "named",
+]  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,7 +168,7 @@ class GuessedField:
     """Bytes of a frame that belong together; `about`: what is known of them, in words.
 
     `is_mark`: constant bytes by which frames of this kind are known. `plus` and `unit` of a count: the frame has so
-    many bytes more than so many times that.
+    many bytes more than so many times that. `wire`: the type that people gave it together with its name, '' for none.
     """
 
     name: str
@@ -179,6 +180,8 @@ class GuessedField:
     is_mark: bool = False
     plus: int = 0
     unit: int = 1
+    wire: str = ""
+    order: str = "big"
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,8 +13,8 @@ from framekit.definition.model.checks import CheckMethod
 from framekit.guess.checks import FLETCHER
 from framekit.guess.model import FrameKind, Framing, Guess, GuessedField
 
-FIRST_NAMED = 16
-"""Unknown bytes beyond so many of one frame are one field of bytes."""
+TOLD_KINDS = ("unknown", "counter", "copy", "text", "named")
+"""Fields with a comment that says what is known of them."""
 
 
 def definition_text(guess: Guess, name: str, source: str) -> str:
@@ -108,7 +108,11 @@ def _body(kind: FrameKind, framing: Framing, guess: Guess) -> Iterator[str]:
     if framing.stuffing is None or not has_marks:
         yield from (f"- {text}" for text in segments)
         return
-    inner = [text for text, field in zip(segments, kind.fields, strict=True) if field.name not in ("start", "end")]
+    inner = [
+        text
+        for text, field in zip(segments, kind.fields, strict=True)
+        if field.wire or field.name not in ("start", "end")
+    ]
     if framing.start:
         yield f"- {{const: {_hex(framing.start)}}}"
     yield f"- wrap: {_wrap(framing)}"
@@ -136,14 +140,14 @@ def _segments(kind: FrameKind, framing: Framing, check: str) -> Iterator[str]:
     """A segment for each field. `check`: the name of the check."""
     sized = next((field for field in kind.fields if field.kind in ("length", "count")), None)
     for field in kind.fields:
-        about = f"  # {field.about}" if field.about and field.kind in ("unknown", "counter", "copy", "text") else ""
+        about = f"  # {field.about}" if field.about and field.kind in TOLD_KINDS else ""
         match field.kind:
             case "constant" if field.name in ("start", "end", "function") or field.is_mark:
                 yield f"{{const: {field.about}}}"
+            case _ if field.size == 0:
+                yield f"{_data(field, kind, framing, sized)}{about}"
             case "length" | "count" if field is sized:
                 yield _length(field, kind, framing)
-            case "value" | "text" if field.size == 0:
-                yield f"{_data(field, kind, framing, sized)}{about}"
             case "check":
                 yield _check(kind, framing, check)
             case "constant":
@@ -153,9 +157,17 @@ def _segments(kind: FrameKind, framing: Framing, check: str) -> Iterator[str]:
 
 
 def _plain(field: GuessedField) -> str:
-    if field.kind == "text":
+    order = f", order: {field.order}" if field.order != "big" else ""
+    if field.wire == "bits":
+        names = ", ".join(f"{name}: {bit}" for bit, name in enumerate(bit_names(field.name, field.size)))
+        return f"{{bits: {{{names}}}, of: u{8 * field.size}{order}}}"
+    if field.wire == "bcd":
+        return f"{{field: {field.name}, type: bcd, size: {field.size}{order}}}"
+    if field.wire not in ("", "text", "bytes"):
+        return f"{{field: {field.name}, type: {field.wire}{order}}}"
+    if field.wire == "text" or (field.kind == "text" and not field.wire):
         return f"{{field: {field.name}, type: ascii, size: {field.size}}}"
-    if field.size in (1, 2, 4):
+    if field.size in (1, 2, 4) and not field.wire:
         order = ", order: little" if "little" in field.about else ""
         return f"{{field: {field.name}, type: u{8 * field.size}{order}}}"
     return f"{{data: {field.name}, size: {field.size}}}"
@@ -164,7 +176,7 @@ def _plain(field: GuessedField) -> str:
 def _data(field: GuessedField, kind: FrameKind, framing: Framing, sized: GuessedField | None) -> str:
     """Bytes of varying size; so is a text whose size no number says: the rest of a frame is bytes in the language."""
     size = "rest" if sized is None else _size_of_data(sized, kind, framing)
-    if field.kind == "text" and sized is not None:
+    if "text" in (field.wire, field.kind) and field.wire != "bytes" and sized is not None:
         return f"{{field: {field.name}, type: ascii, size: {size}}}"
     return f"{{data: {field.name}, size: {size}}}"
 
@@ -227,7 +239,9 @@ def _check(kind: FrameKind, framing: Framing, check: str) -> str:
 
 
 def _is_unnamed(field: GuessedField, kind: FrameKind) -> bool:
-    """Whether a field is a constant in the definition."""
+    """Whether a field is a constant in the definition, or bits, each of which has a name of its own."""
+    if field.wire:
+        return field.wire == "bits"
     is_fixed = field.kind in ("length", "count") and all(one.size for one in kind.fields)
     return field.is_mark or field.name in ("start", "end", "function") or is_fixed
 
@@ -243,6 +257,11 @@ def _last_counted(kind: FrameKind) -> str:
     """The last field that counts for a check in the head."""
     names = [field.name for field in kind.fields if field.name != "end"]
     return names[-1]
+
+
+def bit_names(name: str, size: int) -> list[str]:
+    """The names of the bits of so many bytes, the lowest first."""
+    return [f"{name}_{bit}" for bit in range(8 * size)]
 
 
 def _hex(data: bytes) -> str:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import hmac
 import ipaddress
+import logging
 import secrets
 import socket
 from collections.abc import Mapping
 
 from framekit.sinks.secrets import secret_named
+
+log = logging.getLogger(__name__)
 
 SHORTEST_TOKEN = 12
 
@@ -27,6 +30,31 @@ class Access:
         """Whether this is the token; how long that takes tells nothing of it."""
         told = given if isinstance(given, str) else ""
         return hmac.compare_digest(told.encode(errors="replace"), self.token.encode(errors="replace"))
+
+
+class Visitor:
+    """A browser at `who`. `may`: it has given the token, and may act."""
+
+    def __init__(self, access: Access, who: str) -> None:
+        self.who = who
+        self.may = False
+        self.wrong_tokens = 0
+        self._access = access
+
+    def give(self, token: object) -> dict[str, bool]:
+        """What it is told when it gives a token."""
+        self.may = self._access.fits(token)
+        if not self.may:
+            self.wrong_tokens += 1
+            log.warning("web: %s has given a wrong token", self.who)
+        return {"may": self.may}
+
+    def refused(self) -> str:
+        """Why it may not do something; '' if it may."""
+        if self.may:
+            return ""
+        log.warning("web: refused to %s, who has not given the token", self.who)
+        return "only with the token"
 
 
 def kept_token(text: str) -> str:

@@ -11,7 +11,6 @@ import contextlib
 import json
 import logging
 import socket
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -28,19 +27,13 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from framekit.transport.network import bracketed
 from framekit.transport.network import listening_at as listening_at
 from framekit.web.access import HEADERS, Access, is_known_host, is_own_origin
-from framekit.web.session import VALUES_EVERY, WebBoard, WebSession
-from framekit.web.shown import Shown
+from framekit.web.messages import PageBoard, PageSession
 
 log = logging.getLogger(__name__)
 logging.getLogger("uvicorn").addHandler(logging.NullHandler())
 
 PAGE = Path(__file__).with_name("page")
-FILES = {
-    "/": ("page.html", "text/html"),
-    "/page.js": ("page.js", "text/javascript"),
-    "/parts.js": ("parts.js", "text/javascript"),
-    "/page.css": ("page.css", "text/css"),
-}
+KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
 MOST_BROWSERS = 16
 MOST_CONNECTIONS = 64
 LARGEST_MESSAGE = 16_384
@@ -48,12 +41,12 @@ MOST_ACTIONS = 8
 """Browsers and connections at once, bytes of a message, and what one browser may have under way."""
 MESSAGE_EVERY = 0.02
 """Seconds that the next message of a browser waits."""
-HISTORY_EVERY = 1.0
+SHOWN_EVERY = 0.2
 AFTER_WRONG = 1.0
 MOST_WRONG = 3
 LONGEST_SEND = 30.0
 LONGEST_END = 2
-"""Seconds between two moments of the history, and after a wrong token, so many of which end the connection; and those
+"""Seconds between two looks at what is new, and after a wrong token, so many of which end the connection; and those
 that a message has to leave, and everything to end."""
 
 
@@ -83,19 +76,22 @@ class Guard:
 
 
 class PageApp:
-    """The routes, and the browsers that are there. `shown` may come later; until then nothing is shown."""
+    """The routes, and the browsers that are there. `board` may come later; until then nothing is shown."""
 
     def __init__(self, access: Access) -> None:
         self.access = access
-        self.board: WebBoard | None = None
+        self.board: PageBoard | None = None
         self.browsers = 0
-        self._files = {path: (PAGE.joinpath(name).read_bytes(), kind) for path, (name, kind) in FILES.items()}
-        routes = [Route(path, self._file) for path in self._files]
+        self._files = {
+            file.name: (file.read_bytes(), KINDS[file.suffix]) for file in PAGE.iterdir() if file.suffix in KINDS
+        }
+        routes = [Route(path, self._file) for path in ("/", *(f"/{name}" for name in self._files))]
         self._app = Starlette(routes=[*routes, WebSocketRoute("/live", self._live)])
         self.app: ASGIApp = Guard(self._app)
 
     async def _file(self, request: Request) -> Response:
-        content, kind = self._files[request.url.path]
+        home = "" if self.board is None else self.board.home
+        content, kind = self._files[request.url.path[1:] or home]
         return Response(content, media_type=kind)
 
     async def _live(self, socket: WebSocket) -> None:
@@ -107,7 +103,7 @@ class PageApp:
         self.browsers += 1
         try:
             await socket.accept()
-            await Browser(socket, WebSession(self.board, self.access, who)).attend()
+            await Browser(socket, self.board.session(self.access, who), who).attend()
         finally:
             self.browsers -= 1
 
@@ -115,8 +111,8 @@ class PageApp:
 class Browser:
     """A connection to one browser, as long as it lasts."""
 
-    def __init__(self, socket: WebSocket, session: WebSession) -> None:
-        self.socket, self.session = socket, session
+    def __init__(self, socket: WebSocket, session: PageSession, who: str) -> None:
+        self.socket, self.session, self.who = socket, session, who
         self._actions: set[asyncio.Task[None]] = set()
 
     async def attend(self) -> None:
@@ -163,7 +159,7 @@ class Browser:
             while True:
                 for message in self.session.news():
                     await self._send(message)
-                await asyncio.sleep(VALUES_EVERY)
+                await asyncio.sleep(SHOWN_EVERY)
 
     @contextlib.contextmanager
     def _while_there(self) -> Iterator[None]:
@@ -171,9 +167,9 @@ class Browser:
         try:
             yield
         except (WebSocketDisconnect, RuntimeError, TimeoutError) as error:
-            log.info("web: %s has gone: %s", self.session.who, error)
+            log.info("web: %s has gone: %s", self.who, error)
         except Exception:
-            log.exception("web: %s is not served any more", self.session.who)
+            log.exception("web: %s is not served any more", self.who)
 
     async def _send(self, message: dict[str, Any]) -> None:
         async with asyncio.timeout(LONGEST_SEND):
@@ -205,31 +201,22 @@ class WebServer:
         self._server = _Uvicorn(config)
         self._tasks: list[asyncio.Task[None]] = []
 
-    def begin(self, shown: Shown) -> None:
+    def begin(self, board: PageBoard) -> None:
         """Shows this from now on, in the running loop."""
-        self.page.board = board = WebBoard(shown)
+        self.page.board = board
         self._tasks = [
             asyncio.ensure_future(self._server.serve([self._socket])),
-            asyncio.ensure_future(_remember(board)),
+            asyncio.ensure_future(board.go_on()),
         ]
 
     async def end(self) -> None:
         """All browsers are told to go; the address is free afterwards."""
         self._server.should_exit = True
         if self._tasks:
-            serving, remembering = self._tasks
-            remembering.cancel()
+            serving, going_on = self._tasks
+            going_on.cancel()
             await asyncio.wait([serving], timeout=2 * LONGEST_END)
             serving.cancel()
             await asyncio.gather(*self._tasks, return_exceptions=True)
             self._tasks = []
         self._socket.close()
-
-
-async def _remember(board: WebBoard) -> None:
-    while True:
-        try:
-            board.remember(time.time())
-        except Exception:
-            log.exception("web: the values are not remembered")
-        await asyncio.sleep(HISTORY_EVERY)

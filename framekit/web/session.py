@@ -5,9 +5,10 @@ Nothing is kept for it but the rounds that it knows, so that a slow browser lose
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import time
-from collections.abc import Awaitable, Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from itertools import islice
 from typing import Any
 
@@ -19,8 +20,9 @@ from framekit.api.points import RunPoint
 from framekit.api.rows import POINT_HEAD
 from framekit.codec.plain import PlainValues
 from framekit.codec.shown import explain
-from framekit.web.access import Access
+from framekit.web.access import Access, Visitor
 from framekit.web.changes import ChangingRows, ChangingValues, PointHistory, value_cells
+from framekit.web.messages import Actions, Message, Told, answered, plain_text, whole_number
 from framekit.web.shown import Shown
 
 log = logging.getLogger(__name__)
@@ -36,16 +38,17 @@ KEPT_FRAMES = 200
 LOOKED_AT = 1_000
 LOOKED_THROUGH = 3_000
 """So many frames are compared with a filter at once, of those that came since, and of those before a new filter."""
-LONGEST_TEXT = 300
-"""Characters that a cell of decoded fields has, and a text that a browser sends."""
+LONGEST_CELL = 300
+"""Characters of decoded fields."""
 MOST_HISTORIES = 64
-
-Message = dict[str, Any]
-Told = Mapping[str, Any]
+HISTORY_EVERY = 1.0
+"""Seconds between two moments of the history."""
 
 
 class WebBoard:
     """What all browsers are shown of one run; looked at when one of them wants it, and not too often."""
+
+    home = "page.html"
 
     def __init__(self, shown: Shown, now: Callable[[], float] = time.monotonic) -> None:
         self.shown = shown
@@ -68,6 +71,19 @@ class WebBoard:
             for name, rows in self.shown.rows().items():
                 self.tables[name].put(rows)
 
+    def session(self, access: Access, who: str) -> WebSession:
+        """That of one browser."""
+        return WebSession(self, access, who)
+
+    async def go_on(self) -> None:
+        """Remembers the values, moment after moment."""
+        while True:
+            try:
+                self.remember(time.time())
+            except Exception:
+                log.exception("web: the values are not remembered")
+            await asyncio.sleep(HISTORY_EVERY)
+
     def remember(self, at: float) -> None:
         """One more moment of the history, at this time (seconds since 1970)."""
         self.look()
@@ -84,7 +100,7 @@ class WebBoard:
         except Exception as error:  # a frame may be anything
             return f"({explain(error)})"
         text = ", ".join(f"{name}={_flat(value)}" for name, value in fields.items())
-        return text if len(text) <= LONGEST_TEXT else text[:LONGEST_TEXT] + " …"
+        return text if len(text) <= LONGEST_CELL else text[:LONGEST_CELL] + " …"
 
 
 def _flat(value: Any) -> str:
@@ -97,17 +113,16 @@ class WebSession:
     """One browser at `who`. `news` is what it has not seen; `answer` does what it asks for."""
 
     def __init__(self, board: WebBoard, access: Access, who: str) -> None:
-        self.board, self.access, self.who = board, access, who
-        self.may = False
-        self.wrong_tokens = 0
+        self.board = board
+        self.visitor = Visitor(access, who)
         self._values_seen = 0
         self._rows_seen = dict.fromkeys(board.tables, 0)
         self._filter = FrameFilter()
         self._paused = False
         self._frame_seen = 0
         self._anew = True
-        self._actions: dict[str, Callable[[Any, Told], Message | Awaitable[Message] | None]] = {
-            "token": self._token,
+        self._actions: Actions = {
+            "token": lambda given, told: self.visitor.give(given),
             "filter": self._filtered,
             "pause": self._pause,
             "frame": self._frame,
@@ -115,6 +130,11 @@ class WebSession:
             "do": self._do,
             "write": self._write,
         }
+
+    @property
+    def wrong_tokens(self) -> int:
+        """So many it has given."""
+        return self.visitor.wrong_tokens
 
     # ---- what it is shown ---------------------------------------------------------------------------------
 
@@ -182,24 +202,10 @@ class WebSession:
 
     async def answer(self, told: Any) -> Message | None:
         """Does what a message says; what is to be told. Raises ValueError for what is no message of the page."""
-        if not isinstance(told, dict) or not told:
-            raise ValueError("this is no message")
-        name = next(iter(told))
-        action = self._actions.get(name)
-        if action is None:
-            raise ValueError("this is no message")
-        found = action(told[name], told)
-        return await found if isinstance(found, Awaitable) else found
-
-    def _token(self, given: Any, told: Told) -> Message:
-        self.may = self.access.fits(given)
-        if not self.may:
-            self.wrong_tokens += 1
-            log.warning("web: %s has given a wrong token", self.who)
-        return {"may": self.may}
+        return await answered(self._actions, told)
 
     def _filtered(self, text: Any, told: Told) -> None:
-        self._filter = parse_filter(_text(text), told.get("bad") is True)
+        self._filter = parse_filter(plain_text(text), told.get("bad") is True)
         self._anew = True
 
     def _pause(self, on: Any, told: Told) -> None:
@@ -207,7 +213,7 @@ class WebSession:
 
     def _frame(self, number: Any, told: Told) -> Message:
         """A frame's bytes, and its fields with their places."""
-        entry = self.board.shown.log.entry(_number(number))
+        entry = self.board.shown.log.entry(whole_number(number))
         if entry is None:
             return {"fields": number, "gone": True}
         seen = entry.seen
@@ -219,8 +225,8 @@ class WebSession:
         """The last moments of some points."""
         if not isinstance(points, list):
             raise ValueError("this is no message")
-        most = _number(told.get("last"))
-        known = [one for one in map(_number, points[:MOST_HISTORIES]) if one < len(self.board.points)]
+        most = whole_number(told.get("last"))
+        known = [one for one in map(whole_number, points[:MOST_HISTORIES]) if one < len(self.board.points)]
         return {"history": {str(one): self.board.history.last(one, most) for one in known}}
 
     def _do(self, line: Any, told: Told) -> Message:
@@ -228,41 +234,42 @@ class WebSession:
         control = self.board.shown.control
 
         def carry_out() -> None:
-            words = _text(line)
+            words = plain_text(line)
             if control is None or words.split()[:1] not in (["fire"], ["enable"], ["disable"]):
                 raise RequestError(f"{words!r} is nothing that the page does")
             control(words)
-            log.info("web: %r, by %s", words, self.who)
+            log.info("web: %r, by %s", words, self.visitor.who)
 
         return self._tried(told, carry_out)
 
     def _tried(self, told: Told, action: Callable[[], None]) -> Message:
         """Whether it was done, and why not."""
-        answer = {"done": told.get("id")}
-        if not self.may:
-            log.warning("web: refused to %s, who has not given the token", self.who)
-            return {**answer, "why": "only with the token"}
+        answer, why = {"done": told.get("id")}, self.visitor.refused()
+        if why:
+            return {**answer, "why": why}
         try:
             action()
         except FramekitError as error:
-            log.warning("web: refused to %s: %s", self.who, error)
+            log.warning("web: refused to %s: %s", self.visitor.who, error)
             return {**answer, "why": str(error)}
         return answer
 
     async def _write(self, point: Any, told: Told) -> Message:
         """A point is to be written; it is told when that has ended."""
-        number = _number(point)
+        number = whole_number(point)
         if number >= len(self.board.points):
             raise ValueError("this is no message")
         _, there = self.board.points[number]
         found: list[Any] = []
-        answer = self._tried(told, lambda: found.append(there.value_of(_text(told.get("value")))))
+        answer = self._tried(told, lambda: found.append(there.value_of(plain_text(told.get("value")))))
         if not found:
             return answer
         try:
-            await there.put(found[0], who=f"the page, from {self.who}")
+            await there.put(found[0], who=f"the page, from {self.visitor.who}")
         except FramekitError as error:
-            log.warning("point %s: %r was refused to the page, from %s: %s", there.name, found[0], self.who, error)
+            log.warning(
+                "point %s: %r was refused to the page, from %s: %s", there.name, found[0], self.visitor.who, error
+            )
             return {**answer, "why": str(error)}
         return answer
 
@@ -283,15 +290,3 @@ def _about(group: str, point: RunPoint) -> list[Any]:
     place = point.place if point.place != point.name else ""
     limits = "" if point.range is None else f"{point.range[0]:g}..{point.range[1]:g}"
     return [name, point.unit, place, point.about, point.is_writable, limits, list(point.names.values())]
-
-
-def _text(given: Any) -> str:
-    if not isinstance(given, str) or len(given) > LONGEST_TEXT:
-        raise ValueError("this is no message")
-    return given
-
-
-def _number(given: Any) -> int:
-    if not isinstance(given, int) or isinstance(given, bool) or given < 0:
-        raise ValueError("this is no message")
-    return given

@@ -27,7 +27,7 @@ from framekit.cli.main import main
 from framekit.web import server as server_module
 from framekit.web.access import Access, is_known_host
 from framekit.web.server import PAGE, PageApp, WebServer
-from framekit.web.session import WebBoard
+from framekit.web.session import WebBoard, WebSession
 from framekit.web.shown import shown_run, shown_server
 
 MARKUP = re.compile(r"innerHTML|outerHTML|insertAdjacent|document\.write|eval\(|new Function|\sstyle=|\son\w+=")
@@ -151,7 +151,7 @@ def test_a_browser_that_takes_nothing_is_given_up_and_holds_nobody_up(
 ) -> None:
     async def drive() -> Browser:
         stuck = Stuck()
-        showing = asyncio.ensure_future(server_module.Browser(stuck, page.session())._show())  # type: ignore[arg-type]
+        showing = asyncio.ensure_future(server_module.Browser(stuck, page.session(), "test:1")._show())  # type: ignore[arg-type]
         await asyncio.sleep(0)
         session = page.session()
         other = Browser(session.hello())
@@ -162,7 +162,7 @@ def test_a_browser_that_takes_nothing_is_given_up_and_holds_nobody_up(
         assert stuck.tried == 1  # one message waits, and no other is made
         showing.cancel()
         monkeypatch.setattr(server_module, "LONGEST_SEND", 0)
-        await server_module.Browser(stuck, page.session())._show()  # type: ignore[arg-type]
+        await server_module.Browser(stuck, page.session(), "test:1")._show()  # type: ignore[arg-type]
         return other
 
     caplog.set_level("INFO", "framekit.web")
@@ -186,10 +186,10 @@ def test_a_point_is_written_over_the_line_and_refused_out_of_range(
         log = FrameLog()
         run = async_run(written(tmp_path), log)
         server = WebServer("127.0.0.1", 0, Access(TOKEN))
-        server.begin(shown_run(run, view_of(run, log)))
+        server.begin(WebBoard(shown_run(run, view_of(run, log))))
         async with run:
             assert server.page.board is not None
-            session = server_module.WebSession(server.page.board, server.access, "test:1")
+            session = server.page.board.session(server.access, "test:1")
             while run.points["limit"].quality != "good":
                 await run.next_end()
             told: list[dict[str, object]] = [{"token": TOKEN}]
@@ -217,7 +217,7 @@ def test_values_of_a_device_are_shown_and_set(tmp_path: Path) -> None:
         devices = aserve(device, "tcp://127.0.0.1:0")
         view = view_of_devices(devices, FrameLog(), lambda: "open")
         async with devices:
-            session = server_module.WebSession(WebBoard(shown_server(devices, view)), Access(TOKEN), "test:1")
+            session = WebSession(WebBoard(shown_server(devices, view)), Access(TOKEN), "test:1")
             browser = Browser(session.hello())
             browser.take(session.news())
             assert list(browser.values) == browser.points == ["40001", "40002", "40003"]
@@ -249,7 +249,7 @@ def test_the_address_is_free_when_it_has_ended(tmp_path: Path) -> None:
             log = FrameLog()
             run = async_run(written(tmp_path), log)
             server = WebServer("127.0.0.1", port, Access(TOKEN))
-            server.begin(shown_run(run, view_of(run, log)))
+            server.begin(WebBoard(shown_run(run, view_of(run, log))))
             reader, writer = await asyncio.open_connection("127.0.0.1", port)
             writer.write(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
             assert b"200" in await reader.readline()

@@ -1,0 +1,138 @@
+"""A definition made of what was guessed, with its vectors: checked before it is written, and written whole."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from framekit.api.check import check_file
+from framekit.api.replaced_file import replace_whole
+from framekit.api.vectors import run_vectors, vectors_path
+from framekit.codec.codec import Codec, compile_protocol
+from framekit.codec.shown import explain
+from framekit.definition.load.protocol import load_protocol
+from framekit.definition.problems import DefinitionError
+from framekit.definition.sources import cached_by
+from framekit.guess.model import FrameKind, Guess
+from framekit.guess.writing import definition_text
+
+MOST_VECTORS = 3
+MOST_READ = 500
+"""Frames of a kind that become vectors, and that the definition has to read."""
+
+
+class DraftError(ValueError):
+    """What was found is no definition, or cannot be written there."""
+
+
+@dataclass(frozen=True, slots=True)
+class Draft:
+    """A definition and its vectors as texts. `problems`: why it is not right yet; `warnings`: what the check adds."""
+
+    name: str
+    text: str
+    vectors: str
+    problems: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
+
+    def put(self, path: Path) -> None:
+        """Writes both files, each whole or not at all. Raises OSError."""
+        for file, text in ((path.resolve(), self.text), (vectors_path(path).resolve(), self.vectors)):
+            replace_whole(file, text.encode(), file if file.exists() else None)
+
+
+def protocol_name(path: Path) -> str:
+    """The name of a protocol in this file. Raises DraftError."""
+    name = path.name.removesuffix(".yaml")
+    if re.fullmatch(r"[a-z][a-z0-9_-]*", name) is None:
+        raise DraftError(
+            f"'{name}' is no name of a protocol – write small letters, digits, - and _, such as meter.yaml"
+        )
+    return name
+
+
+def drafted(found: Guess, name: str, source: str) -> Draft:
+    """The definition of what was found, checked as `framekit check` and `framekit test` do. Raises DraftError."""
+    if not found.kinds:
+        raise DraftError("no frames were found – nothing can be written")
+    source = re.sub(r"[^\w .,/+-]", "_", source)
+    text = definition_text(found, name, source)
+    with TemporaryDirectory() as folder, cached_by(None):
+        path = Path(folder) / f"{name}.yaml"
+        path.write_text(text, "utf-8")
+        told = [replace(one, at=replace(one.at, file=path.name)) for one in check_file(str(path)).problems]
+        problems = [str(problem) for problem in told if not problem.warning]
+        warnings = tuple(str(problem) for problem in told if problem.warning)
+        if problems:
+            return Draft(name, text, "", tuple(problems), warnings)
+        codec = compile_protocol(load_protocol(path))
+        lines = [f"vectors: {name}", "frames:"]
+        for kind in found.kinds:
+            problems += _not_read(kind, codec)
+            lines += _vectors_of(kind, codec, source)
+        vectors = "\n".join(lines) + "\n"
+        vectors_path(path).write_text(vectors, "utf-8")
+        try:
+            problems += [problem for case in run_vectors(path) for problem in case.problems]
+        except DefinitionError as error:
+            problems += [str(replace(one, at=replace(one.at, file=f"{name}.vectors.yaml"))) for one in error.problems]
+    return Draft(name, text, vectors, tuple(problems), warnings)
+
+
+def write_definition(found: Guess, path: Path, source: str) -> Draft:
+    """Writes `NAME.yaml` and `NAME.vectors.yaml` beside it, also with problems. Raises OSError, DraftError."""
+    draft = drafted(found, protocol_name(path), source)
+    draft.put(path)
+    return draft
+
+
+def _not_read(kind: FrameKind, codec: Codec) -> Iterator[str]:
+    """Whether there are frames of a kind that the definition does not read, and the first of them."""
+    step = max(1, len(kind.frames) // MOST_READ)
+    wrong = []
+    for frame in kind.frames[::step]:
+        try:
+            codec.frames[kind.name].decode(frame.data, {})
+        except ValueError as error:
+            wrong.append(f"{frame.data[:32].hex(' ').upper()}: {explain(error)}")
+    if wrong:
+        of = len(kind.frames[::step])
+        yield f"{kind.name} does not read {len(wrong)} of {of} frames, such as {wrong[0]}"
+
+
+def _vectors_of(kind: FrameKind, codec: Codec, source: str) -> Iterator[str]:
+    """The first different frames of a kind, as far as their values can be written."""
+    count = 0
+    for data in dict.fromkeys(one.data for one in kind.frames):
+        try:
+            fields = codec.frames[kind.name].decode(data, {})
+        except ValueError:
+            continue
+        if any(isinstance(value, float) and not math.isfinite(value) for value in fields.values()):
+            continue
+        yield f"  - frame: {kind.name}"
+        yield f"    source: {source}"
+        yield f"    values: {_values(fields)}"
+        yield f"    bytes: {data.hex(' ').upper()}"
+        count += 1
+        if count == MOST_VECTORS:
+            return
+
+
+def _values(fields: Mapping[str, Any]) -> str:
+    """Values of a frame as vectors have them."""
+
+    def plain(value: Any) -> str:
+        if isinstance(value, (bytes, bytearray)):
+            return f'"{value.hex(" ").upper()}"'
+        if isinstance(value, bool):
+            return str(int(value))
+        return json.dumps(value) if isinstance(value, str) else repr(value)
+
+    return "{" + ", ".join(f"{name}: {plain(value)}" for name, value in fields.items()) + "}"

@@ -1,0 +1,369 @@
+"""The bytes of a recording as rows for people: each frame with its fields, what is between frames, and the values that
+bytes have in all frames of a kind.
+
+Rows are made of a guess, or of what a definition reads. A row is cut into lines of a width; whoever shows it asks for a
+few lines at a time, and what that costs does not grow with the recording.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from itertools import accumulate
+from typing import NamedTuple
+
+from framekit.api.guess import seen_by
+from framekit.api.monitor import field_rows
+from framekit.codec.codec import Codec, compile_protocol
+from framekit.definition.model.frames import everything
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.segments import Check, Count, Field, Length
+from framekit.guess.model import Direction, Guess, GuessedField, HeardBytes
+from framekit.guess.naming import number_of, types_of
+from framekit.guess.pieces import PieceStream, joined, streams_of
+from framekit.guess.stuffing import StuffingError, plain_frame
+from framekit.guess.texts import shown_text
+from framekit.link.events import Seen
+
+NOISE = -1
+"""The kind of a row that is no frame."""
+MOST_LOOKED = 10_000
+"""So many frames of a kind are looked at for the values of some bytes."""
+MOST_SPANS = 500
+"""Fields of a frame that are shown."""
+MOST_KEPT = 8
+MOST_VALUES = 512
+"""Ways to cut rows into lines, and values of places, that are kept."""
+
+
+class HexRow(NamedTuple):
+    """A frame without its stuffing, or what is between frames. `time` in ns, None where nothing tells it; `kind`: the
+    index of its kind, or NOISE; `fault`: why it is no good frame."""
+
+    time: int | None
+    direction: Direction
+    data: bytes
+    kind: int
+    fault: str = ""
+
+
+class HexSpan(NamedTuple):
+    """Bytes of a row that are one field: `shade` is what it is, `about` what is known of it, or its value."""
+
+    offset: int
+    size: int
+    name: str
+    shade: str
+    about: str
+
+
+@dataclass(slots=True)
+class HexKind:
+    """Frames of one kind. `side`: client or server, '' if not known; `rows`: their numbers."""
+
+    name: str
+    side: str
+    rows: list[int] = field(default_factory=list)
+
+
+class HexLine(NamedTuple):
+    """A part of a row: from the byte `offset` on."""
+
+    row: int
+    offset: int
+
+
+class TypedValues(NamedTuple):
+    """What bytes would be as a type: the least and the greatest value in all frames, and how many different ones."""
+
+    type: str
+    order: str
+    least: str
+    greatest: str
+    different: int
+
+
+class PlaceValues(NamedTuple):
+    """What stands at a place of so many frames: how many different values, and what they would be as each type."""
+
+    frames: int
+    different: int
+    types: tuple[TypedValues, ...]
+
+
+SpansOf = Callable[[HexRow], list[HexSpan]]
+
+
+class HexTable:
+    """The rows of a recording. `spans_of` finds the fields of a row: another one may be set when they get names."""
+
+    def __init__(self, rows: Sequence[HexRow], kinds: list[HexKind], spans_of: SpansOf) -> None:
+        self.rows = rows
+        self.kinds = kinds
+        self.spans_of = spans_of
+        self.others: list[int] = []
+        """Rows that are no frames of a kind."""
+        for number, row in enumerate(rows):
+            (self.others if row.kind == NOISE else kinds[row.kind].rows).append(number)
+        self.began = next((row.time for row in rows if row.time is not None), None)
+        self._starts = lru_cache(MOST_KEPT)(self._starts_of)
+        self._values = lru_cache(MOST_VALUES)(self._values_of)
+
+    def spans(self, number: int) -> list[HexSpan]:
+        """The fields of a row, in order, none of which overlap."""
+        return self.spans_of(self.rows[number])[:MOST_SPANS]
+
+    # ---- lines --------------------------------------------------------------------------------------------
+
+    def count(self, kind: int | None, width: int) -> int:
+        """How many lines there are, of all rows or of one kind."""
+        starts = self._starts(kind, width)
+        return starts[-1]
+
+    def lines(self, kind: int | None, width: int, first: int, most: int) -> Iterator[HexLine]:
+        """Some lines, from one on."""
+        starts, chosen = self._starts(kind, width), self._chosen(kind)
+        at = bisect_right(starts, first) - 1
+        for number in range(first, min(first + most, starts[-1])):
+            while starts[at + 1] <= number:
+                at += 1
+            yield HexLine(chosen[at], (number - starts[at]) * width)
+
+    def _chosen(self, kind: int | None) -> Sequence[int]:
+        if kind is None:
+            return range(len(self.rows))
+        return self.others if kind == NOISE else self.kinds[kind].rows
+
+    def _starts_of(self, kind: int | None, width: int) -> list[int]:
+        """The first line of each row, and at the end the number of lines."""
+        sizes = (max(1, -(-len(self.rows[number].data) // width)) for number in self._chosen(kind))
+        return [0, *accumulate(sizes)]
+
+    # ---- values -------------------------------------------------------------------------------------------
+
+    def values(self, number: int, offset: int, size: int) -> PlaceValues:
+        """The values at this place of the frames that are of the kind of a row; not of too many."""
+        kind = self.rows[number].kind
+        return self._values(kind, number if kind == NOISE else -1, offset, size)
+
+    def _alike(self, kind: int, number: int) -> Sequence[int]:
+        own = [number] if kind == NOISE else self.kinds[kind].rows
+        return own[:: -(-len(own) // MOST_LOOKED)]
+
+    def _values_of(self, kind: int, number: int, offset: int, size: int) -> PlaceValues:
+        own = self._alike(kind, number)
+        places = (self.rows[one].data[offset : offset + size] for one in own)
+        texts = list(dict.fromkeys(text for text in places if len(text) == size))
+        found = []
+        for type_, order in types_of(texts):
+            if type_ == "text":
+                found.append(TypedValues(type_, order, shown_text(min(texts)), shown_text(max(texts)), len(texts)))
+            elif type_ in ("bits", "bytes"):
+                found.append(TypedValues(type_, order, "", "", len(texts)))
+            else:
+                numbers = {known for text in texts if (known := number_of(type_, order, text)) is not None}
+                if numbers:
+                    ends = shown_number(min(numbers)), shown_number(max(numbers))
+                    found.append(TypedValues(type_, order, *ends, len(numbers)))
+        return PlaceValues(len(own), len(texts), tuple(found))
+
+    def course(
+        self, number: int, offset: int, size: int, type_: str, order: str, most: int
+    ) -> list[tuple[float, float]]:
+        """The numbers that these bytes had, with their times (s), or with the numbers of their rows without times."""
+        own = self._alike(self.rows[number].kind, number)
+        found = []
+        for one in own[:: -(-len(own) // most)]:
+            row = self.rows[one]
+            value = number_of(type_, order, text) if len(text := row.data[offset : offset + size]) == size else None
+            if value is not None:
+                found.append((self.seconds(row) if row.time is not None else float(one), float(value)))
+        return found
+
+    def seconds(self, row: HexRow) -> float:
+        """When it came, from the first one on."""
+        return 0.0 if row.time is None or self.began is None else (row.time - self.began) / 1e9
+
+
+def shown_as(type_: str, order: str, data: bytes) -> str:
+    """What bytes are as a type, as a cell has it."""
+    if type_ == "text":
+        return shown_text(data)
+    if type_ == "bits":
+        return " ".join(f"{byte:08b}" for byte in data)
+    return data[:8].hex(" ").upper() if type_ == "bytes" else shown_number(number_of(type_, order, data))
+
+
+def shown_number(number: int | float | None) -> str:
+    """A number as a cell has it."""
+    return "-" if number is None else str(number) if isinstance(number, int) else f"{number:.7g}"
+
+
+# ---- of a guess -------------------------------------------------------------------------------------------------
+
+
+class FramePlace(NamedTuple):
+    """A frame as it stood on the line. `kind`: the index of its kind, or NOISE with the `fault` that it has; without
+    bytes, why the next bytes are no frame."""
+
+    data: bytes
+    direction: Direction
+    kind: int
+    fault: str = ""
+
+
+def guessed_table(found: Guess) -> HexTable:
+    """The rows of a guess, with the fields that it has now: a name given later needs a new table."""
+    framing = found.framing
+    if framing is None:
+        return HexTable([], [], lambda row: [])
+    index = {id(frame): number for number, kind in enumerate(found.kinds) for frame in kind.frames}
+    fault = "its stuffing is wrong" if found.check is None else "its check is wrong"
+    frames = [
+        FramePlace(frame.data, frame.direction, kind, fault if kind == NOISE else "")
+        for frame in found.frames
+        for kind in (index.get(id(frame), NOISE),)
+    ]
+    shares_mark = framing.kind == "marks" and len(framing.start) == 1 and framing.start == framing.end
+
+    def plain(data: bytes) -> bytes:
+        try:
+            return plain_frame(framing, data)
+        except StuffingError:
+            return data
+
+    rows = [
+        row._replace(data=plain(row.data)) if row.kind != NOISE else row
+        for row in rows_of(found.chunks, frames, int(shares_mark))
+    ]
+    return HexTable(rows, [HexKind(kind.name, kind.side) for kind in found.kinds], guessed_spans(found))
+
+
+def guessed_spans(found: Guess) -> SpansOf:
+    """Finds the fields of a row in what is guessed, or named, by now."""
+
+    def spans(row: HexRow) -> list[HexSpan]:
+        return [] if row.kind == NOISE else list(_placed(found.kinds[row.kind].fields, len(row.data)))
+
+    return spans
+
+
+def _placed(fields: Sequence[GuessedField], size: int) -> Iterator[HexSpan]:
+    """The fields of a frame of this size."""
+    tail = sum(one.size for one in fields if one.offset < 0)
+    for one in fields:
+        begin = one.offset if one.offset >= 0 else size + one.offset
+        length = one.size or max(0, size - tail - begin)
+        if length:
+            yield HexSpan(begin, length, one.name, shade_of(one), one.about)
+
+
+def shade_of(one: GuessedField) -> str:
+    """What a field is, as a legend tells it."""
+    if one.wire:
+        return "named"
+    if one.name in ("start", "end"):
+        return "mark"
+    return "function" if one.is_mark else "value" if one.kind == "unknown" else one.kind
+
+
+def rows_of(chunks: Sequence[HeardBytes], frames: Sequence[FramePlace], shared: int) -> list[HexRow]:
+    """The frames in their places, and what is between them. `shared`: bytes that two frames have in common."""
+    by_way: dict[Direction, list[FramePlace]] = defaultdict(list)
+    for frame in frames:
+        by_way[frame.direction].append(frame)
+    found: list[tuple[int, int, HexRow]] = []
+    for stream in streams_of(joined(chunks)):
+        at = begin = 0
+        fault = ""
+        for frame in by_way[stream.direction]:
+            if frame.kind == NOISE and not frame.data:
+                fault = frame.fault
+                continue
+            place = stream.data.find(frame.data, max(begin, at - shared))
+            if place < 0:
+                continue
+            found += _between(stream, at, place, fault)
+            piece = stream.piece_at(place)
+            row = HexRow(stream.times[piece], stream.direction, frame.data, frame.kind, frame.fault)
+            found.append((stream.numbers[piece], place, row))
+            begin, at, fault = place + 1, place + len(frame.data), ""
+        found += _between(stream, at, len(stream.data), fault)
+    found.sort(key=lambda one: one[:2])
+    return [row for _, _, row in found]
+
+
+def _between(stream: PieceStream, begin: int, end: int, fault: str) -> Iterator[tuple[int, int, HexRow]]:
+    """What is no frame, piece by piece as it came."""
+    while begin < end:
+        piece = stream.piece_at(begin)
+        until = min(end, stream.starts[piece + 1] if piece + 1 < len(stream.starts) else end)
+        row = HexRow(stream.times[piece], stream.direction, stream.data[begin:until], NOISE, fault)
+        yield stream.numbers[piece], begin, row
+        begin = until
+
+
+# ---- of a definition --------------------------------------------------------------------------------------------
+
+
+def definition_table(protocol: Protocol, chunks: Sequence[HeardBytes]) -> HexTable:
+    """The rows of a recording as a definition reads it; its fields are found when they are asked for."""
+    codec, shades = compile_protocol(protocol), _shades(protocol)
+    kinds: dict[str, HexKind] = {}
+    frames: list[FramePlace] = []
+    for one in seen_by(protocol, chunks):
+        if one.kind == "frame":
+            side = protocol.frames[one.frame].side
+            kinds.setdefault(one.frame, HexKind(one.frame, side if side in ("client", "server") else ""))
+            frames.append(FramePlace(one.raw, one.direction, list(kinds).index(one.frame)))
+        elif one.kind == "bad":
+            name = f"bad {one.frame}".rstrip()
+            frames.append(FramePlace(b"", one.direction, NOISE, f"{name}: {one.reason} at byte {one.place}"))
+    rows = rows_of(chunks, frames, 0)
+    named = list(kinds.values())
+    return HexTable(rows, named, lambda row: _read_spans(protocol, codec, named, shades, row))
+
+
+def _read_spans(
+    protocol: Protocol, codec: Codec, kinds: Sequence[HexKind], shades: Mapping[str, str], row: HexRow
+) -> list[HexSpan]:
+    """The fields of a frame of a definition: of those that lie in others the inner ones."""
+    if row.kind == NOISE:
+        return []
+    rows = field_rows(codec, protocol, Seen(row.direction, "frame", 0, row.data, kinds[row.kind].name))
+    owner: list[int | None] = [None] * len(row.data)
+    for number, one in sorted(enumerate(rows), key=lambda each: -len(each[1].data)):
+        owner[one.offset : one.offset + len(one.data)] = [number] * len(one.data)
+    found: list[HexSpan] = []
+    begin = 0
+    for at in range(1, len(owner) + 1):
+        if at < len(owner) and owner[at] == owner[begin]:
+            continue
+        number_here = owner[begin]
+        if number_here is not None:
+            one = rows[number_here]
+            shade = shades.get(one.path.rpartition(".")[2].partition("[")[0], "named")
+            found.append(HexSpan(begin, at - begin, one.path, shade, one.value))
+        begin = at
+    return found
+
+
+def _shades(protocol: Protocol) -> dict[str, str]:
+    """What the fields of a definition are, by their names; those of no other kind are named."""
+    found = {"const": "constant", "text": "constant", "skip": "constant", "check": "check"}
+    for frame in protocol.frames.values():
+        for one in everything(frame.segments):
+            kinds: dict[type, str] = {Length: "length", Count: "count", Check: "check"}
+            kind = kinds.get(type(one), "")
+            for name in one.value_names:
+                stem = name.rpartition("_")[0]
+                if kind:
+                    found[name] = kind
+                elif stem in ("unknown", "constant", "copy") and isinstance(one, Field):
+                    found[name] = {"unknown": "value"}.get(stem, stem)
+                else:
+                    found.setdefault(name, "named")
+    return found

@@ -1,0 +1,286 @@
+"""The page of an unknown line: the rows of a recording, a few at a time, what its bytes may be, and names for them.
+
+A browser asks for what it shows; nothing is kept for it but the round of names that it knows.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from framekit import __version__
+from framekit.api.guess import Statement
+from framekit.api.hex_table import NOISE, HexLine, HexSpan, HexTable, guessed_spans, shown_as
+from framekit.api.named_guess import NamedGuess
+from framekit.guess.naming import TYPES, FieldNaming, NamingError, types_of
+from framekit.web.access import Access, Visitor
+from framekit.web.messages import Actions, Message, Told, answered, plain_text, whole_number
+
+log = logging.getLogger(__name__)
+
+WIDTHS = (8, 16, 24, 32)
+"""Bytes of a line."""
+MOST_LINES = 200
+MOST_FIELDS = 500
+MOST_DRAWN = 600
+"""Lines and fields in one message, and numbers of a course."""
+LARGEST_RANGE = 64
+"""Bytes that are looked at together."""
+POINTED = (1, 2, 4)
+"""So many bytes are looked at from a single one on."""
+SHOWN = ("u", "i", "f", "t")
+
+
+class HexBoard:
+    """What all browsers are shown of a recording. `names`: None where a definition says what the bytes are."""
+
+    home = "bytes.html"
+
+    def __init__(
+        self, title: str, table: HexTable, statements: Sequence[Statement], names: NamedGuess | None = None
+    ) -> None:
+        self.title = title
+        self.table = table
+        self.statements = statements
+        self.names = names
+        self.round = 1
+        self._lock = asyncio.Lock()
+
+    def session(self, access: Access, who: str) -> HexSession:
+        """That of one browser."""
+        return HexSession(self, access, who)
+
+    async def go_on(self) -> None:
+        """Nothing: a recording stays as it is."""
+
+    async def give(self, naming: FieldNaming) -> None:
+        """Names bytes. Raises NamingError."""
+        async with self._lock:
+            await asyncio.to_thread(self._names().give, naming)
+            self._renamed()
+
+    async def forget(self, kind: str, offset: int) -> None:
+        """Bytes have no name any more. Raises NamingError."""
+        async with self._lock:
+            await asyncio.to_thread(self._names().forget, kind, offset)
+            self._renamed()
+
+    def _names(self) -> NamedGuess:
+        if self.names is None:
+            raise NamingError("the definition says what the bytes are – without --with they can be named")
+        return self.names
+
+    def _renamed(self) -> None:
+        self.table.spans_of = guessed_spans(self._names().guess)
+        self.round += 1
+
+
+class HexSession:
+    """One browser."""
+
+    def __init__(self, board: HexBoard, access: Access, who: str) -> None:
+        self.board = board
+        self.visitor = Visitor(access, who)
+        self._round = 0
+        self._actions: Actions = {
+            "token": lambda given, told: self.visitor.give(given),
+            "lines": self._lines,
+            "fields": self._fields,
+            "point": self._point,
+            "course": self._course,
+            "draft": self._draft,
+            "name": self._name,
+            "forget": self._forget,
+        }
+
+    @property
+    def wrong_tokens(self) -> int:
+        """So many it has given."""
+        return self.visitor.wrong_tokens
+
+    def hello(self) -> Message:
+        """What stays as it is."""
+        board = self.board
+        path = None if board.names is None else board.names.path
+        return {
+            "hello": board.title,
+            "version": __version__,
+            "names": board.names is not None,
+            "file": "" if path is None else path.name,
+            "widths": WIDTHS,
+            "types": {name: list(one.sizes) for name, one in TYPES.items()},
+            "rows": len(board.table.rows),
+            "others": len(board.table.others),
+            "timed": board.table.began is not None,
+            "kinds": [[kind.name, kind.side, len(kind.rows)] for kind in board.table.kinds],
+            "statements": [[one.is_sure, one.text, str(one.evidence), one.against] for one in board.statements],
+        }
+
+    def news(self) -> Iterator[Message]:
+        """That there are other names than before."""
+        if self._round != self.board.round:
+            self._round = self.board.round
+            draft = None if self.board.names is None else self.board.names.draft
+            yield {
+                "round": self._round,
+                "problems": [] if draft is None else list(draft.problems),
+                "warnings": [] if draft is None else list(draft.warnings),
+            }
+
+    async def answer(self, told: Any) -> Message | None:
+        """Does what a message says; what is to be told. Raises ValueError for what is no message of the page."""
+        return await answered(self._actions, told)
+
+    # ---- rows ---------------------------------------------------------------------------------------------
+
+    def _lines(self, first: Any, told: Told) -> Message:
+        kind, width = told.get("kind"), told.get("width")
+        if kind is not None and kind != NOISE and whole_number(kind) >= len(self.board.table.kinds):
+            raise ValueError("this is no message")
+        if width not in WIDTHS:
+            raise ValueError("this is no message")
+        begin, most = whole_number(first), min(MOST_LINES, whole_number(told.get("most")))
+        table = self.board.table
+        found = [self._line(line, width) for line in table.lines(kind, width, begin, most)]
+        return {
+            "lines": begin, "kind": kind, "width": width, "of": table.count(kind, width), "round": self.board.round,
+            "list": found,
+        }  # fmt: skip
+
+    def _line(self, line: HexLine, width: int) -> list[Any]:
+        """Number of the row, first byte, time, pause before it, way, kind, size, bytes, fields, fault."""
+        table = self.board.table
+        row = table.rows[line.row]
+        end = line.offset + width
+        spans = [
+            [max(span.offset, line.offset), min(span.offset + span.size, end), span.shade, span.name, span.offset]
+            for span in table.spans(line.row)
+            if span.offset < end and span.offset + span.size > line.offset
+        ]
+        time = pause = ""
+        if row.time is not None and not line.offset:
+            time = f"{table.seconds(row):.3f}"
+            before = table.rows[line.row - 1].time if line.row else None
+            pause = "" if before is None else f"{(row.time - before) / 1e6:.0f}"
+        data = row.data[line.offset : end].hex()
+        return [
+            line.row,
+            line.offset,
+            time,
+            pause,
+            self._way(line.row),
+            row.kind,
+            len(row.data),
+            data,
+            spans,
+            row.fault,
+        ]
+
+    def _way(self, number: int) -> str:
+        row = self.board.table.rows[number]
+        if row.direction or row.kind == NOISE:
+            return row.direction
+        return {"client": "out", "server": "in"}.get(self.board.table.kinds[row.kind].side, "")
+
+    def _fields(self, kind: Any, told: Told) -> Message:
+        """The fields of a kind, as its first frame has them."""
+        number = whole_number(kind)
+        table = self.board.table
+        if number >= len(table.kinds) or not table.kinds[number].rows:
+            raise ValueError("this is no message")
+        row = table.kinds[number].rows[0]
+        spans = table.spans(row)[:MOST_FIELDS]
+        return {"fields": number, "row": row, "list": [list(span) for span in spans]}
+
+    # ---- values -------------------------------------------------------------------------------------------
+
+    def _range(self, row: Any, told: Told) -> tuple[int, int, int]:
+        """The bytes of a row that a message means. Raises ValueError."""
+        number, first, size = whole_number(row), whole_number(told.get("first")), whole_number(told.get("size"))
+        table = self.board.table
+        if number >= len(table.rows) or not 1 <= size <= LARGEST_RANGE or first + size > len(table.rows[number].data):
+            raise ValueError("this is no message")
+        return number, first, size
+
+    async def _point(self, row: Any, told: Told) -> Message:
+        """What these bytes are, and what they would be as each type; a single one also together with those after it."""
+        number, first, size = self._range(row, told)
+        table, data = self.board.table, self.board.table.rows[number].data
+        sizes = [one for one in POINTED if first + one <= len(data)] if size == 1 else [size]
+        types = []
+        for one in sizes:
+            values = await asyncio.to_thread(table.values, number, first, one)
+            here = data[first : first + one]
+            types += [
+                [one, value.type, value.order, shown_as(value.type, value.order, here), *value[2:]]
+                for value in values.types
+                if size > 1 or value.type[0] in SHOWN
+            ]
+        values = await asyncio.to_thread(table.values, number, first, size)
+        span = next((one for one in table.spans(number) if one.offset <= first < one.offset + one.size), None)
+        kind = table.rows[number].kind
+        return {
+            "point": number, "first": first, "size": size, "kind": kind, "bytes": data[first : first + size].hex(),
+            "field": None if span is None else [*span, *self._evidence(kind, span)],
+            "frames": values.frames, "different": values.different, "types": types,
+        }  # fmt: skip
+
+    def _evidence(self, kind: int, span: HexSpan) -> tuple[str, str]:
+        """So many of so many, and the type that people gave it with its order."""
+        names = self.board.names
+        if names is None or kind == NOISE:
+            return "", ""
+        field = next((one for one in names.guess.kinds[kind].fields if one.name == span.name), None)
+        if field is None:
+            return "", ""
+        return str(field.evidence) if field.evidence.of else "", f"{field.wire} {field.order}" if field.wire else ""
+
+    def _course(self, row: Any, told: Told) -> Message:
+        """The numbers that these bytes had, one after the other."""
+        number, first, size = self._range(row, told)
+        type_, order = plain_text(told.get("type")), plain_text(told.get("order"))
+        data = self.board.table.rows[number].data[first : first + size]
+        if (type_, order) not in types_of([data]):
+            raise ValueError("this is no message")
+        found = self.board.table.course(number, first, size, type_, order, MOST_DRAWN)
+        return {
+            "course": number, "first": first, "size": size, "type": type_, "order": order,
+            "times": [time for time, _ in found], "numbers": [value for _, value in found],
+        }  # fmt: skip
+
+    # ---- names --------------------------------------------------------------------------------------------
+
+    def _draft(self, wanted: Any, told: Told) -> Message:
+        """The definition as it is now."""
+        names = self.board.names
+        return {"draft": "" if names is None else names.draft.text, "file": "" if names is None else names.draft.name}
+
+    async def _name(self, name: Any, told: Told) -> Message:
+        """Bytes are to have a name and a type. `size` 0: data of varying size."""
+        naming = FieldNaming(
+            plain_text(told.get("kind")), whole_number(told.get("first")), whole_number(told.get("size")), plain_text(name),
+            plain_text(told.get("type")), plain_text(told.get("order")),
+        )  # fmt: skip
+        where = f"byte {naming.offset} of {naming.kind}, {naming.size} in all"
+        return await self._tried(told, lambda: self.board.give(naming), f"{naming.name!r} for {where}")
+
+    async def _forget(self, kind: Any, told: Told) -> Message:
+        """A field is to have no name any more."""
+        name, first = plain_text(kind), whole_number(told.get("first"))
+        return await self._tried(told, lambda: self.board.forget(name, first), f"no name for byte {first} of {name}")
+
+    async def _tried(self, told: Told, action: Any, what: str) -> Message:
+        """Whether it was done, and why not."""
+        answer = {"done": told.get("id")}
+        why = self.visitor.refused()
+        if why:
+            return {**answer, "why": why}
+        try:
+            await action()
+        except NamingError as error:
+            log.warning("web: refused to %s: %s", self.visitor.who, error)
+            return {**answer, "why": str(error)}
+        log.info("web: %s, by %s", what, self.visitor.who)
+        return answer
