@@ -23,6 +23,7 @@ from framekit.definition.problems import DefinitionError, plural
 from framekit.definition.sources import shipped_definitions
 from framekit.guess.guess import guess as guess
 from framekit.guess.model import Direction
+from framekit.guess.model import Evidence as Evidence
 from framekit.guess.model import Guess as Guess
 from framekit.guess.model import HeardBytes as HeardBytes
 from framekit.guess.model import Statement as Statement

@@ -13,11 +13,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import accumulate
+from pathlib import Path
 from typing import NamedTuple
 
 from framekit.api.guess import seen_by
 from framekit.api.monitor import field_rows
 from framekit.codec.codec import Codec, compile_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.definition.model.frames import everything
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Check, Count, Field, Length
@@ -309,8 +311,12 @@ def _between(stream: PieceStream, begin: int, end: int, fault: str) -> Iterator[
 # ---- of a definition --------------------------------------------------------------------------------------------
 
 
-def definition_table(protocol: Protocol, chunks: Sequence[HeardBytes]) -> HexTable:
-    """The rows of a recording as a definition reads it; its fields are found when they are asked for."""
+def definition_table(name: str | Path, chunks: Sequence[HeardBytes]) -> HexTable:
+    """The rows of a recording as a definition reads it; its fields are found when they are asked for.
+
+    Raises DefinitionError.
+    """
+    protocol = load_protocol(name)
     codec, shades = compile_protocol(protocol), _shades(protocol)
     kinds: dict[str, HexKind] = {}
     frames: list[FramePlace] = []

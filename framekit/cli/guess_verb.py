@@ -3,14 +3,29 @@
 from __future__ import annotations
 
 import argparse
+import asyncio
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from framekit.cli.common import VerbError, WordsError, add, existing, print_json, table
+from framekit.cli.common import (
+    VerbError,
+    WordsError,
+    add,
+    begin_log,
+    duration_of,
+    existing,
+    on_stop,
+    print_json,
+    table,
+    until,
+)
+from framekit.cli.web_option import WebPage, add_web
 from framekit.definition.problems import plural
 
 if TYPE_CHECKING:
     from framekit.api.guess import Guess, HeardBytes
+    from framekit.web.hex_session import HexBoard
 
 FILES_HELP = "captures (pcap, JSON lines), pcap files of TCP or UDP, or hex text: a line for each frame"
 
@@ -24,33 +39,105 @@ def add_guess_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME.yaml",
         help="go on from a definition: what of the files is still noise",
     )
-    add(parser, "--json")
+    add(parser, "--for")
+    add_web(parser)
+    add(parser, "--log", "--json")
 
 
 def run_guess(arguments: argparse.Namespace) -> int:
-    from framekit.api.guess import guess, known_protocols, reading_of
-
     if arguments.write is not None and arguments.definition is not None:
         raise WordsError("--write makes a definition, --with goes on from one – leave one of them out")
     if arguments.write is not None and arguments.write.exists():
         raise WordsError(f"--write: {arguments.write} is there already – name another file")
     if arguments.write is not None and not arguments.write.parent.is_dir():
         raise WordsError(f"--write: there is no folder '{arguments.write.parent}' – make it first")
+    if arguments.duration is not None and arguments.web is None:
+        raise WordsError("--for ends the page – it has no effect without --web")
+    begin_log(arguments.log)
+    duration = duration_of(arguments.duration)
+    page = WebPage(arguments)
     chunks = heard_in(arguments.files)
     if arguments.definition is not None:
-        reading = reading_of(arguments.definition, chunks)
+        return _of_definition(arguments, chunks, page, duration)
+    return _of_guess(arguments, chunks, page, duration)
+
+
+def _of_definition(
+    arguments: argparse.Namespace, chunks: list[HeardBytes], page: WebPage, duration: int | None
+) -> int:  # fmt: skip
+    """What a definition makes of the bytes."""
+    from framekit.api.guess import reading_of
+
+    reading = reading_of(arguments.definition, chunks)
+
+    def tell() -> None:
         print_json(reading.data) if arguments.json else print(reading.text)
+
+    if page.server is None:
+        tell()
         return 0 if reading.data["frames"] else 1
-    found, known = guess(chunks), known_protocols(chunks)
-    if arguments.json:
-        print_json(data_of(found) | {"known": [{"protocol": one.name, "frames": one.frames} for one in known]})
-    else:
-        for one in known:
-            print(f"this is {one.name}: {plural(one.frames, 'frame')}, {one.covered} of {one.of} bytes")
-        print(text_of(found))
-    if arguments.write is not None:
-        write(found, arguments.write, ", ".join(path.name for path in arguments.files))
+    from framekit.api.hex_table import definition_table
+    from framekit.web.hex_session import HexBoard
+
+    title = f"{_named(arguments.files)} with {arguments.definition}"
+    _show(page, HexBoard(title, definition_table(arguments.definition, chunks), []), tell, duration, "")
     return 0
+
+
+def _of_guess(arguments: argparse.Namespace, chunks: list[HeardBytes], page: WebPage, duration: int | None) -> int:
+    """What can be said of the bytes."""
+    from framekit.api.guess import Evidence, Statement, guess, known_protocols
+
+    found, known = guess(chunks), known_protocols(chunks)
+    source = _named(arguments.files)
+
+    def tell() -> None:
+        if arguments.json:
+            print_json(data_of(found) | {"known": [{"protocol": one.name, "frames": one.frames} for one in known]})
+        else:
+            for one in known:
+                print(f"this is {one.name}: {plural(one.frames, 'frame')}, {one.covered} of {one.of} bytes")
+            print(text_of(found))
+        if arguments.write is not None:
+            write(found, arguments.write, source)
+
+    if page.server is None:
+        tell()
+        return 0
+    from framekit.api.draft import DraftError, protocol_name
+    from framekit.api.hex_table import guessed_table
+    from framekit.api.named_guess import NamedGuess
+    from framekit.web.hex_session import HexBoard
+
+    told = [
+        Statement(f"this is {one.name} – --with {one.name} shows its fields", Evidence(one.covered, one.of), False)
+        for one in known
+    ]
+    try:
+        name = "found" if arguments.write is None else protocol_name(arguments.write)
+        names = NamedGuess(found, name, source, arguments.write) if found.kinds else None
+    except DraftError as error:
+        raise VerbError(str(error)) from None
+    board = HexBoard(source, guessed_table(found), [*told, *found.statements], names)
+    _show(page, board, tell, duration, "name fields" if names is not None else "")
+    return 0
+
+
+def _named(files: list[Path]) -> str:
+    return ", ".join(path.name for path in files)
+
+
+def _show(page: WebPage, board: HexBoard, tell: Callable[[], None], duration: int | None, to: str) -> None:
+    """The page, until the time is over, or SIGINT or SIGTERM asks to stop. `tell` prints what is known before that."""
+
+    async def shown() -> None:
+        ended = asyncio.Event()
+        on_stop(ended.set)
+        async with page.shows(board, to):
+            tell()
+            await until(duration, ended)
+
+    asyncio.run(shown())
 
 
 def heard_in(files: list[Path]) -> list[HeardBytes]:

@@ -219,23 +219,25 @@ class HexSession:
                 if size > 1 or value.type[0] in SHOWN
             ]
         values = await asyncio.to_thread(table.values, number, first, size)
-        span = next((one for one in table.spans(number) if one.offset <= first < one.offset + one.size), None)
+        covered = [one for one in table.spans(number) if one.offset < first + size and first < one.offset + one.size]
+        span = covered[0] if len(covered) == 1 else None
         kind = table.rows[number].kind
         return {
             "point": number, "first": first, "size": size, "kind": kind, "bytes": data[first : first + size].hex(),
-            "field": None if span is None else [*span, *self._evidence(kind, span)],
+            "field": None if span is None else [*span, *self._guessed(kind, span)],
+            "covers": [one.name for one in covered],
             "frames": values.frames, "different": values.different, "types": types,
         }  # fmt: skip
 
-    def _evidence(self, kind: int, span: HexSpan) -> tuple[str, str]:
-        """So many of so many, and the type that people gave it with its order."""
+    def _guessed(self, kind: int, span: HexSpan) -> tuple[str, str, bool]:
+        """So many of so many, the type that people gave it with its order, and whether its size varies."""
         names = self.board.names
-        if names is None or kind == NOISE:
-            return "", ""
-        field = next((one for one in names.guess.kinds[kind].fields if one.name == span.name), None)
+        fields = () if names is None or kind == NOISE else names.guess.kinds[kind].fields
+        field = next((one for one in fields if one.name == span.name), None)
         if field is None:
-            return "", ""
-        return str(field.evidence) if field.evidence.of else "", f"{field.wire} {field.order}" if field.wire else ""
+            return "", "", False
+        evidence = str(field.evidence) if field.evidence.of else ""
+        return evidence, f"{field.wire} {field.order}" if field.wire else "", not field.size
 
     def _course(self, row: Any, told: Told) -> Message:
         """The numbers that these bytes had, one after the other."""
@@ -259,10 +261,9 @@ class HexSession:
 
     async def _name(self, name: Any, told: Told) -> Message:
         """Bytes are to have a name and a type. `size` 0: data of varying size."""
-        naming = FieldNaming(
-            plain_text(told.get("kind")), whole_number(told.get("first")), whole_number(told.get("size")), plain_text(name),
-            plain_text(told.get("type")), plain_text(told.get("order")),
-        )  # fmt: skip
+        kind, type_, order = (plain_text(told.get(key)) for key in ("kind", "type", "order"))
+        first, size = (whole_number(told.get(key)) for key in ("first", "size"))
+        naming = FieldNaming(kind, first, size, plain_text(name), type_, order)
         where = f"byte {naming.offset} of {naming.kind}, {naming.size} in all"
         return await self._tried(told, lambda: self.board.give(naming), f"{naming.name!r} for {where}")
 

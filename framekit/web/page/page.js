@@ -1,60 +1,31 @@
-// The page: one WebSocket brings what has changed, and takes what the user wants. Nothing comes from another host.
-import { Grid, element, plot, sparkline } from "./parts.js";
+// The page of a run or of devices: what has changed comes over the connection, what the user wants goes there.
+import { Live, at } from "./live.js";
+import { Grid, element, plot } from "./parts.js";
 
 const MINUTE = 60, KEPT = 200, DRAWN = 50;
-const at = id => document.getElementById(id);
 const tables = new Map();   // by name: {grid, rows: Map, filter, section}
 const points = [];          // {key, state, cells, numbers, asked, place …}
 const frames = [];
-let pointGrid = null, frameGrid = null, socket = null, may = false, paused = false, chosen = null, history = null;
-let controls = false, dirty = new Set(), number = 0, drawn = [], arrived = 0;
+let pointGrid = null, frameGrid = null, paused = false, chosen = null, history = null;
+let dirty = new Set(), drawn = [], arrived = 0;
 
-// ---- the connection
-
-function connect() {
-  socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live`);
-  socket.onopen = () => { state("live"); if (token()) say({ token: token() }); ask(); };
-  socket.onmessage = event => take(JSON.parse(event.data));
-  socket.onclose = () => { state("connection lost", true); allow(false); setTimeout(connect, 1000); };
-}
-
-function say(what) {
-  if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(what));
-}
-
-function act(what) {
-  say({ ...what, id: ++number });
-}
-
-function state(text, away = false) {
-  at("state").textContent = text;
-  at("state").className = away ? "away" : "";
-}
-
-function ask() {
-  say({ filter: at("frame-filter").value, bad: at("bad").checked });
-  say({ pause: paused });
-}
-
-const takers = {
+const live = new Live({
   hello: begin,
   table: takeTable,
   values: takeValues,
   frames: takeFrames,
   fields: takeFields,
   history: takeHistory,
-  may: what => { allow(what.may); tell(what.may ? "" : "this is not the token"); if (!what.may) forget(); },
-  done: what => tell(what.why ? `refused: ${what.why}` : "done"),
-  trouble: what => tell(what.trouble),
-};
+}, "fire and write", {
+  opened: ask,
+  allowed,
+  arrives: () => { if (!dirty.size) arrived = performance.now(); },
+});
+const say = what => live.say(what), act = what => live.act(what);
 
-function take(what) {
-  if (!dirty.size) arrived = performance.now();
-  for (const name in takers) if (name in what) { takers[name](what); return; }
-}
-
-function tell(text) {
-  at("told").textContent = text;
+function ask() {
+  say({ filter: at("frame-filter").value, bad: at("bad").checked });
+  say({ pause: paused });
 }
 
 // ---- drawing: once a frame of the screen, whatever has come
@@ -85,7 +56,6 @@ function begin(what) {
   document.title = what.hello;
   at("title").textContent = what.hello;
   at("title").title = `framekit ${what.version}`;
-  controls = what.controls;
   for (const [name, head] of what.tables) if (!tables.has(name)) tables.set(name, table(name, head));
   for (const one of tables.values()) one.rows.clear();
   points.length = frames.length = 0;
@@ -168,7 +138,7 @@ function choose() {
 }
 
 function second() {
-  if (socket?.readyState !== WebSocket.OPEN || !pointGrid) return;
+  if (!live.is_open || !pointGrid) return;
   for (const point of points) {
     point.numbers.push(point.number ?? null);
     if (point.numbers.length > MINUTE) point.numbers.shift();
@@ -217,7 +187,7 @@ function drawPoint() {
   const [name, value, unit, quality, place] = point.cells;
   at("point").querySelector("h3").textContent =
     [name, `${value} ${unit}`.trim(), quality, place, point.about].filter(Boolean).join(" · ");
-  at("write").hidden = !(may && point.writable);
+  at("write").hidden = !(live.may && point.writable);
   if (history && !history.drawn) {
     history.drawn = true;
     plot(at("point").querySelector("canvas"), history[0], history[1]);
@@ -268,29 +238,12 @@ function takeFields(what) {
 
 // ---- what the user does
 
-function token() {
-  return sessionStorage.getItem("framekit-token") ?? "";
-}
-
-function forget() {
-  sessionStorage.removeItem("framekit-token");
-}
-
-function allow(yes) {
-  may = yes;
-  document.body.classList.toggle("may", yes);
-  at("may").textContent = yes ? "may fire and write" : "read only";
+function allowed(yes) {
   for (const button of at("block").querySelectorAll("button")) button.disabled = !yes;
   drawPoint();
 }
 
 function listen() {
-  at("key").addEventListener("submit", event => {
-    event.preventDefault();
-    sessionStorage.setItem("framekit-token", at("token").value);
-    say({ token: at("token").value });
-    at("token").value = "";
-  });
   at("write").addEventListener("submit", event => {
     event.preventDefault();
     act({ write: chosen, value: at("value").value });
@@ -308,11 +261,7 @@ function listen() {
   at("points").querySelector(".filter").addEventListener("input", choose);
 }
 
-if (location.hash.startsWith("#token=")) {
-  sessionStorage.setItem("framekit-token", decodeURIComponent(location.hash.slice(7)));
-  window.history.replaceState(null, "", location.pathname);
-}
 listen();
-allow(false);
+live.allow(false);
 setInterval(second, 1000);
-connect();
+live.connect();

@@ -140,7 +140,7 @@ export function sparkline(canvas, numbers) {
   trace(pen, at => start + at * step, numbers, range, canvas.height);
 }
 
-export function plot(canvas, times, numbers) {
+export function plot(canvas, times, numbers, told = clock) {
   canvas.width = canvas.clientWidth || 900;
   const pen = canvas.getContext("2d"), { width, height } = canvas;
   pen.fillStyle = pen.strokeStyle = color ??= getComputedStyle(document.body).color;
@@ -150,9 +150,9 @@ export function plot(canvas, times, numbers) {
   const left = 90, bottom = 22, first = times[0], span = Math.max(1, times.at(-1) - first);
   pen.fillText(short(range[1]), 4, 14);
   pen.fillText(short(range[0]), 4, height - bottom);
-  pen.fillText(clock(first), left, height - 5);
+  pen.fillText(told(first), left, height - 5);
   pen.textAlign = "right";
-  pen.fillText(clock(times.at(-1)), width - 4, height - 5);
+  pen.fillText(told(times.at(-1)), width - 4, height - 5);
   pen.save();
   pen.globalAlpha = 0.3;
   pen.strokeRect(left, 2, width - left - 4, height - bottom);
