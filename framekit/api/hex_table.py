@@ -194,9 +194,9 @@ def shown_as(type_: str, order: str, data: bytes) -> str:
     """What bytes are as a type, as a cell has it."""
     if type_ == "text":
         return shown_text(data)
-    if type_ == "bits":
+    if type_ == "bits" and len(data) <= 2:
         return " ".join(f"{byte:08b}" for byte in data)
-    return data[:8].hex(" ").upper() if type_ == "bytes" else shown_number(number_of(type_, order, data))
+    return data[:8].hex(" ").upper() if type_ in ("bits", "bytes") else shown_number(number_of(type_, order, data))
 
 
 def shown_number(number: int | float | None) -> str:

@@ -54,17 +54,15 @@ def run_guess(arguments: argparse.Namespace) -> int:
     if arguments.duration is not None and arguments.web is None:
         raise WordsError("--for ends the page – it has no effect without --web")
     begin_log(arguments.log)
-    duration = duration_of(arguments.duration)
+    duration_of(arguments.duration)
     page = WebPage(arguments)
     chunks = heard_in(arguments.files)
     if arguments.definition is not None:
-        return _of_definition(arguments, chunks, page, duration)
-    return _of_guess(arguments, chunks, page, duration)
+        return _of_definition(arguments, chunks, page)
+    return _of_guess(arguments, chunks, page)
 
 
-def _of_definition(
-    arguments: argparse.Namespace, chunks: list[HeardBytes], page: WebPage, duration: int | None
-) -> int:  # fmt: skip
+def _of_definition(arguments: argparse.Namespace, chunks: list[HeardBytes], page: WebPage) -> int:
     """What a definition makes of the bytes."""
     from framekit.api.guess import reading_of
 
@@ -80,11 +78,11 @@ def _of_definition(
     from framekit.web.hex_session import HexBoard
 
     title = f"{_named(arguments.files)} with {arguments.definition}"
-    _show(page, HexBoard(title, definition_table(arguments.definition, chunks), []), tell, duration, "")
+    _show(arguments, page, HexBoard(title, definition_table(arguments.definition, chunks), []), tell, "")
     return 0
 
 
-def _of_guess(arguments: argparse.Namespace, chunks: list[HeardBytes], page: WebPage, duration: int | None) -> int:
+def _of_guess(arguments: argparse.Namespace, chunks: list[HeardBytes], page: WebPage) -> int:
     """What can be said of the bytes."""
     from framekit.api.guess import Evidence, Statement, guess, known_protocols
 
@@ -119,7 +117,7 @@ def _of_guess(arguments: argparse.Namespace, chunks: list[HeardBytes], page: Web
     except DraftError as error:
         raise VerbError(str(error)) from None
     board = HexBoard(source, guessed_table(found), [*told, *found.statements], names)
-    _show(page, board, tell, duration, "name fields" if names is not None else "")
+    _show(arguments, page, board, tell, "name fields" if names is not None else "")
     return 0
 
 
@@ -127,14 +125,23 @@ def _named(files: list[Path]) -> str:
     return ", ".join(path.name for path in files)
 
 
-def _show(page: WebPage, board: HexBoard, tell: Callable[[], None], duration: int | None, to: str) -> None:
-    """The page, until the time is over, or SIGINT or SIGTERM asks to stop. `tell` prints what is known before that."""
+def _show(
+    arguments: argparse.Namespace, page: WebPage, board: HexBoard, tell: Callable[[], None], to: str
+) -> None:  # fmt: skip
+    """The page, until the time is over, or SIGINT or SIGTERM asks to stop; `tell` prints what is known.
+
+    For people the address comes last, for programs it comes first.
+    """
+    duration = duration_of(arguments.duration)
 
     async def shown() -> None:
         ended = asyncio.Event()
         on_stop(ended.set)
-        async with page.shows(board, to):
+        if not arguments.json:
             tell()
+        async with page.shows(board, to):
+            if arguments.json:
+                tell()
             await until(duration, ended)
 
     asyncio.run(shown())

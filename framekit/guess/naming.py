@@ -253,7 +253,7 @@ def _check_type(field: GuessedField, texts: Sequence[bytes], where: str) -> None
         raise NamingError(f"there is no type '{field.wire[:20]}' – choose one of {', '.join(TYPES)}")
     if not TYPES[field.wire].takes(field.size) or (not field.size and field.wire not in ("text", "bytes")):
         size = plural(field.size, "byte") if field.size else "bytes of varying size"
-        raise NamingError(f"{where}: {size} are no {field.wire} – choose another type, or other bytes")
+        raise NamingError(f"{where}: {size} can be no {field.wire} – choose another type, or other bytes")
     if field.order not in orders_of(field.wire, field.size):
         raise NamingError(f"a {field.wire} of {plural(field.size, 'byte')} has no order '{field.order[:20]}'")
     if not field.size or field.wire in ("bytes", "bits"):

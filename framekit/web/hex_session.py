@@ -226,7 +226,7 @@ class HexSession:
             "point": number, "first": first, "size": size, "kind": kind, "bytes": data[first : first + size].hex(),
             "field": None if span is None else [*span, *self._guessed(kind, span)],
             "covers": [one.name for one in covered],
-            "frames": values.frames, "different": values.different, "types": types,
+            "fault": table.rows[number].fault, "frames": values.frames, "different": values.different, "types": types,
         }  # fmt: skip
 
     def _guessed(self, kind: int, span: HexSpan) -> tuple[str, str, bool]:

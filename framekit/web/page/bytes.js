@@ -119,7 +119,7 @@ function drawTip(what) {
   const tip = at("tip"), head = document.createElement("div");
   tip.replaceChildren(head);
   if (what.field) chip(head, what.field[3]);
-  else chip(head, lines.line(0) && what.kind < 0 ? "noise" : "");
+  else if (what.kind < 0) chip(head, what.fault ? "faulty" : "noise");
   head.append(`byte ${what.first}: ${placeText(what)}`);
   const seen = element("div", tip);
   seen.textContent = seenText(what);
@@ -137,7 +137,7 @@ function drawTip(what) {
 }
 
 function placeText(what) {
-  if (!what.field) return what.kind < 0 ? "in no good frame" : what.covers.length ? what.covers.join(", ") : "no field";
+  if (!what.field) return what.kind < 0 ? what.fault || "in no frame" : what.covers.length ? what.covers.join(", ") : "no field";
   const [, , name, shade, about] = what.field;
   return [name, SHADES[shade], about].filter((text, number, all) => text && all.indexOf(text) === number).join(" · ");
 }
@@ -154,7 +154,7 @@ function takePoint(what) {
     tips.set(key, what);
     if (pointing?.key === key) drawTip(what);
   }
-  if (chosen && what.point === chosen.row && what.first === chosen.first && what.size === chosen.size) drawChosen(what);
+  if (chosen && !shown && what.point === chosen.row && what.first === chosen.first && what.size === chosen.size) drawChosen(what);
 }
 
 // ---- what is chosen
@@ -174,6 +174,7 @@ function choose(choice) {
   const size = Math.min(choice.size, 64);
   chosen = { ...choice, size };
   lines.choose(chosen);
+  drawNaming();
   live.say({ point: chosen.row, first: chosen.first, size });
   if (chosen.kind >= 0) live.say({ fields: chosen.kind });
 }
@@ -260,6 +261,7 @@ function fillOrders() {
 function drawNaming() {
   at("naming").hidden = !(canName && live.may && chosen && chosen.kind >= 0 && shown);
   if (canName && !live.may && chosen && chosen.kind >= 0) live.tell("with the token these bytes can be named");
+  else if (at("told").textContent.startsWith("with the token")) live.tell("");
 }
 
 function give(event) {

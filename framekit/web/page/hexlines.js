@@ -2,7 +2,7 @@
 import { element } from "./parts.js";
 
 const ROW = 22, PAGE = 100, KEPT = 40, TALLEST = 8000000, ASKED_EVERY = 30;
-const BYTE = 3, BORDERS = 10, MORE = 3, WHEEL = 3;
+const BYTE = 3, BORDERS = 8, MORE = 3, WHEEL = 3;
 
 export class HexLines {
   // `ask(first, count, kind, width)` brings lines by `put`; `pointed(byte, event)` and `chosen(byte, more)` are told of
@@ -213,7 +213,7 @@ export class HexLines {
     text(cells.time, first ? line.time : "");
     text(cells.pause, first && line.pause ? `+${line.pause}` : "");
     text(cells.way, first ? { in: "←", out: "→" }[line.way] ?? "" : line ? "" : "…");
-    text(cells.kind, first ? (line.kind < 0 ? (line.fault || "noise") : this.kinds[line.kind][0]) : "");
+    text(cells.kind, first ? (line.kind < 0 ? (line.fault ? "bad" : "noise") : this.kinds[line.kind][0]) : "");
     cells.kind.title = line?.fault ?? "";
     const looks = new Array(this.width).fill("");
     for (const [begin, end, shade, , start] of line?.spans ?? [])
