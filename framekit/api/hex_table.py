@@ -267,7 +267,7 @@ def shade_of(one: GuessedField) -> str:
     """What a field is, as a legend tells it."""
     if one.wire:
         return "named"
-    if one.name in ("start", "end"):
+    if one.name in ("start", "end", "mark"):
         return "mark"
     return "function" if one.is_mark else "value" if one.kind == "unknown" else one.kind
 

@@ -204,6 +204,8 @@ def _kept(field: GuessedField) -> str:
     """What a field is that stays what it is; '' for others."""
     if field.wire:
         return ""
+    if field.name == "mark" and field.is_mark:
+        return "the mark before the check"
     if field.is_mark:
         return "what tells the kinds of frames apart"
     if field.name in ("start", "end"):
