@@ -206,7 +206,7 @@ def _kept(field: GuessedField) -> str:
         return ""
     if field.name == "mark" and field.is_mark:
         return "the mark before the check"
-    if field.is_mark:
+    if field.is_mark and field.name != "form":  # a form is what both sides never have in common, perhaps by luck
         return "what tells the kinds of frames apart"
     if field.name in ("start", "end"):
         return f"the mark with which frames {field.name}"

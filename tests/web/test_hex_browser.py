@@ -60,7 +60,7 @@ def test_a_click_names_a_field_and_the_definition_passes(tmp_path: Path) -> None
         page.open(url)
         page.until(lambda: len(cells(page, 1)) == 9)
         assert shades(page, 1) == [
-            "constant", "copy", "constant", "value", "constant", "constant", "value", "check", "check",
+            "constant", "copy", "function", "value", "constant", "constant", "value", "check", "check",
         ]  # fmt: skip
         assert "a frame begins with A5" in page.text("#said")
         point(page, 1, 3)

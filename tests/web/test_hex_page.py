@@ -216,4 +216,4 @@ def test_the_page_of_the_command_ends_by_itself(tmp_path: Path) -> None:
     words = [sys.executable, "-m", "framekit", "guess", "heard", "--web", "0", "--for", "300ms", "--json"]
     done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, timeout=60)
     web, found = map(json.loads, done.stdout.splitlines())
-    assert (done.returncode, done.stderr, web["event"]) == (0, "", "web") and found["frames"] == 17
+    assert (done.returncode, done.stderr, web["event"]) == (0, "", "web") and found["frames"] == 16
