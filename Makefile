@@ -4,13 +4,14 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+DEMO := $(VENV)/.demo
 
 # Hundreds of tests start Python anew, which must not compile framekit every time.
 unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test check lint bench guess-score clean
 
-demo: $(STAMP)
+demo: $(DEMO)
 	$(BIN)/framekit run examples/third-party-plc.run.yaml --for 5s
 
 test: $(STAMP)
@@ -32,10 +33,16 @@ guess-score: $(STAMP)
 	$(BIN)/python -m benchmarks.guess_real
 
 $(STAMP): pyproject.toml
-	$(PYTHON) -m venv $(VENV)
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
 	$(BIN)/python -m pip install --quiet --editable '.[dev]'
-	touch $(STAMP)
+	touch $(STAMP) $(DEMO)
+
+# A demonstration needs framekit alone, not the tools of its developers.
+$(DEMO): pyproject.toml
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
+	touch $(DEMO)
 
 clean:
 	rm -rf $(VENV) dist build .mypy_cache .ruff_cache .pytest_cache .hypothesis
