@@ -562,9 +562,10 @@ def _form(segment: Segment) -> str | None:
 def add_generate_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "what",
-        choices=("python", "c", "diagram"),
+        choices=("python", "c", "document", "diagram"),
         help="python: a module of plain functions, usable without framekit; c: a header and a source in C99, with"
-        " nothing to link; diagram: the sequences in Mermaid",
+        " nothing to link; document: the frames drawn, fields, services and sequences, for people; diagram: the"
+        " sequences in Mermaid",
     )
     add(parser, "protocol")
     parser.add_argument(
@@ -572,7 +573,7 @@ def add_generate_arguments(parser: argparse.ArgumentParser) -> None:
         "--output",
         type=Path,
         metavar="FILE",
-        help="where to write it; default: standard output; of c a directory",
+        help="where to write it; default: standard output; of c a directory; of document NAME.html or NAME.md",
     )
     parser.add_argument("--strict", action="store_true", help="c: exit status 1 if a frame is left out")
     parser.add_argument(
@@ -585,6 +586,8 @@ def add_generate_arguments(parser: argparse.ArgumentParser) -> None:
 def run_generate(arguments: argparse.Namespace) -> int:
     if arguments.what == "c":
         return _generate_c(arguments)
+    if arguments.what == "document":
+        return _generate_document(arguments)
     protocol = load_codec(arguments.protocol).protocol
     if arguments.what == "python":
         from framekit.codec.python.generate import generate_source
@@ -599,6 +602,29 @@ def run_generate(arguments: argparse.Namespace) -> int:
         return 0
     try:
         arguments.output.write_text(source, encoding="utf-8")
+    except OSError as error:
+        raise VerbError(f"cannot write {why_not(error)}") from None
+    return 0
+
+
+def _generate_document(arguments: argparse.Namespace) -> int:
+    """One page, or Markdown with a folder of pictures beside it."""
+    from framekit.api.document import document, html, markdown
+    from framekit.api.vectors import vectors_path
+    from framekit.definition.load.protocol import definition_path
+
+    place: Path | None = arguments.output
+    if place is None or place.suffix not in (".html", ".md"):
+        raise VerbError("a document is written into a file – add -o NAME.html or -o NAME.md")
+    blocks = document(load(arguments.protocol), vectors_path(definition_path(arguments.protocol)))
+    folder = place.with_suffix(".frames")
+    text, pictures = (html(blocks), {}) if place.suffix == ".html" else markdown(blocks, folder.name)
+    try:
+        place.write_text(text, encoding="utf-8")
+        if pictures:
+            folder.mkdir(exist_ok=True)
+        for name, picture in pictures.items():
+            (folder / name).write_text(picture, encoding="utf-8")
     except OSError as error:
         raise VerbError(f"cannot write {why_not(error)}") from None
     return 0

@@ -1,0 +1,325 @@
+"""The document of a protocol: what its definition says, for people – frames drawn, fields, services, sequences.
+
+It is made of the model alone, so it cannot say anything else than what runs. It is written as Markdown, with a picture
+for each frame, or as one HTML page that needs no other file.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from typing import NamedTuple
+
+import framekit.codec.kinds  # noqa: F401 - it registers the kinds
+from framekit.api.byte_diagram import Box, Shade, byte_diagram
+from framekit.codec.python.registry import summary
+from framekit.definition.diagrams import sequence_diagram
+from framekit.definition.kinds.base import Segments
+from framekit.definition.model.frames import Frame, StaticSizes, parts_of
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.segments import Bits, Check, Const, Count, Length, Segment
+from framekit.definition.model.values import FrameOf
+from framekit.definition.problems import plural
+from framekit.definition.vectors import FrameVector, read_vectors
+from framekit.definition.wire_types import ANY, NOTHING, Sizes
+
+DEEPEST = 8
+"""Lists inside each other that are shown."""
+_SENDERS = {"client": "from the client", "server": "from the device", "both": "from both sides", "none": "from no side"}
+
+
+class Heading(NamedTuple):
+    level: int
+    text: str
+
+
+class Paragraph(NamedTuple):
+    text: str
+
+
+class Table(NamedTuple):
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+class Picture(NamedTuple):
+    """`name` is safe as the name of a file."""
+
+    name: str
+    title: str
+    svg: str
+
+
+class Listing(NamedTuple):
+    """Text as it is: bytes, or a diagram in Mermaid."""
+
+    language: str
+    text: str
+
+
+Block = Heading | Paragraph | Table | Picture | Listing
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A segment in the table of a frame; `depth`: lists it stands in."""
+
+    offset: str
+    size: str
+    name: str
+    what: str
+    depth: int
+
+
+def document(protocol: Protocol, vectors: Path | None = None) -> list[Block]:
+    """Everything a reader of the protocol wants to know; `vectors`: its cases, from which examples are taken."""
+    return list(_Writer(protocol, _examples(vectors)).blocks())
+
+
+def _examples(path: Path | None) -> Mapping[str, FrameVector]:
+    """The first good case of each frame."""
+    found: dict[str, FrameVector] = {}
+    vectors = None if path is None or not path.is_file() else read_vectors(path)[0]
+    for case in () if vectors is None else vectors.frames:
+        if case.frame is not None and case.expect is None:
+            found.setdefault(case.frame, case)
+    return found
+
+
+class _Writer:
+    def __init__(self, protocol: Protocol, examples: Mapping[str, FrameVector]) -> None:
+        self.protocol, self.examples = protocol, examples
+        self.sizes = StaticSizes(protocol.frames)
+
+    def blocks(self) -> Iterator[Block]:
+        protocol = self.protocol
+        yield Heading(1, protocol.name)
+        for text in (protocol.about, f"Source: {protocol.source}" if protocol.source else ""):
+            if text:
+                yield Paragraph(text)
+        yield from self._settings()
+        yield Heading(2, "Frames")
+        for frame in protocol.frames.values():
+            yield from self._frame(frame)
+        yield from self._areas()
+        yield from self._services()
+        if protocol.sequences:
+            yield Heading(2, "Sequences")
+            for sequence in protocol.sequences.values():
+                yield Heading(3, sequence.name)
+                yield Listing("mermaid", sequence_diagram(sequence))
+
+    def _settings(self) -> Iterator[Block]:
+        rows = [
+            (one.name, one.type, "" if one.secret else str(one.default or ""), one.doc)
+            for one in self.protocol.params.values()
+        ]
+        if rows:
+            yield Heading(2, "Parameters")
+            yield Table(("parameter", "type", "default", "meaning"), rows)
+
+    # ---- frames -------------------------------------------------------------------------------------------
+
+    def _frame(self, frame: Frame) -> Iterator[Block]:
+        segments = self.sizes.segments(frame)
+        where = "inside of other frames" if frame.inner else _SENDERS[frame.side]
+        yield Heading(3, frame.name)
+        yield Paragraph(
+            f"{frame.doc.rstrip('.')}. " * bool(frame.doc) + f"{_bytes(self.sizes.frame(frame.name))}, {where}."
+        )
+        yield Picture(
+            _file_name(frame.name), f"The bytes of {frame.name}", byte_diagram(frame.name, self._boxes(segments))
+        )
+        lines = list(self._lines(segments, NOTHING, 0))
+        rows = [(one.offset, one.size, "· " * one.depth + one.name, one.what) for one in lines]
+        yield Table(("offset", "bytes", "name", "what"), rows)
+        example = self.examples.get(frame.name)
+        if example is not None and example.wire.exact is not None:
+            values = json.dumps(example.values, default=str, ensure_ascii=False)
+            yield Paragraph(f"An example{f' ({example.source})' if example.source else ''}:")
+            yield Listing("text", f"{example.wire.exact.hex(' ').upper()}\n{values}")
+
+    def _boxes(self, segments: Segments) -> Iterator[Box]:
+        for segment in segments:
+            sizes = segment.sizes(self.sizes.frame)
+            if sizes.most == 0:
+                continue
+            exact = sizes.most if sizes.least == sizes.most else None
+            below = "" if segment.blocks or segment.inner_record is not None else _after_name(segment)
+            optional = segment.when is not None or sizes.least == 0
+            yield Box(_name(segment), below, _number(sizes), exact, _shade(segment), optional)
+
+    def _lines(self, segments: Segments, at: Sizes, depth: int) -> Iterator[Line]:
+        """The lines of a list that begins at `at`."""
+        for segment in segments:
+            sizes = segment.sizes(self.sizes.frame)
+            if segment.when is not None:
+                sizes = Sizes(0, sizes.most)
+            offset = _number(at) if at.least == at.most else ""
+            takes_bytes = sizes.most != 0
+            yield Line(
+                offset if takes_bytes else "",
+                _number(sizes) if takes_bytes else "",
+                _name(segment),
+                _what(segment),
+                depth,
+            )
+            if isinstance(segment, Bits):
+                yield from (Line("", "", part.name, _places(part.low, part.high), depth + 1) for part in segment.parts)
+            if depth < DEEPEST:
+                for inside in (*segment.blocks, *([segment.inner_record] if segment.inner_record is not None else [])):
+                    alone = segment.is_there_inside or (segment.is_record and segment.inner_record is inside)
+                    yield from self._lines(inside, at if alone and segment.when is None else ANY, depth + 1)
+            at += sizes
+
+    # ---- what is asked ------------------------------------------------------------------------------------
+
+    def _areas(self) -> Iterator[Block]:
+        if self.protocol.areas:
+            yield Heading(2, "Areas and addresses")
+            rows = [(one.name, str(one.unit), str(one.size)) for one in self.protocol.areas.values()]
+            yield Table(("area", "unit", "elements"), rows)
+        if self.protocol.addresses:
+            yield Table(("address", "unit"), [(form.text, form.unit or "") for form in self.protocol.addresses])
+
+    def _services(self) -> Iterator[Block]:
+        rows = [
+            (
+                name,
+                ", ".join(one.name for one in row.takes),
+                _frames(row.request),
+                _frames([reply.frame for reply in row.reply]),
+            )
+            for name, found in self.protocol.services.items()
+            for row in found
+        ]
+        if rows:
+            yield Heading(2, "Services")
+            yield Table(("service", "takes", "request", "reply"), rows)
+        for name, table in self.protocol.tables.items():
+            if self.protocol.errors is not None and any(one.table == name for one in self.protocol.errors.names):
+                yield Heading(3, f"Codes of errors: {name}")
+                yield Table(("code", "name"), [(str(key), str(value)) for key, value in table.entries.items()])
+
+
+def _frames(value: object) -> str:
+    return ", ".join(dict.fromkeys(one.frame for one in parts_of(value, FrameOf)))
+
+
+def _name(segment: Segment) -> str:
+    if segment.name and not segment.name.startswith("_"):
+        return segment.name
+    return segment.called()
+
+
+def _what(segment: Segment) -> str:
+    """What a segment is, in the words of docstrings of generated code; of a list only what it is itself."""
+    if segment.blocks or segment.inner_record is not None:
+        told = f"{segment.called()}" + (f" if {segment.when}" if segment.when is not None else "")
+    else:
+        told = _after_name(segment) + (f", if {segment.when}" if segment.when is not None else "")
+    return f"{told}: {segment.doc}" if segment.doc else told
+
+
+def _after_name(segment: Segment) -> str:
+    """What the summary says behind the name, without the condition."""
+    text = summary([segment]).removesuffix(f" if {segment.when}")
+    for prefix in (segment.name, segment.called()):
+        text = text.removeprefix(f"{prefix} ") if prefix else text
+    return text[1:-1] if text.startswith("(") and text.endswith(")") else text
+
+
+def _shade(segment: Segment) -> Shade:
+    if isinstance(segment, Const):
+        return "constant"
+    if isinstance(segment, (Length, Count)):
+        return "size"
+    if isinstance(segment, Check):
+        return "check"
+    return "inside" if segment.frames_inside or segment.blocks or segment.inner_record is not None else "value"
+
+
+def _number(sizes: Sizes) -> str:
+    if sizes.least == sizes.most:
+        return str(sizes.least)
+    return f"{sizes.least} or more" if sizes.most is None else f"{sizes.least} to {sizes.most}"
+
+
+def _bytes(sizes: Sizes) -> str:
+    return plural(sizes.least, "byte") if sizes.least == sizes.most else f"{_number(sizes)} bytes"
+
+
+def _places(low: int, high: int) -> str:
+    return f"bit {low}" if low == high else f"bits {low} to {high}"
+
+
+def _file_name(text: str) -> str:
+    return re.sub(r"[^A-Za-z0-9_-]", "_", text)[:80]
+
+
+# ---- Markdown -----------------------------------------------------------------------------------------------
+
+
+def markdown(blocks: Sequence[Block], pictures: str) -> tuple[str, dict[str, str]]:
+    """The text, and the pictures by the names of their files in the folder `pictures`."""
+    files: dict[str, str] = {}
+    return "\n".join(_as_markdown(block, pictures, files) for block in blocks), files
+
+
+def _as_markdown(block: Block, pictures: str, files: dict[str, str]) -> str:
+    match block:
+        case Heading(level, text):
+            return f"{'#' * level} {_plain(text)}\n"
+        case Paragraph(text):
+            return f"{_plain(text)}\n"
+        case Table(head, rows):
+            lines = [list(head), ["---"] * len(head), *rows]
+            return "".join("| " + " | ".join(_plain(cell) for cell in line) + " |\n" for line in lines)
+        case Picture(name, title, svg):
+            file = f"{name}.svg"
+            files[file] = svg
+            return f"![{_plain(title)}]({pictures}/{file})\n"
+        case Listing(language, text):
+            fence = "`" * max(3, 1 + max((len(run) for run in re.findall("`+", text)), default=0))
+            return f"{fence}{language}\n{text.rstrip()}\n{fence}\n"
+
+
+def _plain(text: str) -> str:
+    """Text that means nothing to Markdown, in one line."""
+    return re.sub(r"([\\`*{}\[\]<>#|!~$&]|(?<!\w)_|_(?!\w))", r"\\\1", " ".join(text.split()))
+
+
+# ---- HTML ---------------------------------------------------------------------------------------------------
+
+_STYLE = """body{font:15px/1.5 system-ui,sans-serif;max-width:920px;margin:2em auto;padding:0 1em;color:#1b1f24}
+table{border-collapse:collapse;margin:.6em 0}td,th{border:1px solid #d0d7de;padding:.2em .6em;text-align:left}
+pre{background:#f6f8fa;padding:.6em;overflow:auto}svg{max-width:100%;height:auto}h3{margin-top:2em}"""
+
+
+def html(blocks: Sequence[Block]) -> str:
+    """One page with everything in it."""
+    title = next((block.text for block in blocks if isinstance(block, Heading)), "")
+    body = "\n".join(_as_html(block) for block in blocks)
+    head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{_STYLE}</style>'
+    return f'<!doctype html>\n<html lang="en"><head>{head}</head>\n<body>\n{body}\n</body></html>\n'
+
+
+def _as_html(block: Block) -> str:
+    match block:
+        case Heading(level, text):
+            return f"<h{level}>{escape(text)}</h{level}>"
+        case Paragraph(text):
+            return f"<p>{escape(text)}</p>"
+        case Table(head, rows):
+            top = "".join(f"<th>{escape(cell)}</th>" for cell in head)
+            lines = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+            return f"<table><tr>{top}</tr>{lines}</table>"
+        case Picture(_, _, svg):
+            return svg
+        case Listing(language, text):
+            kind = ' class="mermaid"' if language == "mermaid" else ""
+            return f"<pre{kind}>{escape(text)}</pre>"
