@@ -59,7 +59,8 @@ def _protocols_of(stem: str, whole: Schema) -> list[Schema]:
 
 def settings_of_vscode(path: Path) -> Schema:
     """Settings that give YAML files the schema at a path; files of others it leaves alone."""
-    return {"yaml.schemas": {str(path): ["*.yaml", "*.yml"]}}
+    place = str(path) if path.is_absolute() else f"./{path.as_posix()}"
+    return {"yaml.schemas": {place: ["*.yaml", "*.yml"]}}
 
 
 def _chosen(definitions: Schema) -> Schema:

@@ -37,5 +37,5 @@ def run_schema(arguments: argparse.Namespace) -> int:
     if arguments.vscode is None:
         print(near(str(place)))
     else:
-        print_json(settings_of_vscode(Path("./" + place.as_posix()) if not place.is_absolute() else place))
+        print_json(settings_of_vscode(place))
     return 0
