@@ -7,6 +7,7 @@ known here but the members that the generator says it has.
 from __future__ import annotations
 
 import random
+import re
 import shutil
 import struct as packing
 import subprocess
@@ -19,7 +20,7 @@ from framekit.codec.c.generate import Generated, generate
 from framekit.codec.c.layout import CMember, CStruct, inner_name
 from framekit.codec.c.source import identifier
 from framekit.codec.codec import compile_protocol
-from framekit.codec.errors import FrameError
+from framekit.codec.errors import EncodeError, FrameError
 from framekit.codec.samples import Sampler
 from framekit.definition.model.protocol import Protocol
 
@@ -114,8 +115,29 @@ def tokens(values: Mapping[str, Any], struct: CStruct, made: Generated) -> list[
         if value is None and member.has:
             found.append("-")
             continue
+        if value is None:  # what is always computed need not be given
+            found += _nothing_of(member)
+            continue
         found += _tokens_of(value, member, made)
     return found
+
+
+def _nothing_of(member: CMember) -> list[str]:
+    match member.kind:
+        case "record":
+            assert member.inside is not None
+            return [
+                one
+                for inside in member.inside.members.values()
+                for one in (["-"] if inside.has else _nothing_of(inside))
+            ]
+        case "bytes":
+            return ["x"]
+        case "float":
+            return ["f" + "00" * member.size]
+        case "inner":
+            return ["?", "x"]
+    return ["0"]
 
 
 def _tokens_of(value: Any, member: CMember, made: Generated) -> list[str]:
@@ -164,6 +186,10 @@ def _main(made: Generated) -> str:
             out.add("(void)v;")
             _show(out, struct, "v->", made)
         out.add("")
+        with out.block(f"static void take_{name}(struct {prefix}_{name} *v)"):
+            out.add("(void)v;")
+            _scan(out, struct, "v->", made)
+        out.add("")
     with out.block("static void answer(char *line)"):
         out.add("static uint8_t data[70000];", "char *what = strtok(line, \" \"), *frame = strtok(NULL, \" \");",
                 "if (what == NULL || frame == NULL) {", "    puts(\"no line\");", "    return;", "}")  # fmt: skip
@@ -179,6 +205,19 @@ def _main(made: Generated) -> str:
                 with out.block("else"):
                     out.add('printf("! %s %zu %lld\\n", reasons[fault.reason], fault.offset, (long long)fault.refuse);')
                 out.add("free(copy);", "return;")
+            with out.block(f'if (strcmp(what, "e") == 0 && strcmp(frame, "{name}") == 0)'):
+                out.add(f"static struct {prefix}_{name} v;", "int32_t size;", "size_t i, room = next_number();")
+                out.add("uint8_t *to = malloc(room + 1);", "to = realloc(to, room > 0 ? room : 1);", "stored = 0;")
+                out.add("memset(&v, 0, sizeof v);", f"take_{name}(&v);")
+                out.add(f"size = {prefix}_encode_{name}(&v{context}, to, room);")
+                with out.block("if (size < 0)"):
+                    out.add('printf("- %s\\n", reasons[-size]);')
+                with out.block("else"):
+                    out.add('printf("+ ");')
+                    with out.block("for (i = 0; i < (size_t)size; i++)"):
+                        out.add('printf("%02x", to[i]);')
+                    out.add('puts("");')
+                out.add("free(to);", "return;")
         out.add('puts("no frame");')
     out.add("", *_LOOP.splitlines())
     return out.text()
@@ -257,6 +296,50 @@ def _show_one(out: Any, member: CMember, at: str, made: Generated, depth: int) -
                 out.add(f'default: printf(" ?"); show_bytes({at}.of.unknown); break;')
 
 
+def _scan(out: Any, struct: CStruct, path: str, made: Generated, depth: int = 0) -> None:
+    for member in struct.members.values():
+        at = f"{path}{member.cname}"
+        if member.has:
+            with out.block("if (!is_absent())"):
+                out.add(f"{path}{member.flag} = true;")
+                _scan_one(out, member, at, made, depth)
+        else:
+            _scan_one(out, member, at, made, depth)
+
+
+def _scan_one(out: Any, member: CMember, at: str, made: Generated, depth: int) -> None:
+    match member.kind:
+        case "number":
+            out.add(f"{at} = ({member.ctype})next_number();")
+        case "float":
+            out.add(f"next_float(&{at}, {member.size});")
+        case "bytes":
+            out.add(f"{at} = next_bytes();")
+        case "record":
+            assert member.inside is not None
+            _scan(out, member.inside, f"{at}.", made, depth)
+        case "list" | "values":
+            with out.block(""):
+                out.add(f"size_t i{depth};", f"{at}.count = next_number();")
+                with out.block(f"for (i{depth} = 0; i{depth} < {at}.count; i{depth}++)"):
+                    if member.kind == "values":
+                        assert member.item is not None
+                        _scan_one(out, member.item, f"{at}.items[i{depth}]", made, depth + 1)
+                    else:
+                        assert member.inside is not None
+                        _scan(out, member.inside, f"{at}.items[i{depth}].", made, depth + 1)
+        case "inner":
+            upper = made.prefix.upper()
+            with out.block(""):
+                out.add("const char *frame = next();")
+                for frame in member.frames:
+                    name = identifier(frame)
+                    with out.block(f'if (strcmp(frame, "@{name}") == 0)'):
+                        out.add(f"{at}.frame = {upper}_FRAME_{name};", f"take_{name}(&{at}.of.{inner_name(frame)});")
+                with out.block('if (strcmp(frame, "?") == 0)'):
+                    out.add(f"{at}.frame = {upper}_FRAME_UNKNOWN;", f"{at}.of.unknown = next_bytes();")
+
+
 _COMMON = (
     """\
 static const char *const reasons[] = { """
@@ -302,6 +385,57 @@ void show_nothing(struct framekit_bytes b)
 {
     show_bytes(b);
 }
+
+static uint8_t store[400000];
+static size_t stored;
+static char *waiting;
+
+static char *next(void)
+{
+    char *found = waiting != NULL ? waiting : strtok(NULL, " ");
+    waiting = NULL;
+    return found != NULL ? found : (char *)"";
+}
+
+bool is_absent(void);
+bool is_absent(void)
+{
+    char *word = next();
+    if (strcmp(word, "-") == 0) {
+        return true;
+    }
+    waiting = word;
+    return false;
+}
+
+static unsigned long long next_number(void)
+{
+    char *word = next();
+    return word[0] == '-' ? (unsigned long long)strtoll(word, NULL, 10) : strtoull(word, NULL, 10);
+}
+
+struct framekit_bytes next_bytes(void);
+struct framekit_bytes next_bytes(void)
+{
+    struct framekit_bytes found;
+    found.data = store + stored;
+    found.size = unhex(next(), store + stored);
+    stored += found.size;
+    return found;
+}
+
+void next_float(void *to, size_t size);
+void next_float(void *to, size_t size)
+{
+    unsigned char bytes[8], turned[8];
+    size_t i;
+    char *word = next();
+    unhex(word + (word[0] == 'f'), bytes);
+    for (i = 0; i < size; i++) {
+        turned[size - 1 - i] = bytes[i];
+    }
+    memcpy(to, turned, size);
+}
 """
 )
 _LOOP = """\
@@ -345,6 +479,124 @@ def alike(wanted: str, answer: str) -> bool:
             return False
         place += 1
     return place == len(theirs)
+
+
+def encoded_alike(c: CProtocol, frame: str, asked: list[Mapping[str, Any]]) -> list[str]:
+    """Where C and Python do not make the same bytes of values, or only one of them refuses these."""
+    made = c.generated
+    name = identifier(frame)
+    lines, wanted = [], []
+    for values in asked:
+        try:
+            words = tokens(values, made.structs[frame], made)
+        except (TypeError, ValueError, KeyError, AttributeError, OverflowError, packing.error):
+            continue
+        if not _holdable(values, made.structs[frame], made):
+            continue
+        lines.append(" ".join([f"e {name} 70000", *words]))
+        try:
+            wanted.append((values, "+ " + c.codec.encode(frame, values).hex()))
+        except EncodeError as error:
+            if "missing" in str(error) or "is computed as" in str(
+                error
+            ):  # a member is always there; encode computes it
+                lines.pop()
+                continue
+            wanted.append((values, f"- {error}"))
+    found = []
+    for (values, ours), theirs in zip(wanted, c.ask(lines), strict=True):
+        if ours != theirs and not (ours[0] == "-" and theirs[0] == "-") and theirs != "- no_room":
+            found.append(f"{frame} {values}: Python {ours[:300]}, C {theirs[:300]}")
+    return found
+
+
+def _holdable(values: Mapping[str, Any], struct: CStruct, made: Generated) -> bool:
+    """Whether the struct can hold the values: what it cannot is not asked."""
+    for name, value in values.items():
+        member = struct.members.get(name)
+        if member is None:
+            return False
+        if value is None:
+            continue
+        if not _holds(value, member, made):
+            return False
+    return True
+
+
+def _holds(value: Any, member: CMember, made: Generated) -> bool:
+    match member.kind:
+        case "number":
+            number = int(Decimal(str(value)) * 10**member.places) if member.places else value
+            if member.places and Decimal(number).scaleb(-member.places) != Decimal(str(value)):
+                return False
+            bits = int(re.findall(r"\d+", member.ctype)[0])
+            low, high = (0, (1 << bits) - 1) if member.ctype[0] == "u" else (-(1 << bits - 1), (1 << bits - 1) - 1)
+            return isinstance(number, int) and low <= number <= high
+        case "record":
+            assert member.inside is not None
+            return _holdable(value, member.inside, made)
+        case "list":
+            assert member.inside is not None
+            inside = member.inside
+            return len(value) <= member.capacity and all(_holdable(item, inside, made) for item in value)
+        case "values":
+            assert member.item is not None
+            one = member.item
+            return len(value) <= member.capacity and all(_holds(item, one, made) for item in value)
+        case "inner":
+            ((frame, fields),) = value.items()
+            return frame == "unknown" or _holdable(fields, made.structs[frame], made)
+    return True
+
+
+def changed_values(random_: random.Random, value: Any) -> Any:
+    """Values with a change somewhere."""
+    if isinstance(value, Mapping) and value:
+        name = random_.choice(sorted(value))
+        if random_.random() < 0.1 and len(value) > 1:
+            return {one: inside for one, inside in value.items() if one != name}
+        return {**value, name: changed_values(random_, value[name])}
+    if isinstance(value, list) and value:
+        place = random_.randrange(len(value))
+        match random_.randrange(4):
+            case 0:
+                return value[:place] + value[place + 1 :]
+            case 1:
+                return [*value, value[place]]
+        return [*value[:place], changed_values(random_, value[place]), *value[place + 1 :]]
+    if isinstance(value, (str, bytes)):
+        extra: Any = value[:1] or ("A" if isinstance(value, str) else b"A")
+        match random_.randrange(3):
+            case 0:
+                return value + extra
+            case 1:
+                return value[:-1]
+        other: Any = chr(random_.randrange(256)) if isinstance(value, str) else bytes((random_.randrange(256),))
+        return other + value[1:]
+    if isinstance(value, bool) or value is None:
+        return value
+    if isinstance(value, int):
+        return random_.choice((value + 1, value - 1, 0, value ^ 0x80, 255, 256, 65535, value * 2))
+    return value
+
+
+def encode_trial(c: CProtocol, seed: int, samples: int = 6, changes: int = 8) -> list[str]:
+    """Drawn values and changed ones, of every frame that the C has."""
+    random_ = random.Random(seed)
+    found: list[str] = []
+    only = {frame for frame, _, _ in c.generated.to_give}
+    for frame in _ordered(c.generated):  # those that such a frame may stand in, too
+        if only & set(_inside(c.generated.structs[frame])):
+            only.add(frame)
+    for frame in c.generated.frames:
+        asked: list[Mapping[str, Any]] = []
+        for sample in Sampler(c.codec, c.codec.defaults).samples(frame, samples):
+            asked.append(sample.read)
+            if frame not in only:
+                asked.append(sample.values)
+                asked += (changed_values(random_, sample.values) for _ in range(changes))
+        found += encoded_alike(c, frame, asked)
+    return found
 
 
 def trial(c: CProtocol, seed: int, samples: int = 6, changes: int = 12) -> list[str]:

@@ -181,3 +181,52 @@ _OPEN: dict[type[Coding], Callable[[Any, Any, int | None], tuple[str, str, Call]
     Short: _short,
     Blocks: _blocks,
 }
+
+
+# ---- content put on the wire --------------------------------------------------------------------------------
+
+
+def wrap_up(w: Any, segment: Wrap, inside: str) -> None:
+    """Puts the content of `inside` on the wire."""
+    coding, content = segment.coding, f"{inside}.data, {inside}.at"
+    match coding:
+        case Hex():
+            w.add(f"{w.file.helper('wrap_hex')}({w.n}, {content});")
+        case Doubled():
+            w.add(f"{w.file.helper('wrap_doubled')}({w.n}, {content}, {coding.escape});")
+        case Cobs():
+            w.add(f"{w.file.helper('wrap_cobs')}({w.n}, {content});")
+        case Inserted():
+            pieces = f"{string(coding.after)}, {len(coding.after)}, {string(coding.insert)}, {len(coding.insert)}"
+            w.add(f"{w.file.helper('wrap_inserted')}({w.n}, {content}, {pieces});")
+        case Short():
+            w.add(f"{w.file.helper('wrap_short')}({w.n}, {content}, {coding.fill}, {coding.least});")
+        case Escaped():
+            place = w.local("size_t", "plain_place")
+            with w.block(f"for ({place} = 0; {place} < {inside}.at; {place}++)"):
+                with w.block(f"switch ({inside}.data[{place}])"):
+                    put = w.file.helper("put_bytes")
+                    for plain, wire in coding.codes:
+                        pair = string(bytes((coding.escape, wire)))
+                        w.add(f"case {plain}:", f"    {put}({w.n}, {pair}, 2);", "    break;")
+                    w.add("default:", f"    {put}({w.n}, {inside}.data + {place}, 1);", "    break;")
+        case Blocks():
+            _wrap_blocks(w, coding, inside)
+        case _:
+            raise CannotSayError(segment.at, f"a wrap of the kind {coding.shown}")
+
+
+def _wrap_blocks(w: Any, coding: Blocks, inside: str) -> None:
+    check = coding.check_code
+    function, initial = w.file.checks.of(check.method, check.at)
+    place, size, code = (w.local("size_t", "block_place"), w.local("size_t", "block_size"), w.local("uint64_t", "code"))
+    to = w.pointer()
+    with w.block(f"for ({place} = 0; {place} < {inside}.at; {place} += {size})"):
+        left = f"{inside}.at - {place}"
+        w.add(f"{size} = {left} < {coding.size} ? {left} : {coding.size};")
+        w.add(f"{w.file.helper('put_bytes')}({w.n}, {inside}.data + {place}, {size});")
+        w.add(f"{code} = {function}(UINT64_C({initial}), 0, {inside}.data + {place}, {size});")
+        w.add(f"{code} = {w.file.checks.finished(check.method, code)};")
+        w.add(f"{to} = {w.file.helper('put')}({w.n}, {check.size});")
+        with w.block(f"if ({to} != NULL)"):
+            put_code(w, check, code, to)

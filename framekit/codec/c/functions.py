@@ -16,6 +16,7 @@ from framekit.codec.python.function import covered_names, on_the_wire
 from framekit.definition.expression import Call, Expression, Name, walk
 from framekit.definition.model.frames import StaticSizes, everything, expressions_of
 from framekit.definition.model.segments import Check, FieldType, Inner, Length, Segment, Segments
+from framekit.definition.problems import Problem
 
 
 class FileFacts(CFacts, Protocol):
@@ -30,7 +31,8 @@ class FileFacts(CFacts, Protocol):
     hand_on: str
     """How it is handed on."""
 
-    def struct(self, frame: str) -> CStruct: ...
+    def to_give(self, frame: str, name: str, problem: Problem) -> None: ...
+    def structs_of(self, frame: str) -> CStruct: ...
     def frame_enum(self, frame: str) -> str: ...
     def inner_reader(self, segment: Inner) -> str: ...
     def function(self, name: str, code: CSource) -> None: ...
@@ -201,7 +203,7 @@ _ASSIGNED = re.compile(r"\s*(\w+)(\.\w+)*( = \1\.\w+)* = [^=].*;")
 
 def pruned(lines: list[str], locals_: list[str]) -> tuple[list[str], list[str]]:
     """The lines and the declarations of locals without those that nothing reads."""
-    named = {found[1]: one for one in locals_ if (found := re.search(r"(\w+)(?:\[\])?(?: =.*)?;", one)) is not None}
+    named = {found[1]: one for one in locals_ if (found := re.search(r"(\w+)(?:\[\w*\])?(?: =.*)?;", one)) is not None}
     lines = [line for line in lines if not (line.strip().startswith("(void)") and line.strip()[6:-1] in named)]
     while True:
         read: set[str] = set()

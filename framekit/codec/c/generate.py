@@ -9,15 +9,16 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from framekit.codec.c import read_kinds  # noqa: F401 - fills the table of what is read
+from framekit.codec.c import read_kinds, write_kinds  # noqa: F401 - they fill the tables of kinds
 from framekit.codec.c.checks import CheckFunctions
 from framekit.codec.c.expressions import LEAST, MOST, Val, constant
 from framekit.codec.c.layout import CMember, CStruct, Layouts, declare, inner_name
 from framekit.codec.c.reader import ReadWriter
 from framekit.codec.c.source import CannotSayError, CNames, CSource, comment, identifier, number, string
+from framekit.codec.c.writer import WriteWriter
 from framekit.codec.evaluate import start_values
 from framekit.codec.python.choices import Leaf, Switch, in_order, tree_of
-from framekit.definition.expression import Attribute, Name, Node
+from framekit.definition.expression import Name, Node
 from framekit.definition.model.frames import Frame, StaticSizes, everything, flat
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Bits, Field, Inner
@@ -41,6 +42,7 @@ class Generated:
     source: str
     frames: tuple[str, ...]
     left_out: tuple[tuple[str, Problem], ...]
+    to_give: tuple[tuple[str, str, Problem], ...]
     structs: dict[str, CStruct]
     prefix: str
 
@@ -75,7 +77,7 @@ class CFile:
         self.context = ""
         self.hand_on = ""
         self.inner_structs: dict[tuple[str, ...], str] = {}
-        self.tables: dict[tuple[str, str], str] = {}
+        self.given_only: dict[tuple[str, str], Problem] = {}
 
     # ---- what the writers ask -----------------------------------------------------------------------------
 
@@ -90,7 +92,11 @@ class CFile:
     def function(self, name: str, code: CSource) -> None:
         self.functions.setdefault(name, code)
 
-    def struct(self, frame: str) -> CStruct:
+    def to_give(self, frame: str, name: str, problem: Problem) -> None:
+        """A value that has to be given, as C cannot work it out."""
+        self.given_only[frame, name] = problem
+
+    def structs_of(self, frame: str) -> CStruct:
         return self.structs[frame]
 
     def frame_enum(self, frame: str) -> str:
@@ -121,69 +127,91 @@ class CFile:
                 low, high = (0, (1 << bits) - 1) if state.type[0] == "u" else (-(1 << bits - 1), (1 << bits - 1) - 1)
             there = f"context->has_{identifier(name)}" if state.announced else ""
             value = Val("number", f"(int64_t){text}", low, high, there)
+        elif state is not None and state.keys is None and state.type in ("text", "bytes"):
+            value = Val("bytes", text, there=f"context->has_{identifier(name)}" if state.announced else "")
         elif parameter is not None and parameter.type in ("bytes", "choice", "text") and not parameter.secret:
             value = Val("bytes", text)
         else:
             what = "parameter" if parameter else "state variable" if state else "name"
             raise CannotSayError(node.at, f"the {what} '{name}', which C is not given")
-        if name not in self.start_values:
-            raise CannotSayError(node.at, f"'{name}' has no value to begin with")
+        if name not in self.start_values and not value.there:
+            value = replace(value, there=f"context->has_{identifier(name)}")
         self.asked[name] = value
         return value
 
     def lookup(self, node: Node, key: Val, default: Val | None) -> Val | None:
-        """An entry of a table: a number by a number."""
-        column = ""
-        if isinstance(node, Attribute):
+        """An entry of a table: a number or a text, by a number or a text."""
+        if not isinstance(node, Name) or node.name not in self.protocol.tables or key.kind not in ("number", "bytes"):
             return None
-        if not isinstance(node, Name) or node.name not in self.protocol.tables or key.kind != "number":
-            return None
+        if key.fold or key.there:
+            raise CannotSayError(node.at, f"an entry of '{node.name}' by what may be nothing")
         table = self.protocol.tables[node.name]
-        function, low, high = self._table(node, table, column)
-        text = f"{function}({key.text}, NULL)"
+        by_text = key.kind == "bytes"
+        function, low, high, is_text = self._table(node, table, by_text)
+        key_text = key.text
+        if isinstance(key.constant, bytes):
+            key_text = f"{self.helper('view')}((const uint8_t *){string(key.constant)}, {len(key.constant)})"
+        there = f"{function}_has({key_text})"
+        kind: Any = "bytes" if is_text else "number"
         if default is not None:
+            text = f"{function}({key_text}, NULL)"
             if default.kind == "none":
-                return Val("number", text, low, high, there=f"{function}_has({key.text})", wire="")
-            if default.kind != "number":
+                return Val(kind, text, low, high, there=there)
+            if default.kind != kind or default.there or default.fold:
                 return None
             low, high = min(low, default.low), max(high, default.high)
-            there = f"{function}_has({key.text})"
-            return Val("number", f"({there} ? {text} : {default.text})", low, high, wire=there)
-        fails = f"{function}({key.text}, &bad)"
-        return Val("number", fails, min(low, 0), max(high, 0), wire=f"{function}_has({key.text})")
+            shown = default.text
+            if isinstance(default.constant, bytes):
+                size = len(default.constant)
+                shown = f"{self.helper('view')}((const uint8_t *){string(default.constant)}, {size})"
+            return Val(kind, f"({there} ? {text} : {shown})", low, high, wire=there)
+        return Val(kind, f"{function}({key_text}, &bad)", min(low, 0), max(high, 0), wire=there)
 
-    def _table(self, node: Name, table: Table, column: str) -> tuple[str, int, int]:
-        rows: list[tuple[int, int, int]] = []
-        for key, value in [*table.entries.items()]:
-            if not isinstance(key, int) or not isinstance(value, int):
-                raise CannotSayError(node.at, f"the table '{table.name}', which holds more than numbers")
-            rows.append((key, key, value))
-        for first, last, value in table.ranges:
-            if not isinstance(value, int):
-                raise CannotSayError(node.at, f"the table '{table.name}', which holds more than numbers")
-            rows.append((first, last, value))
-        values = [value for _, _, value in rows]
-        keys = [one for first, last, _ in rows for one in (first, last)]
-        if not rows or min(values + keys) < LEAST or max(values + keys) > MOST:
+    def _table(self, node: Name, table: Table, by_text: bool) -> tuple[str, int, int, bool]:
+        rows: list[tuple[str, str]] = []
+        values = [*(one for key, one in table.entries.items() if isinstance(key, str) == by_text)]
+        values += [] if by_text else [one for _, _, one in table.ranges]
+        is_text = bool(values) and all(isinstance(one, str) for one in values)
+        if not values or not (is_text or all(isinstance(one, int) for one in values)):
+            raise CannotSayError(node.at, f"the table '{table.name}', which holds more than numbers or texts")
+        numbers = [one for one in values if isinstance(one, int)]
+        if numbers and not LEAST <= min(numbers) <= max(numbers) <= MOST:
             raise CannotSayError(node.at, f"the table '{table.name}', whose numbers need more than 64 bits")
-        function = f"fk_table_{identifier(table.name)}"
+        for key, value in table.entries.items():
+            if isinstance(key, str) and by_text:
+                data = key.encode("latin-1", "replace")
+                rows.append((f"{{ (const uint8_t *){string(data)}, {len(data)} }}", _shown_entry(value)))
+            elif isinstance(key, int) and not by_text and LEAST <= key <= MOST:
+                rows.append((f"{number(key)}, {number(key)}", _shown_entry(value)))
+        for first, last, value in () if by_text else table.ranges:
+            rows.append((f"{number(first)}, {number(last)}", _shown_entry(value)))
+        function = f"fk_table_{identifier(table.name)}{'_by_text' if by_text else ''}"
         if function not in self.functions:
-            code = CSource()
-            with code.block(f"static int64_t {function}(int64_t key, bool *bad)"):
-                with code.block(f"static const int64_t rows[{len(rows)}][3] =", ";"):
-                    for row in rows:
-                        code.add(f"{{ {', '.join(number(one) for one in row)} }},")
-                code.add("size_t i;")
-                search = f"for (i = 0; i < {len(rows)}; i++)"
-                with code.block(search), code.block("if (key >= rows[i][0] && key <= rows[i][1])"):
-                    code.add("return rows[i][2];")
-                with code.block("if (bad != NULL)"):
-                    code.add("*bad = true;")
-                code.add("return 0;")
-            with code.block(f"static inline bool {function}_has(int64_t key)"):
-                code.add("bool bad = false;", f"(void){function}(key, &bad);", "return !bad;")
-            self.functions[function] = code
-        return function, min(values), max(values)
+            self.functions[function] = self._table_code(function, rows, by_text, is_text)
+        return function, min(numbers, default=0), max(numbers, default=0), is_text
+
+    def _table_code(self, function: str, rows: list[tuple[str, str]], by_text: bool, is_text: bool) -> CSource:
+        code = CSource()
+        key = "struct framekit_bytes" if by_text else "int64_t"
+        value = "struct framekit_bytes" if is_text else "int64_t"
+        nothing = f"{self.helper('view')}(NULL, 0)" if is_text else "0"
+        test = (
+            f"{self.helper('same_bytes')}(key, rows[i].key)"
+            if by_text
+            else "key >= rows[i].first && key <= rows[i].last"
+        )
+        with code.block(f"static {value} {function}({key} key, bool *bad)"):
+            with code.block("static const struct", f" rows[{len(rows)}] = {{"):
+                code.add("struct framekit_bytes key;" if by_text else "int64_t first, last;", f"{value} value;")
+            code.add(*(f"    {{ {one}, {two} }}," for one, two in rows), "};", "size_t i;")
+            with code.block(f"for (i = 0; i < {len(rows)}; i++)"), code.block(f"if ({test})"):
+                code.add("return rows[i].value;")
+            with code.block("if (bad != NULL)"):
+                code.add("*bad = true;")
+            code.add(f"return {nothing};")
+        with code.block(f"static inline bool {function}_has({key} key)"):
+            code.add("bool bad = false;", f"(void){function}(key, &bad);", "return !bad;")
+        return code
 
     # ---- frames inside ------------------------------------------------------------------------------------
 
@@ -298,6 +326,9 @@ class _Writing:
                 writer = ReadWriter(file, segments, file.structs[frame.name])
                 name = f"{file.prefix}_fk_read_{identifier(frame.name)}"
                 file.functions[name] = writer.write(name, frame)
+                builder = WriteWriter(file, frame, segments, file.structs[frame.name])
+                name = f"{file.prefix}_fk_write_{identifier(frame.name)}"
+                file.functions[name] = builder.write(name, frame)
             except CannotSayError as error:
                 found[frame.name] = error.problem
         return found
@@ -354,7 +385,8 @@ class _Writing:
         header = self._header()
         source = self._source()
         names = tuple(one.name for one in self.frames)
-        return Generated(file.prefix, header, source, names, tuple(left.items()), file.structs, file.prefix)
+        to_give = tuple((frame, name, problem) for (frame, name), problem in file.given_only.items())
+        return Generated(file.prefix, header, source, names, tuple(left.items()), to_give, file.structs, file.prefix)
 
     def _header(self) -> str:
         file, protocol = self.file, self.protocol
@@ -395,6 +427,10 @@ class _Writing:
             out.add(
                 f"enum framekit_reason {prefix}_decode_{identifier(frame.name)}(const uint8_t *data, size_t size"
                 f"{file.context}, {struct} *frame, struct framekit_fault *fault);"
+            )
+            out.add(
+                f"int32_t {prefix}_encode_{identifier(frame.name)}(const {struct} *frame{file.context}, uint8_t *to,"
+                " size_t room);"
             )
         out.add("", "#ifdef __cplusplus", "}", "#endif", "", "#endif")
         return out.text()
@@ -469,10 +505,11 @@ class _Writing:
         file = self.file
         with out.block(f"const struct {file.prefix}_context {file.prefix}_defaults =", ";"):
             for name, value in self.given.items():
-                start = file.start_values[name]
+                start = file.start_values.get(name)
                 if value.there:
                     out.add(f"{'false' if start is None else 'true'},")
                 if value.kind == "bytes":
+                    start = b"" if start is None else start
                     data = start.encode("latin-1", "replace") if isinstance(start, str) else bytes(start)
                     out.add(f"{{ (const uint8_t *){string(data)}, {len(data)} }},")
                 else:
@@ -495,6 +532,16 @@ class _Writing:
             out.add(f"{prefix}_fk_read_{name}(data == NULL ? nothing : data, size{file.hand_on}, frame, &notes);")
             out.add("fk_told(&notes, fault == NULL ? &found : fault);")
             out.add("return fault == NULL ? found.reason : fault->reason;")
+        out.add("")
+        with out.block(
+            f"int32_t {prefix}_encode_{name}(const struct {file.frame_enum(frame.name)} *frame{file.context}, uint8_t *to,"
+            " size_t room)"
+        ):
+            out.add("struct fk_out out = { to, room, 0, FRAMEKIT_OK };")
+            out.add(f"{prefix}_fk_write_{name}(frame{file.hand_on}, &out);")
+            with out.block("if (out.at > 0x7FFFFFFF)"):
+                out.add("out.reason = FRAMEKIT_NO_ROOM;")
+            out.add("return out.reason == FRAMEKIT_OK ? (int32_t)out.at : -(int32_t)out.reason;")
         out.add("")
 
 
@@ -521,6 +568,13 @@ def _called(text: str) -> tuple[str, ...]:
     words = set(re.findall(r"\bfk_(\w+)", text))
     spans = {"spans"} if "fk_span" in text else set()
     return tuple(name for name in support_parts() if name in words | spans or f"{name}_at" in words)
+
+
+def _shown_entry(value: Any) -> str:
+    if isinstance(value, int):
+        return number(value)
+    data = str(value).encode("latin-1", "replace")
+    return f"{{ (const uint8_t *){string(data)}, {len(data)} }}"
 
 
 def _word(text: str) -> str:

@@ -863,3 +863,204 @@ static void fk_told(const struct fk_notes *notes, struct framekit_fault *fault)
         }
     }
 }
+
+/*: writer needs spans */
+/* Bytes that are put together: how many there are so far, and why the values cannot be sent. */
+struct fk_out {
+    uint8_t *data;
+    size_t room, at;
+    enum framekit_reason reason;
+};
+
+/*: fail needs writer */
+static void fk_fail(struct fk_out *w, enum framekit_reason reason)
+{
+    if (w->reason == FRAMEKIT_OK) {
+        w->reason = reason;
+    }
+}
+
+/*: put needs writer fail */
+/* Room for so many bytes; NULL if there is none. */
+static uint8_t *fk_put(struct fk_out *w, int64_t size)
+{
+    uint8_t *found;
+    if (size < 0 || (uint64_t)size > w->room - w->at) {
+        fk_fail(w, size < 0 ? FRAMEKIT_LENGTH : FRAMEKIT_NO_ROOM);
+        return NULL;
+    }
+    found = w->data + w->at;
+    w->at += (size_t)size;
+    return found;
+}
+
+/*: put_bytes needs put */
+static void fk_put_bytes(struct fk_out *w, const void *data, size_t size)
+{
+    uint8_t *to = fk_put(w, (int64_t)size);
+    if (to != NULL && size > 0) {
+        memcpy(to, data, size);
+    }
+}
+
+/*: put_fill needs put */
+/* Bytes repeated up to a size. */
+static void fk_put_fill(struct fk_out *w, const char *fill, size_t each, int64_t size)
+{
+    uint8_t *to = fk_put(w, size);
+    int64_t i;
+    for (i = 0; to != NULL && i < size; i++) {
+        to[i] = (uint8_t)fill[(size_t)i % each];
+    }
+}
+
+/*: put_hex_bytes needs put hex */
+static void fk_put_hex_bytes(struct fk_out *w, const uint8_t *data, size_t size)
+{
+    uint8_t *to = fk_put(w, 2 * (int64_t)size);
+    if (to != NULL) {
+        fk_hex(data, size, to);
+    }
+}
+
+/*: put_unhex_bytes needs put unhex */
+static void fk_put_unhex_bytes(struct fk_out *w, const uint8_t *digits, size_t size)
+{
+    uint8_t *to = fk_put(w, (int64_t)(size / 2));
+    if (to != NULL && !fk_unhex(digits, size, to)) {
+        fk_fail(w, FRAMEKIT_DIGITS);
+    }
+}
+
+/*: holds_end */
+/* Whether bytes, with those that end them behind, hold these earlier. */
+static bool fk_holds_end(const uint8_t *data, size_t first, size_t last, const char *end, size_t size)
+{
+    size_t i, k;
+    for (i = first; i < last; i++) {
+        for (k = 0; k < size && (i + k < last ? data[i + k] : (uint8_t)end[i + k - last]) == (uint8_t)end[k]; k++) {
+        }
+        if (k == size) {
+            return true;
+        }
+    }
+    return false;
+}
+
+/*: starts_stop needs find_stop */
+static bool fk_starts_stop(const uint8_t *data, size_t at, size_t end, const struct fk_stop *stops, size_t count)
+{
+    size_t i;
+    for (i = 0; i < count; i++) {
+        if (at + stops[i].size <= end && memcmp(data + at, stops[i].data, stops[i].size) == 0) {
+            return true;
+        }
+    }
+    return false;
+}
+
+/*: holds_byte */
+static bool fk_holds_byte(struct framekit_bytes data, const char *bytes, size_t count)
+{
+    size_t i, k;
+    for (i = 0; i < data.size; i++) {
+        for (k = 0; k < count; k++) {
+            if (data.data[i] == (uint8_t)bytes[k]) {
+                return true;
+            }
+        }
+    }
+    return false;
+}
+
+/*: wrap_hex needs put hex */
+static void fk_wrap_hex(struct fk_out *w, const uint8_t *plain, size_t size)
+{
+    uint8_t *to = fk_put(w, 2 * (int64_t)size);
+    if (to != NULL) {
+        fk_hex(plain, size, to);
+    }
+}
+
+/*: wrap_doubled needs put_bytes */
+static void fk_wrap_doubled(struct fk_out *w, const uint8_t *plain, size_t size, uint8_t escape)
+{
+    size_t i;
+    for (i = 0; i < size; i++) {
+        fk_put_bytes(w, plain + i, 1);
+        if (plain[i] == escape) {
+            fk_put_bytes(w, plain + i, 1);
+        }
+    }
+}
+
+/*: wrap_cobs needs put */
+static void fk_wrap_cobs(struct fk_out *w, const uint8_t *plain, size_t size)
+{
+    size_t at = 0, group;
+    uint8_t *to;
+    bool more = true;
+    while (more) {
+        for (group = 0; group < 254 && at + group < size && plain[at + group] != 0; group++) {
+        }
+        to = fk_put(w, 1 + (int64_t)group);
+        if (to != NULL) {
+            to[0] = (uint8_t)(group + 1);
+            memcpy(to + 1, plain + at, group);
+        }
+        at += group;
+        more = at < size;
+        if (more && group < 254) {
+            at++;
+        }
+    }
+}
+
+/*: wrap_inserted needs put_bytes */
+static void fk_wrap_inserted(struct fk_out *w, const uint8_t *plain, size_t size, const void *after, size_t after_size,
+                             const void *insert, size_t insert_size)
+{
+    size_t i, run = 0;
+    for (i = 0; i < size; i++) {
+        fk_put_bytes(w, plain + i, 1);
+        run++;
+        if (run >= after_size && memcmp(plain + i + 1 - after_size, after, after_size) == 0) {
+            fk_put_bytes(w, insert, insert_size);
+            run = 0;
+        }
+    }
+}
+
+/*: wrap_short needs put_bytes */
+static void fk_wrap_short(struct fk_out *w, const uint8_t *plain, size_t size, uint8_t fill, size_t least)
+{
+    while (size > least && plain[size - 1] == fill) {
+        size--;
+    }
+    fk_put_bytes(w, plain, size);
+}
+
+/*: fits */
+/* Whether a number fits into so many bytes (base 256) or digits. */
+static bool fk_fits(int64_t value, int64_t size, int base, bool is_signed)
+{
+    uint64_t left = (uint64_t)value;
+    if (is_signed) {
+        uint64_t limit;
+        if (size <= 0) {
+            return false;
+        }
+        if (size >= 8) {
+            return true;
+        }
+        limit = UINT64_C(1) << (8 * size - 1);
+        return value >= 0 ? left < limit : (uint64_t)(-(value + 1)) < limit;
+    }
+    if (value < 0) {
+        return false;
+    }
+    for (; size > 0 && left != 0; size--) {
+        left /= (uint64_t)base;
+    }
+    return left == 0 && (size > 0 || base == 256 || value != 0);
+}

@@ -1,0 +1,372 @@
+"""Encoders in C: one function a frame. First all values are brought into locals, in the order in which they depend on
+each other, then the bytes are put together. What is wrong is kept, and all goes on: nothing is written out of the room.
+
+A length that follows from bytes which are put together (of a frame inside, of a wrap) is found by doing it again.
+What is written for a kind of segment stands in `write_kinds.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+
+from framekit.codec.c.expressions import CScope, Val
+from framekit.codec.c.functions import CFunctionWriter, FileFacts, pruned
+from framekit.codec.c.layout import CMember, CStruct
+from framekit.codec.c.source import CannotSayError, CSource, string
+from framekit.codec.python.encode_plan import Task, run_in_order
+from framekit.codec.python.facts import ending_constants, follows_its_length
+from framekit.definition.expression import Call, Expression, Name, names_in, walk
+from framekit.definition.model.frames import Frame, bytes_of, everything, flat
+from framekit.definition.model.segments import Const, Data, Field, FieldType, Length, Repeat, Segment, Segments
+
+Values = dict[type[Segment], Callable[..., list[Task]]]
+VALUES: Values = {}
+"""What brings the values of each kind of segment into locals: `write_kinds.py` fills both tables."""
+BYTES: dict[type[Segment], Callable[..., None]] = {}
+"""What puts the bytes of each kind of segment together."""
+
+
+@dataclass(slots=True)
+class Taken:
+    """Where the values of a list are taken from: the names, the struct, the path to it.
+
+    `absent`: members that must not be given where `condition` (a text) does not hold.
+    """
+
+    scope: CScope
+    struct: CStruct
+    path: str
+    cases: dict[int, str] = field(default_factory=dict)
+
+
+class WriteWriter(CFunctionWriter):
+    """Writes one function that builds. `out_name`: the local with the bytes that are put together now."""
+
+    is_reader = False
+
+    def __init__(self, file: FileFacts, frame: Frame, segments: Segments, struct: CStruct) -> None:
+        super().__init__(file, segments)
+        self.frame = frame
+        self.struct = struct
+        self.most = file.layouts.most_of(frame)
+        self.inn = "out"
+        self.used |= {"out", "w", "v", "context", "bad", "to", "round", "number", "index"}
+        self.scopes: dict[int, Taken] = {}
+        self.chosen: dict[int, str] = {}
+        self.lengths: list[tuple[str, Callable[[], str]]] = []
+        self.late: list[Callable[[], None]] = []
+        self.ends = dict(ending_constants(self.static, segments))
+        self.in_wrap = False
+        self.in_list = False
+        self.open_texts: list[tuple[str, str, str, int, bool]] = []
+
+    def write(self, name: str, frame: Frame) -> CSource:
+        taken = Taken(CScope(), self.struct, "v->")
+        self.values(self.segments, taken)
+        front = self.out
+        self.out = CSource(1)
+        tail = frame.tail[0] if frame.delimited and frame.tail else None
+        if isinstance(tail, Const) and tail.data[0] in bytes_of(frame.body, self.static.frames):
+            self._delimited(frame, taken, tail)
+        else:
+            self.bytes(self.segments, taken)
+        for write in self.late:
+            write()
+        self._check_texts()
+        longest = self.static.all(self.segments).most
+        if frame.most is not None and (longest is None or longest > frame.most):
+            with self.block(f"if (out.at > {frame.most})"):
+                self.fail("too_long")
+        front.lines += self.out.lines
+        self.out = front
+        lines = self._rounds(front.lines)
+        self.file.helper("writer")
+        lines, locals_ = pruned(lines, ["bool bad = false;", *self.locals])
+        body = "\n".join(lines)
+        code = CSource()
+        with code.block(
+            f"static void {name}(const struct {self.file.frame_enum(frame.name)} *v{self.file.context}, struct fk_out *w)"
+        ):
+            code.add("struct fk_out out = *w;", *locals_)
+            if self.file.context and "context->" not in body and "context," not in body:
+                code.add("(void)context;")
+            if "v->" not in body:
+                code.add("(void)v;")
+            code.lines.extend(lines)
+            code.add("*w = out;")
+        return code
+
+    def _rounds(self, lines: list[str]) -> list[str]:
+        """All once more for lengths that follow from the bytes."""
+        if not self.lengths:
+            return lines
+        self.locals.append("unsigned round;")
+        found = ["    for (round = 0;; round++) {", "        bool same = true;", "        out = *w;"]
+        found += [f"    {line}" if line else "" for line in lines]
+        for local, text in self.lengths:
+            found += [
+                f"        if ({local} != {text()}) {{",
+                f"            {local} = {text()};",
+                "            same = false;",
+                "        }",
+            ]
+        found += ["        if (same) {", "            break;", "        }", "        if (round == 4) {"]
+        found += ["            fk_fail(&out, FRAMEKIT_LENGTH);", "            break;", "        }", "    }"]
+        self.file.helper("fail")
+        return found
+
+    def _delimited(self, frame: Frame, taken: Taken, tail: Const) -> None:
+        """A delimited body must not hold what ends it."""
+        begin = self.local("size_t", "body_start")
+        self.bytes(frame.head, taken)
+        self.add(f"{begin} = out.at;")
+        self.bytes(frame.body, taken)
+        held = self.file.helper("holds_end")
+        with self.block(f"if ({held}(out.data, {begin}, out.at, {string(tail.data[:1])}, 1))"):
+            self.fail("value")
+        self.bytes(frame.tail, taken)
+
+    # ---- texts --------------------------------------------------------------------------------------------
+
+    @property
+    def n(self) -> str:
+        return f"&{self.inn}"
+
+    def fail(self, reason: str) -> None:
+        self.add(f"{self.file.helper('fail')}({self.n}, FRAMEKIT_{reason.upper()});")
+
+    def fail_if(self, condition: str, reason: str) -> None:
+        if condition and condition != "false":
+            with self.block(f"if ({condition})"):
+                self.fail(reason)
+
+    def number_of(self, expression: Expression, taken: Taken, name: str) -> str:
+        """The local with a number; one that cannot be worked out makes the values unfit."""
+        value = self.number(expression, taken.scope)
+        return self.kept(value, name)
+
+    def kept(self, value: Val, name: str) -> str:
+        if value.constant is not None:
+            return value.text
+        local = self.local("int64_t", name)
+        self.keep(local, value.text)
+        return local
+
+    def keep(self, local: str, text: str) -> None:
+        """Puts what is worked out into a local."""
+        if "&bad" in text:
+            self.add("bad = false;")
+        self.add(f"{local} = {text};")
+        if "&bad" in text:
+            self.fail_if("bad", "value")
+
+    def holds(self, expression: Expression, taken: Taken) -> str:
+        """The local that tells whether a condition holds."""
+        text = self.writer(taken.scope).condition(expression)
+        if text in ("true", "false"):
+            return text
+        local = self.local("bool", "holds", "false")
+        self.keep(local, text)
+        return local
+
+    # ---- values -------------------------------------------------------------------------------------------
+
+    def values(self, segments: Iterable[Segment], taken: Taken) -> None:
+        """All values of a list of segments, also those in its wraps."""
+        tasks: list[Task] = []
+        for segment in segments:
+            tasks += self.tasks_of(segment, taken)
+        for task in tasks:
+            task.waits_for.difference_update(task.gives)
+        givers = {name for task in tasks for name in task.gives}
+        done: set[str] = set()
+        for task in tasks:
+            self._guarded(task, givers, done)
+        run_in_order(tasks)
+
+    def _guarded(self, task: Task, givers: set[str], done: set[str]) -> None:
+        """A task that has to go on without what it waits for takes that from what is given; C has no such values."""
+        write = task.write
+
+        def checked(missing: set[str]) -> None:
+            self.missing = missing
+            write(missing)
+            self.missing = set()
+
+        task.write = checked
+
+    missing: set[str] = set()  # noqa: RUF012 - never changed in place
+
+    def tasks_of(self, segment: Segment, taken: Taken) -> list[Task]:
+        self.scopes[id(segment)] = taken
+        make = VALUES.get(type(segment))
+        if make is None:
+            raise CannotSayError(segment.at, f"a segment of the kind '{segment.KEY or type(segment).__name__.lower()}'")
+        return make(self, segment, taken)
+
+    def with_missing(self, taken: Taken) -> Taken:
+        """Where values wait for each other in a circle, those that are not worked out yet are the given ones."""
+        if not self.missing:
+            return taken
+        from framekit.codec.c.layout import val_of
+
+        scope = CScope(taken.scope)
+        for name in self.missing:
+            member = taken.struct.members.get(name)
+            if member is None:
+                continue
+            path = f"{taken.path}{member.cname}"
+            value = val_of(member, path, f"{taken.path}{member.flag}" if member.has else "")
+            scope.entries[name] = value
+        return Taken(scope, taken.struct, taken.path)
+
+    def waits(self, *expressions: Expression | None) -> set[str]:
+        """What has to be there before these expressions can be worked out."""
+        found: set[str] = set()
+        for expression in expressions:
+            if expression is not None:
+                found |= names_in(expression.root)
+                for node in walk(expression.root):
+                    if isinstance(node, Call) and node.function == "len" and isinstance(node.arguments[0], Name):
+                        found.add(f"room of {node.arguments[0].name}")
+        return found
+
+    def outer_names(self, segment: Segment) -> set[str]:
+        """What is read inside a segment but is not given there."""
+        from framekit.definition.model.frames import expressions_of
+
+        inside = {name for one in everything((segment,)) for name in one.value_names}
+        read = self.waits(*expressions_of(segment))
+        for one in everything((segment,)):
+            if isinstance(one, Length):
+                read |= set(one.of)
+        return read - inside
+
+    def size_by_length(self, segment: Segment) -> bool:
+        """Whether the size of a segment is nothing but a length that counts it."""
+        lengths = (one for one in self.by_name.values() if isinstance(one, Length))
+        return any(follows_its_length(one, segment) for one in lengths)
+
+    def given_flag(self, member: CMember, taken: Taken) -> str:
+        return f"{taken.path}{member.flag}" if member.has else "true"
+
+    def refuse_given(self, segments: Iterable[Segment], taken: Taken, but: Iterable[Segment] = ()) -> None:
+        """What is given for segments that are not there is refused."""
+        here = {name for one in flat(but) for name in one.value_names}
+        for one in flat(segments):
+            for name in one.value_names:
+                member = taken.struct.members.get(name)
+                if member is not None and member.has and name not in here:
+                    here.add(name)
+                    self.fail_if(f"{taken.path}{member.flag}", "value")
+
+    # ---- bytes --------------------------------------------------------------------------------------------
+
+    def bytes(self, segments: Iterable[Segment], taken: Taken) -> None:
+        """The bytes of a list of segments."""
+        for segment in segments:
+            kind = BYTES.get(type(segment))
+            if kind is None:
+                raise CannotSayError(segment.at, f"a segment of the kind '{segment.KEY}'")
+            if not segment.takes_bytes:
+                continue
+            begin = self.local("size_t", "begun")
+            self.add(f"{begin} = {self.inn}.at;")
+            if segment.when is None:
+                kind(self, segment, taken)
+            else:
+                condition = self.holds(segment.when, taken)
+                with self.block(f"if ({condition})"):
+                    kind(self, segment, taken)
+            span = self.span(segment.name)
+            if span is not None:
+                self.add(
+                    f"{span}.data = {self.inn}.data;",
+                    f"{span}.first = {begin};",
+                    f"{span}.last = {self.inn}.at;",
+                    f"{span}.there = true;",
+                )
+            end = self.ends.get((segment.name, segment.at))
+            if end is not None:
+                held = self.file.helper("holds_end")
+                call = f"{held}({self.inn}.data, {begin}, {self.inn}.at, {string(end)}, {len(end)})"
+                self.fail_if(call, "value")
+
+    def open_text(self, segment: Field, stops: str, count: int) -> None:
+        """A text before one of several ends: one of them has to follow."""
+        place = self.local("size_t", "text_stop")
+        there = self.local("bool", "text_open", "false")
+        starts = self.file.helper("starts_stop")
+        if self.in_list:
+            with self.block(f"if ({there} && !{starts}({self.inn}.data, {place}, {self.inn}.at, {stops}, {count}))"):
+                self.fail("value")
+        self.open_texts.append((place, there, stops, count, self.in_list))
+
+    def _check_texts(self) -> None:
+        for place, there, stops, count, in_list in self.open_texts:
+            starts = self.file.helper("starts_stop")
+            last = "" if in_list else f" && {place} < out.at"
+            with self.block(f"if ({there}{last} && !{starts}(out.data, {place}, out.at, {stops}, {count}))"):
+                self.fail("value")
+
+    def pointer(self) -> str:
+        """The local that points to where bytes go."""
+        if "to_place" not in self.used:
+            self.local("uint8_t *", "to_place", "NULL")
+        return "to_place"
+
+    def struct_most(self) -> int:
+        """Bytes of the frame at most, as far as the C knows."""
+        return self.most
+
+    def can_say(self, expression: Expression, taken: Taken, name: str) -> bool:
+        """Whether what a value is worked out by, if it is not given, has a form in C; it is told where it has none."""
+        try:
+            value = self.writer(taken.scope).value(expression)
+        except CannotSayError as error:
+            self.file.to_give(self.frame.name, name, error.problem)
+            return False
+        return value.kind != "other"
+
+    def number_or_nothing(self, expression: Expression, taken: Taken) -> Val:
+        """A number that may be nothing: its condition is told, and it can be read where that holds."""
+        value = self.writer(taken.scope).value(expression)
+        if value.kind != "number":
+            raise CannotSayError(expression.at, "a size that is no number")
+        return value
+
+    def is_simple(self, name: str) -> bool:
+        """Whether the room of a segment follows from its value."""
+        segment = self.by_name.get(name)
+        return isinstance(segment, (Data, Field, Repeat))
+
+    def simple_room(self, name: str, taken: Taken, plain: bool) -> str | None:
+        """Text of the bytes that a segment takes, if that follows from values; None if they have to be put together."""
+        every = [one for one in everything(self.segments) if one.name == name]
+        if len(every) != 1:
+            return None
+        segment = every[0]
+        size = self.static.present(segment).fixed
+        converted = isinstance(segment, Data) and segment.convert is not None
+        if self.scopes.get(id(segment)) not in (None, taken):
+            return None
+        if size is not None and not (plain and converted):
+            if segment.when is None:
+                return str(size) if self.scopes.get(id(segment)) is taken or not segment.value_names else None
+            return None
+        if segment.when is not None or self.scopes.get(id(segment)) is not taken:
+            return None
+        entry = taken.scope.entries.get(name)
+        if isinstance(segment, Data) and segment.pad is None and entry is not None:
+            text = f"(int64_t){entry.text}.size"
+            if not plain and converted:
+                return f"2 * {text}" if segment.convert == "hex_to_ascii" else f"{text} / 2"
+            return text
+        if isinstance(segment, Field) and segment.type.kind in ("ascii", "bytes") and entry is not None:
+            if segment.type.pad is None and (segment.type.end is None or segment.type.size is None):
+                more = len(segment.type.end or b"")
+                return f"(int64_t){entry.text}.size" + (f" + {more}" if more else "")
+        if isinstance(segment, Repeat) and isinstance(segment.of, FieldType) and entry is not None:
+            return f"{segment.of.fixed_size or 1} * (int64_t){entry.text}.count"
+        return None
