@@ -648,6 +648,8 @@ def _generate_c(arguments: argparse.Namespace) -> int:
     print(f"{folder / made.name}.h, {folder / made.name}.c: {len(made.frames)} of {plural(total, 'frame')}")
     for frame, problem in made.left_out:
         print(printable(f"{problem.at}: frame '{frame}' is left out: {problem.what}"))
+    for frame, name, problem in made.to_give:
+        print(printable(f"{problem.at}: '{name}' of frame '{frame}' has no default in C: {problem.what}"))
     return 1 if arguments.strict and made.left_out else 0
 
 

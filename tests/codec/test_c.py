@@ -9,7 +9,7 @@ import re
 from pathlib import Path
 
 import pytest
-from c_harness import GCC, CProtocol, differences, trial
+from c_harness import GCC, CProtocol, differences, encode_trial, trial
 
 from framekit.codec.c.generate import generate
 from framekit.codec.c.source import CannotSayError, CNames, comment, identifier, string
@@ -32,18 +32,23 @@ def compiled(text: str, folder: Path) -> CProtocol:
 
 @needs_gcc
 @pytest.mark.parametrize("name", QUICK)
-def test_shipped_frames_are_read_as_by_python(name: str, tmp_path: Path) -> None:
+def test_shipped_frames_are_read_and_built_as_by_python(name: str, tmp_path: Path) -> None:
     c = CProtocol(load_protocol(name), tmp_path)
     assert c.generated.frames
     assert trial(c, seed=7) == []
+    assert encode_trial(c, seed=8) == []
 
 
 @needs_gcc
 @pytest.mark.long
 @pytest.mark.parametrize("path", shipped_definitions(), ids=lambda path: path.stem)
-def test_all_shipped_frames_are_read_as_by_python(path: Path, tmp_path: Path) -> None:
-    c = CProtocol(load_protocol(str(path)), tmp_path)
+def test_all_shipped_frames_are_read_and_built_as_by_python(path: Path, tmp_path: Path) -> None:
+    definition = load_protocol(str(path))
+    if not generate(definition).frames:
+        pytest.skip("no frames")
+    c = CProtocol(definition, tmp_path)
     assert trial(c, seed=20, samples=16, changes=60) == []
+    assert encode_trial(c, seed=21, samples=16, changes=40) == []
 
 
 # ---- text of a definition ---------------------------------------------------------------------------------------

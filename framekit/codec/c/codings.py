@@ -203,13 +203,13 @@ def wrap_up(w: Any, segment: Wrap, inside: str) -> None:
             w.add(f"{w.file.helper('wrap_short')}({w.n}, {content}, {coding.fill}, {coding.least});")
         case Escaped():
             place = w.local("size_t", "plain_place")
-            with w.block(f"for ({place} = 0; {place} < {inside}.at; {place}++)"):
-                with w.block(f"switch ({inside}.data[{place}])"):
-                    put = w.file.helper("put_bytes")
-                    for plain, wire in coding.codes:
-                        pair = string(bytes((coding.escape, wire)))
-                        w.add(f"case {plain}:", f"    {put}({w.n}, {pair}, 2);", "    break;")
-                    w.add("default:", f"    {put}({w.n}, {inside}.data + {place}, 1);", "    break;")
+            loop = f"for ({place} = 0; {place} < {inside}.at; {place}++)"
+            with w.block(loop), w.block(f"switch ({inside}.data[{place}])"):
+                put = w.file.helper("put_bytes")
+                for plain, wire in coding.codes:
+                    pair = string(bytes((coding.escape, wire)))
+                    w.add(f"case {plain}:", f"    {put}({w.n}, {pair}, 2);", "    break;")
+                w.add("default:", f"    {put}({w.n}, {inside}.data + {place}, 1);", "    break;")
         case Blocks():
             _wrap_blocks(w, coding, inside)
         case _:

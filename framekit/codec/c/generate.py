@@ -534,8 +534,8 @@ class _Writing:
             out.add("return fault == NULL ? found.reason : fault->reason;")
         out.add("")
         with out.block(
-            f"int32_t {prefix}_encode_{name}(const struct {file.frame_enum(frame.name)} *frame{file.context}, uint8_t *to,"
-            " size_t room)"
+            f"int32_t {prefix}_encode_{name}(const struct {file.frame_enum(frame.name)} *frame{file.context},"
+            " uint8_t *to, size_t room)"
         ):
             out.add("struct fk_out out = { to, room, 0, FRAMEKIT_OK };")
             out.add(f"{prefix}_fk_write_{name}(frame{file.hand_on}, &out);")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 from framekit.codec.c.codings import wrap_up
@@ -116,12 +115,12 @@ def _take(w: WriteWriter, segment: Field, taken: Taken) -> None:
         flag = w.given_flag(member, taken)
         chosen = segment.build or segment.default
         plain_text = segment.values is not None and chosen is not None and isinstance(chosen.root, Text)
-        if chosen is not None and segment.constants is None and not plain_text:
-            if not w.can_say(chosen, source, segment.name):
-                w.add(f"{local} = {cast}{given};")
-                w.fail_if(f"{condition} && !{flag}" if condition else f"!{flag}", "value")
-                chosen = None
-                there = condition
+        worked_out = chosen if segment.constants is None and not plain_text else None
+        if worked_out is not None and not w.can_say(worked_out, source, segment.name):
+            w.add(f"{local} = {cast}{given};")
+            w.fail_if(f"{condition} && !{flag}" if condition else f"!{flag}", "value")
+            chosen = None
+            there = condition
         if segment.constants is not None:
             w.add(f"{local} = {flag} ? {cast}{given} : {_shown(w, segment.constants[0])};")
         elif chosen is None and (segment.build or segment.default) is not None:
@@ -765,6 +764,10 @@ def _wrap(w: WriteWriter, segment: Wrap, taken: Taken) -> list[Task]:
     return tasks
 
 
+def _no_bytes(w: WriteWriter, segment: Segment, taken: Taken) -> None:
+    """What takes no bytes."""
+
+
 # ---- bytes --------------------------------------------------------------------------------------------------
 
 
@@ -779,7 +782,7 @@ def _put_skip(w: WriteWriter, segment: Skip, taken: Taken) -> None:
 
 def _put_fill(w: WriteWriter, segment: Fill, taken: Taken) -> None:
     behind = 0
-    order = [one for one in w.segments]
+    order = list(w.segments)
     for one in order[order.index(segment) + 1 :]:
         size = w.static.present(one).fixed or 0
         if one.when is not None and size:
@@ -1134,8 +1137,7 @@ BYTES.update(
     {
         Const: _put_const, Skip: _put_skip, Fill: _put_fill, Check: _put_check, Field: _put_field, Data: _put_data,
         Bits: _put_bits, Length: _put_counted, Count: _put_counted, Choose: _put_choose, Optional: _put_choose,
-        Record: _put_record, Repeat: _put_repeat, Inner: _put_inner, Wrap: _put_wrap, Value: _nothing,
-        Require: _nothing, ItemEnd: _nothing,
+        Record: _put_record, Repeat: _put_repeat, Inner: _put_inner, Wrap: _put_wrap, Value: _no_bytes,
+        Require: _no_bytes, ItemEnd: _no_bytes,
     }
 )  # fmt: skip
-_ = Callable

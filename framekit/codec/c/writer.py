@@ -86,7 +86,8 @@ class WriteWriter(CFunctionWriter):
         body = "\n".join(lines)
         code = CSource()
         with code.block(
-            f"static void {name}(const struct {self.file.frame_enum(frame.name)} *v{self.file.context}, struct fk_out *w)"
+            f"static void {name}(const struct {self.file.frame_enum(frame.name)} *v{self.file.context},"
+            " struct fk_out *w)"
         ):
             code.add("struct fk_out out = *w;", *locals_)
             if self.file.context and "context->" not in body and "context," not in body:
@@ -364,9 +365,9 @@ class WriteWriter(CFunctionWriter):
                 return f"2 * {text}" if segment.convert == "hex_to_ascii" else f"{text} / 2"
             return text
         if isinstance(segment, Field) and segment.type.kind in ("ascii", "bytes") and entry is not None:
-            if segment.type.pad is None and (segment.type.end is None or segment.type.size is None):
-                more = len(segment.type.end or b"")
-                return f"(int64_t){entry.text}.size" + (f" + {more}" if more else "")
+            fills = segment.type.pad is not None or (segment.type.end is not None and segment.type.size is not None)
+            more = len(segment.type.end or b"")
+            return None if fills else f"(int64_t){entry.text}.size" + (f" + {more}" if more else "")
         if isinstance(segment, Repeat) and isinstance(segment.of, FieldType) and entry is not None:
             return f"{segment.of.fixed_size or 1} * (int64_t){entry.text}.count"
         return None
