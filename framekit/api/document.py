@@ -21,7 +21,7 @@ from framekit.definition.diagrams import sequence_diagram
 from framekit.definition.kinds.base import Segments
 from framekit.definition.model.frames import Frame, StaticSizes, parts_of
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.segments import Bits, Check, Const, Count, Length, Segment
+from framekit.definition.model.segments import Bits, Segment
 from framekit.definition.model.values import FrameOf
 from framekit.definition.problems import plural
 from framekit.definition.vectors import FrameVector, read_vectors
@@ -41,7 +41,7 @@ class Paragraph(NamedTuple):
     text: str
 
 
-class Table(NamedTuple):
+class PageTable(NamedTuple):
     head: Sequence[str]
     rows: Sequence[Sequence[str]]
 
@@ -61,11 +61,11 @@ class Listing(NamedTuple):
     text: str
 
 
-Block = Heading | Paragraph | Table | Picture | Listing
+Block = Heading | Paragraph | PageTable | Picture | Listing
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class FieldLine:
     """A segment in the table of a frame; `depth`: lists it stands in."""
 
     offset: str
@@ -120,7 +120,7 @@ class _Writer:
         ]
         if rows:
             yield Heading(2, "Parameters")
-            yield Table(("parameter", "type", "default", "meaning"), rows)
+            yield PageTable(("parameter", "type", "default", "meaning"), rows)
 
     # ---- frames -------------------------------------------------------------------------------------------
 
@@ -136,7 +136,7 @@ class _Writer:
         )
         lines = list(self._lines(segments, NOTHING, 0))
         rows = [(one.offset, one.size, "· " * one.depth + one.name, one.what) for one in lines]
-        yield Table(("offset", "bytes", "name", "what"), rows)
+        yield PageTable(("offset", "bytes", "name", "what"), rows)
         example = self.examples.get(frame.name)
         if example is not None and example.wire.exact is not None:
             values = json.dumps(example.values, default=str, ensure_ascii=False)
@@ -153,7 +153,7 @@ class _Writer:
             optional = segment.when is not None or sizes.least == 0
             yield Box(_name(segment), below, _number(sizes), exact, _shade(segment), optional)
 
-    def _lines(self, segments: Segments, at: Sizes, depth: int) -> Iterator[Line]:
+    def _lines(self, segments: Segments, at: Sizes, depth: int) -> Iterator[FieldLine]:
         """The lines of a list that begins at `at`."""
         for segment in segments:
             sizes = segment.sizes(self.sizes.frame)
@@ -161,7 +161,7 @@ class _Writer:
                 sizes = Sizes(0, sizes.most)
             offset = _number(at) if at.least == at.most else ""
             takes_bytes = sizes.most != 0
-            yield Line(
+            yield FieldLine(
                 offset if takes_bytes else "",
                 _number(sizes) if takes_bytes else "",
                 _name(segment),
@@ -169,7 +169,9 @@ class _Writer:
                 depth,
             )
             if isinstance(segment, Bits):
-                yield from (Line("", "", part.name, _places(part.low, part.high), depth + 1) for part in segment.parts)
+                yield from (
+                    FieldLine("", "", part.name, _places(part.low, part.high), depth + 1) for part in segment.parts
+                )
             if depth < DEEPEST:
                 for inside in (*segment.blocks, *([segment.inner_record] if segment.inner_record is not None else [])):
                     alone = segment.is_there_inside or (segment.is_record and segment.inner_record is inside)
@@ -182,9 +184,9 @@ class _Writer:
         if self.protocol.areas:
             yield Heading(2, "Areas and addresses")
             rows = [(one.name, str(one.unit), str(one.size)) for one in self.protocol.areas.values()]
-            yield Table(("area", "unit", "elements"), rows)
+            yield PageTable(("area", "unit", "elements"), rows)
         if self.protocol.addresses:
-            yield Table(("address", "unit"), [(form.text, form.unit or "") for form in self.protocol.addresses])
+            yield PageTable(("address", "unit"), [(form.text, form.unit or "") for form in self.protocol.addresses])
 
     def _services(self) -> Iterator[Block]:
         rows = [
@@ -199,11 +201,11 @@ class _Writer:
         ]
         if rows:
             yield Heading(2, "Services")
-            yield Table(("service", "takes", "request", "reply"), rows)
+            yield PageTable(("service", "takes", "request", "reply"), rows)
         for name, table in self.protocol.tables.items():
             if self.protocol.errors is not None and any(one.table == name for one in self.protocol.errors.names):
                 yield Heading(3, f"Codes of errors: {name}")
-                yield Table(("code", "name"), [(str(key), str(value)) for key, value in table.entries.items()])
+                yield PageTable(("code", "name"), [(str(key), str(value)) for key, value in table.entries.items()])
 
 
 def _frames(value: object) -> str:
@@ -233,14 +235,14 @@ def _after_name(segment: Segment) -> str:
     return text[1:-1] if text.startswith("(") and text.endswith(")") else text
 
 
+_SHADES: Mapping[str, Shade] = {
+    "const": "constant", "text": "constant", "length": "size", "count": "size", "check": "check",
+}  # fmt: skip
+
+
 def _shade(segment: Segment) -> Shade:
-    if isinstance(segment, Const):
-        return "constant"
-    if isinstance(segment, (Length, Count)):
-        return "size"
-    if isinstance(segment, Check):
-        return "check"
-    return "inside" if segment.frames_inside or segment.blocks or segment.inner_record is not None else "value"
+    inside = segment.frames_inside or segment.blocks or segment.inner_record is not None
+    return "inside" if inside else _SHADES.get(segment.KEY, "value")
 
 
 def _number(sizes: Sizes) -> str:
@@ -276,7 +278,7 @@ def _as_markdown(block: Block, pictures: str, files: dict[str, str]) -> str:
             return f"{'#' * level} {_plain(text)}\n"
         case Paragraph(text):
             return f"{_plain(text)}\n"
-        case Table(head, rows):
+        case PageTable(head, rows):
             lines = [list(head), ["---"] * len(head), *rows]
             return "".join("| " + " | ".join(_plain(cell) for cell in line) + " |\n" for line in lines)
         case Picture(name, title, svg):
@@ -314,7 +316,7 @@ def _as_html(block: Block) -> str:
             return f"<h{level}>{escape(text)}</h{level}>"
         case Paragraph(text):
             return f"<p>{escape(text)}</p>"
-        case Table(head, rows):
+        case PageTable(head, rows):
             top = "".join(f"<th>{escape(cell)}</th>" for cell in head)
             lines = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
             return f"<table><tr>{top}</tr>{lines}</table>"

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import pytest
 
 from framekit.api.byte_diagram import Box, byte_diagram
-from framekit.api.document import Heading, Picture, Table, document, html, markdown
+from framekit.api.document import Heading, PageTable, Picture, document, html, markdown
 from framekit.api.vectors import vectors_path
 from framekit.cli.main import main
 from framekit.definition.load import load_protocol, load_protocol_text
@@ -36,7 +36,7 @@ def test_every_frame_is_drawn_and_its_sizes_add_up(name: str) -> None:
     sizes = StaticSizes(protocol.frames)
     for frame in protocol.frames.values():
         place = next(at for at, block in enumerate(blocks) if isinstance(block, Heading) and block.text == frame.name)
-        table = next(block for block in blocks[place:] if isinstance(block, Table))
+        table = next(block for block in blocks[place:] if isinstance(block, PageTable))
         rows = [row for row in table.rows if not row[2].startswith("· ")]
         whole = sizes.frame(frame.name)
         if whole.fixed is not None and all(row[1].isdigit() or not row[1] for row in rows):
