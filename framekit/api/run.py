@@ -31,6 +31,7 @@ from framekit.run.status import ChannelStatus as ChannelStatus
 from framekit.run.status import JobsStatus as JobsStatus
 from framekit.run.status import RunStatus as RunStatus
 from framekit.run.status import SinkStatus as SinkStatus
+from framekit.runfile.read_only import only_reading
 from framekit.runfile.run_file import load_run
 from framekit.service.capture import Capture
 from framekit.service.channel import ChannelService
@@ -456,6 +457,11 @@ async def leave(service: RunService) -> None:
 def loaded(run: str | Path | RunModel) -> RunModel:
     """The run in a file. Raises DefinitionError."""
     return run if isinstance(run, RunModel) else load_run(Path(run))
+
+
+def reads_only(run: RunModel) -> RunModel:
+    """The same run, in which clients may write nothing. Raises DefinitionError where it could write into a device."""
+    return only_reading(run)
 
 
 def nanoseconds(time: str | float) -> int:

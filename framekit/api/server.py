@@ -7,7 +7,7 @@ import time
 import weakref
 from collections import Counter
 from collections.abc import Callable, Generator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -242,6 +242,7 @@ def aserve(
     idle_timeout: str | float = DEFAULT_LIMITS.idle / 1e9,
     connections: int = DEFAULT_LIMITS.per_address,
     allow: Sequence[str] = (),
+    read_only: bool = False,
     texts: Mapping[str, str] | None = None,
 ) -> AsyncServer:
     """Simulated devices for asyncio, opened by `async with` or `await`; see `framekit.serve` for the arguments."""
@@ -259,7 +260,7 @@ def aserve(
     )
     names = [device] if isinstance(device, (str, Path)) else list(device)
     found = [one for name in names for one in load_devices(name, Path.cwd(), settings)]
-    found = with_faults(found, faults, Path.cwd())
+    found = [replace(one, read_only=read_only) for one in with_faults(found, faults, Path.cwd())]
     try:
         check_line(found)
         line = line_of(found[0].protocol, speed, format)
@@ -350,7 +351,7 @@ def serve(server: AsyncServer) -> Server:
     `params`, `role`, `speed`, `format`, `monitor`: as for `connect`. `faults`: a fault plan, of what goes wrong with
     what the devices send. `idle_timeout` (seconds, a time such as `10 min`, or `never`): how long a connection may go
     without a good frame; `connections`: of one client address; `allow`: addresses and networks of clients that may
-    connect, such as `192.168.1.0/24`, instead of what device files say.
+    connect, such as `192.168.1.0/24`, instead of what device files say. `read_only`: they may write nothing.
 
     Raises DefinitionError for a wrong file or setting of the device, RequestError, LineClosedError.
     """

@@ -63,6 +63,11 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="take lines from standard input: fire N, enable N, disable N, stop; with --screen by the key :",
     )
+    parser.add_argument(
+        "--read-only",
+        action="store_true",
+        help="refuse a file that could write into a device, and what others want to write into its memory",
+    )
     add(parser, "--screen", "--ascii", "--capture")
     add_web(parser)
     parser.add_argument("--status", action="store_true", help="show the status of channels and blocks at the end")
@@ -74,7 +79,7 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_run(arguments: argparse.Namespace) -> int:
     from framekit.api.check import loads_of
-    from framekit.api.run import content_of
+    from framekit.api.run import content_of, reads_only
     from framekit.api.run import loaded as load_run
     from framekit.cli.run_output import JsonOutput, TextOutput
 
@@ -95,9 +100,15 @@ def run_run(arguments: argparse.Namespace) -> int:
     settle(arguments.run)
     began_with = Watched(arguments.run, content_of(arguments.run))
     loaded = load_run(arguments.run)
+    if arguments.read_only:
+        loaded = reads_only(loaded)
     if loaded.fleet is not None and arguments.screen:
         raise WordsError("--screen is not for runs of a fleet – leave it out, or the key fleet")
-    for option, given in (("--capture", arguments.capture is not None), ("--watch", arguments.watch)):
+    for option, given in (
+        ("--capture", arguments.capture is not None),
+        ("--watch", arguments.watch),
+        ("--read-only", arguments.read_only),
+    ):
         if given and loaded.fleet is not None and loaded.fleet.token is not None:
             what = f"{option} is not for runs that files are rolled out to"
             raise WordsError(f"{what} – leave it out, or the fleet's token")
@@ -271,7 +282,7 @@ class RealRun:
     async def _watch_file(self, run: RunCalls) -> None:
         """Applies what the file says whenever it says something else; what it cannot apply is told, and the run goes
         on."""
-        from framekit.api.run import FileWatch, reasons
+        from framekit.api.run import FileWatch, reads_only, reasons
 
         output = self._output
 
@@ -283,7 +294,7 @@ class RealRun:
                 if self._gateway is not None:
                     self._gateway.edited(model, content)
 
-            run.edit(model, applied)
+            run.edit(reads_only(model) if self._arguments.read_only else model, applied)
 
         files = FileWatch(*self.began_with, changed, lambda error: output.refused(reasons(error)))
         on_signal("SIGHUP", files.look_now)

@@ -78,6 +78,7 @@ def add_serve_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--connections", type=int, metavar="N", help="connections that one client address may have; default: 64"
     )
+    parser.add_argument("--read-only", action="store_true", help="clients may write nothing; the protocol refuses it")
     parser.add_argument(
         "--allow", action="append", default=[], metavar="ADDRESS",
         help="only clients from there may connect: an address or a network such as 192.168.1.0/24; may be repeated",
@@ -115,6 +116,7 @@ def server_of(arguments: argparse.Namespace) -> AsyncServer:
         "sizes": _assigned(arguments.size, "ADDRESS=N"),
         "params": _assigned(arguments.param, "NAME=VALUE"),
         "map": _assigned(arguments.map, "AREA=ADDRESS"),
+        "read_only": arguments.read_only,
         "allow": [one for text in arguments.allow for one in text.split(",")],
     }
     options = ("role", "memory", "speed", "format", "faults", "idle_timeout", "connections")

@@ -502,7 +502,7 @@ class Channel:
     `port_at`: where the port is named. `mapping`: areas of the protocol that stand elsewhere in the own memory when
     others are answered (area → memory area and the number of its first element there). `answer`: how long devices are
     taken to need for an answer (ns) when the load is worked out; nothing at work depends on it. `host`: how jobs call
-    the other side.
+    the other side. `read_only`: those that it answers may write nothing.
     """
 
     number: int
@@ -524,6 +524,7 @@ class Channel:
     wiring: LineSettings = PLAIN
     host: str = ""
     limits: ConnectionLimits = DEFAULT_LIMITS
+    read_only: bool = False
     at: Position
     port_at: Position
 

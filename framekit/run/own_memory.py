@@ -349,12 +349,22 @@ Refresh = Callable[[], None]
 
 
 class AddressedMemory:
-    """`memory('M0', 24)` and `store` of the language on a device memory. Raises ValueError for what is not there."""
+    """`memory('M0', 24)` and `store` of the language on a device memory. Raises ValueError for what is not there.
 
-    def __init__(self, memory: DeviceMemory, grammar: AddressGrammar, refresh: Refresh = lambda: None) -> None:
+    With `read_only` nothing is stored, which is a ValueError too.
+    """
+
+    def __init__(
+        self, memory: DeviceMemory, grammar: AddressGrammar, refresh: Refresh = lambda: None, *, read_only: bool = False
+    ) -> None:  # fmt: skip
         self.memory = memory
         self.grammar = grammar
         self.refresh = refresh
+        self.read_only = read_only
+
+    def as_read_only(self) -> AddressedMemory:
+        """The same memory, for those who may not store."""
+        return AddressedMemory(self.memory, self.grammar, self.refresh, read_only=True)
 
     def read(self, address: str, size: int) -> bytes:
         self.refresh()
@@ -365,6 +375,8 @@ class AddressedMemory:
             raise ValueError(str(error)) from None
 
     def write(self, address: str, data: bytes) -> None:
+        if self.read_only:
+            raise ValueError(f"{address} can only be read here")
         place = self._place(address)
         try:
             self.memory.write_bytes(place.area, place.first_bit // 8, data, force=True)

@@ -50,7 +50,7 @@ class Device:
     `profile` is None for a memory that is the areas of the protocol. `mapping`: areas of the protocol that stand
     elsewhere in the memory (area → memory area and the number of its first element there). `shares`: it is the
     device of that name before it, over another protocol of the line (`also`): they have one memory. `clients`: where
-    those may come from that are served; from everywhere, if it is empty.
+    those may come from that are served; from everywhere, if it is empty. `read_only`: they may write nothing.
     """
 
     name: str
@@ -67,6 +67,7 @@ class Device:
     shares: bool = False
     behaviours: tuple[Behaviour, ...] = ()
     clients: tuple[Network, ...] = ()
+    read_only: bool = False
 
     @property
     def station(self) -> str:

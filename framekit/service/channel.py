@@ -8,13 +8,13 @@ from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, S
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.definition.model import protocol as model
 from framekit.link.arrivals import BadFrame
 from framekit.link.engine import Engine
-from framekit.link.events import Asked, Monitor, RequestHandler, Seen
+from framekit.link.events import Asked, MemoryAccess, Monitor, RequestHandler, Seen
 from framekit.link.services.client import Client
 from framekit.link.services.server import MemoryServer, ServiceCounters
 from framekit.link.values import FrameValue
@@ -27,6 +27,7 @@ from framekit.run.own_memory import AddressedMemory
 from framekit.run.transfer import BlockTransfers, Ended, Read, neighbours
 from framekit.service.device import DeviceService, ListeningPort, devices_of, port_for
 from framekit.service.driver import Driver, Moment
+from framekit.service.written import NamedMemory, NamedServer, begun_log
 from framekit.transport.clock import Clock
 from framekit.transport.port import Port
 
@@ -108,11 +109,17 @@ class ChannelService:
         self.counters = ChannelCounters()
         self.receiving: dict[str, list[Block]] = {}
         self.receive_for(receiving)
+        access = access.as_read_only() if self._only_shows else access
         protocol = channel.protocol
         codec = compile_protocol(protocol)
+        self._writes = None if channel.asks else begun_log(f"channel {channel.number}", protocol)
         self._answering = server = self._server(codec, access)
         # without services requests are answered by sequences alone: each frame that goes out is a service
         answers = server is None and channel.role is not None and not channel.asks
+        answering, memory = server, cast(MemoryAccess, access)
+        if self._writes is not None:
+            memory = NamedMemory(access, self._writes, lambda: port.sender or port.name)
+            answering = server and NamedServer(server, self._writes, lambda: port.sender or port.name)
         self.engine = Engine(
             protocol,
             codec,
@@ -121,8 +128,8 @@ class ChannelService:
             line=channel.line,
             own=channel.own,
             now=clock.now(),
-            server=server,
-            memory=access,
+            server=answering,
+            memory=memory,
             ask=self._ask,
             on_frame=self._frame,
             monitor=monitor,
@@ -151,6 +158,11 @@ class ChannelService:
         """Calls back after a while, unless the channel has been stopped by then."""
         self._clock.call_at(self._clock.now() + delay, lambda: None if self.driver.stopped else call())
 
+    @property
+    def _only_shows(self) -> bool:
+        """Whether others read its memory, and may not store into it."""
+        return self.channel.read_only and not self.channel.asks
+
     def receive_for(self, blocks: Iterable[Block]) -> None:
         """From now on these RECEIVE blocks get the frames they name, and no others."""
         self.receiving.clear()
@@ -163,7 +175,8 @@ class ChannelService:
             return None
         return MemoryServer(
             protocol, codec, access.memory, mapping=self.channel.mapping, refresh=access.refresh,
-            counters=self.counters.served,
+            counters=self.counters.served, read_only=self.channel.read_only,
+            written=None if self._writes is None else self._writes.note,
         )  # fmt: skip
 
     def _on_state(self, state: str) -> None:
@@ -174,7 +187,10 @@ class ChannelService:
 
     def answer_connections(self, port: ListeningPort, access: AddressedMemory, monitor: Monitor | None) -> None:
         """Connections made to this port are answered as the channel would, and counted with it."""
-        port.answer(access, self._answering, monitor, self.engine.counters, self.driver.load, self.counters.served)
+        access = access.as_read_only() if self._only_shows else access
+        port.answer(
+            access, self._answering, monitor, self.engine.counters, self.driver.load, self.counters.served, self._writes
+        )
 
     def start(self) -> None:
         self.driver.start()

@@ -20,7 +20,7 @@ from framekit.codec.codec import Codec, compile_protocol
 from framekit.definition.problems import DefinitionError, Problem
 from framekit.definition.times import MOST_STATIONS, NEVER, LineFormat
 from framekit.link.engine import Engine
-from framekit.link.events import LinkCounters, Monitor, RequestHandler, Seen
+from framekit.link.events import LinkCounters, MemoryAccess, Monitor, RequestHandler, Seen
 from framekit.link.frame_faults import FrameFaults
 from framekit.link.scope import DeviceState, Scope
 from framekit.link.services.server import MemoryServer, ServiceCounters
@@ -31,6 +31,7 @@ from framekit.run.own_memory import AddressedMemory
 from framekit.runfile.devices import Device, load_devices
 from framekit.service.driver import Driver, LineLoad
 from framekit.service.faults import FaultInjector, FaultyPort
+from framekit.service.written import NamedMemory, NamedServer, WriteLog, begun_log
 from framekit.transport.clock import Clock, date_at
 from framekit.transport.port import AcceptedPort, Port, PortEvents, PortListener, SharedPort
 from framekit.transport.schemes import make_listener, open_port, scheme_of
@@ -46,14 +47,16 @@ class DeviceStore:
     `of_line` are the faults of its line, beside its own; what is done of them is counted in `faults.injected`.
 
     With `access` it has that memory and none of its own, with `server` others answer for it; frames, bytes and services
-    of all connections are counted in `link`, `load` and `counters`, where they are given.
+    of all connections are counted in `link`, `load` and `counters`, where they are given. `writes`: the log of who
+    wrote what, where that is on.
     """
 
     def __init__(
         self, device: Device, clock: Clock, of_line: FaultPlan | None = None, *, access: AddressedMemory | None = None,
         server: RequestHandler | None = None, link: LinkCounters | None = None, load: LineLoad | None = None,
-        counters: ServiceCounters | None = None,
+        counters: ServiceCounters | None = None, writes: WriteLog | None = None,
     ) -> None:  # fmt: skip
+        self.writes = writes
         self.device = device
         self.clock = clock
         self.link, self.load = link, load
@@ -65,14 +68,17 @@ class DeviceStore:
         plan = of_line if device.faults is None else device.faults.joined(of_line)
         self.faults = None if plan is None else self._injector(plan, codec)
         if server is None:
+            self.writes = writes = begun_log(device.name, device.protocol)
             refuses = None if self.faults is None else self.faults.refusal
             server = MemoryServer(
                 device.protocol, codec, self.memory, mapping=device.mapping,
                 refresh=None if self.system is None else self.refresh, refuses=refuses,
-                counters=self.counters,
+                counters=self.counters, read_only=device.read_only, written=None if writes is None else writes.note,
             )  # fmt: skip
         self.server = server
-        self.access = AddressedMemory(self.memory, device.grammar, self.refresh) if access is None else access
+        if access is None:
+            access = AddressedMemory(self.memory, device.grammar, self.refresh, read_only=device.read_only)
+        self.access = access
         self._begun = False
         self.troubles: list[Callable[[str], None]] = []
         """Who hears of what a behaviour cannot work out."""
@@ -170,6 +176,11 @@ class DeviceService:
         self.faults = store.faults
         self.memory = store.memory
         line_port = port if self.faults is None else FaultyPort(port, self.faults)
+        server: RequestHandler = store.server
+        access: MemoryAccess = store.access
+        if store.writes is not None:
+            server = NamedServer(server, store.writes, lambda: port.sender or port.name)
+            access = NamedMemory(access, store.writes, lambda: port.sender or port.name)
         self.engine = Engine(
             device.protocol,
             compile_protocol(device.protocol),
@@ -177,8 +188,8 @@ class DeviceService:
             params=device.params,
             line=line,
             own=device.own,
-            server=store.server,
-            memory=store.access,
+            server=server,
+            memory=access,
             now=clock.now(),
             monitor=monitor,
             on_fault=on_fault,
@@ -543,17 +554,18 @@ class ListeningPort(Port):
 
     def answer(
         self, access: AddressedMemory, server: RequestHandler | None, monitor: Monitor | None, counters: LinkCounters,
-        load: LineLoad, services: ServiceCounters,
+        load: LineLoad, services: ServiceCounters, writes: WriteLog | None,
     ) -> None:  # fmt: skip
-        """From now on connections are answered from this memory by this server, and counted here."""
+        """From now on connections are answered from this memory by this server, and counted and logged here."""
         channel = self.channel
         device = Device(
             name=f"channel {channel.number}", protocol=channel.protocol, role=channel.role, own=channel.own,
             params=channel.params, areas=(), grammar=access.grammar, profile=None, mapping=channel.mapping, initial=(),
         )  # fmt: skip
         store = DeviceStore(
-            device, self.clock, access=access, server=server, link=counters, load=load, counters=services
-        )
+            device, self.clock, access=access, server=server, link=counters, load=load, counters=services,
+            writes=writes,
+        )  # fmt: skip
         watch = None if monitor is None else lambda port, number, seen: monitor(seen)
         self.serving = Serving([store], self.clock, channel.line, watch, limits=channel.limits)
 

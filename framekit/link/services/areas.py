@@ -26,6 +26,10 @@ OWN = "own"
 MOST_UNITS = 4096
 """So many areas with their units are kept ready; a request may name units without end."""
 
+Written = Callable[["AreaUnit", int, int, bytes, bytes], None]
+"""Is told of elements that were written: area, first, how many, and what stood there before and after, in memory's
+form."""
+
 Codes = dict[Any, list[tuple[str, str]]]
 """What stands for areas on the wire: code → areas with the unit it counts in."""
 
@@ -53,17 +57,19 @@ class AreaUnit:
     `read` and `write` want places that `check` has passed. `most`: elements that can be read without a check, 0 where
     that is not known before; these begin at bit `offset` of `there`. `build` gives the bytes of an area that is made of
     state. `is_plain`: its bytes are those of the memory, in that order. `type`: what its elements usually hold.
+    `read_only`: no element may be written.
     """
 
     __slots__ = (
-        "_device", "_order", "area", "bits", "build", "is_plain", "memory", "most", "name", "offset", "there", "type",
-        "unit",
+        "_device", "_order", "area", "bits", "build", "is_plain", "memory", "most", "name", "offset", "read_only",
+        "there", "type", "unit",
     )  # fmt: skip
 
     def __init__(
         self, model: Area | None, device: DeviceMemory, memory: str, unit: str, offset: int = 0,
-        build: Callable[[Names], bytes] | None = None,
+        build: Callable[[Names], bytes] | None = None, *, read_only: bool = False,
     ) -> None:  # fmt: skip
+        self.read_only = read_only
         self.name = None if model is None else model.name
         self.type = None if model is None or unit != model.unit else model.type
         self.area = model
@@ -103,7 +109,7 @@ class AreaUnit:
             there = self.present()
             if self.offset + end > there.size_bits:
                 raise MemoryRangeError(f"{count} × {self.unit} from {start} on is not in area {there.name}")
-            if write and there.access == "read":
+            if write and (self.read_only or there.access == "read"):
                 raise AccessError(f"area {there.name} can only be read")
 
     def present(self) -> MemoryArea:
@@ -165,11 +171,29 @@ class AreaUnit:
         there.write_bits(start, min(len(whole) * 8, there.size_bits - start), whole)
 
 
+class ToldUnit(AreaUnit):
+    """The same area; every write is told, with what stood there before and what stands there then."""
+
+    __slots__ = ("_told",)
+
+    def __init__(self, unit: AreaUnit, told: Written) -> None:
+        for name in AreaUnit.__slots__:
+            setattr(self, name, getattr(unit, name))
+        self._told = told
+
+    def write(self, start: int, count: int, data: bytes) -> None:
+        none = Names()
+        before = self.read(start, count, none)
+        super().write(start, count, data)
+        self._told(self, start, count, before, self.read(start, count, none))
+
+
 class DeviceAreas:
     """Access to a device's memory through the areas of a protocol.
 
     `mapping` puts a protocol's area somewhere else: area → memory area and the number, in the protocol area's units, of
-    its element 0 there. Methods raise DeviceMemoryError for places that are not there or may not be written.
+    its element 0 there. With `read_only` nothing may be written; `written` is told of every write. Methods raise
+    DeviceMemoryError for places that are not there or may not be written.
     """
 
     def __init__(
@@ -178,8 +202,13 @@ class DeviceAreas:
         codec: ProtocolCodec,
         memory: DeviceMemory,
         mapping: Mapping[str, tuple[str, int]] | None = None,
+        *,
+        read_only: bool = False,
+        written: Written | None = None,
     ) -> None:
         self.areas = protocol.areas
+        self.read_only = read_only
+        self.written = written
         self.codec = codec
         self.memory = memory
         self.mapping = dict(mapping or {})
@@ -199,9 +228,9 @@ class DeviceAreas:
                 raise UnknownAreaError(f"there is no area '{area}'")
             memory, first = self.mapping.get(area, (model.memory, 0))
             if model.layout is None:
-                found = AreaUnit(model, self.memory, memory, unit or model.unit, first * model.element_bits)
+                found = self._made(model, memory, unit or model.unit, first * model.element_bits)
             else:
-                found = AreaUnit(model, self.memory, memory, unit or model.unit, 0, self._builder(model))
+                found = self._made(model, memory, unit or model.unit, 0, self._builder(model))
             if len(self._units) < MOST_UNITS:
                 self._units[area, unit] = found
         return found
@@ -209,7 +238,14 @@ class DeviceAreas:
     def own_unit(self, memory: str, unit: str | None = None) -> AreaUnit:
         """A memory area by its own name, counted in a unit. Raises UnknownAreaError."""
         own = self.memory.area(memory).unit
-        return AreaUnit(None, self.memory, memory, own if unit in (None, OWN) else str(unit))
+        return self._made(None, memory, own if unit in (None, OWN) else str(unit))
+
+    def _made(
+        self, model: Area | None, memory: str, unit: str, offset: int = 0,
+        build: Callable[[Names], bytes] | None = None,
+    ) -> AreaUnit:  # fmt: skip
+        made = AreaUnit(model, self.memory, memory, unit, offset, build, read_only=self.read_only)
+        return made if self.written is None else ToldUnit(made, self.written)
 
     def _builder(self, area: Area) -> Callable[[Names], bytes]:
         """The bytes of an area that is a layout: of the record that has this layout, or of its own formulas."""

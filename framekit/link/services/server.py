@@ -23,7 +23,7 @@ from framekit.link.construct_values import EACH, compile_value
 from framekit.link.events import Served
 from framekit.link.frame_table import ProtocolCodec
 from framekit.link.packing import numbers_of
-from framekit.link.services.areas import Codes, DeviceAreas, codes_of
+from framekit.link.services.areas import Codes, DeviceAreas, Written, codes_of
 from framekit.link.services.matching import (
     DamagedBufferError,
     DataError,
@@ -188,7 +188,8 @@ class MemoryServer:
     """Serves a device's memory. `mapping` puts areas of the protocol elsewhere in it (see `DeviceAreas`).
 
     `on_block` starts blocks of a run for requests that ask for one. `refresh` brings the memory up to date before each
-    request, `refuses` refuses requests that the device would serve, `counters` count what is done and refused.
+    request, `refuses` refuses requests that the device would serve, `counters` count what is done and refused. With
+    `read_only` a write is refused as one that is not allowed; `written` is told of every write.
     """
 
     def __init__(
@@ -202,12 +203,14 @@ class MemoryServer:
         refresh: Callable[[], None] | None = None,
         refuses: Refuses | None = None,
         counters: ServiceCounters | None = None,
+        read_only: bool = False,
+        written: Written | None = None,
     ) -> None:
         self.on_block = on_block
         self.refresh = refresh
         self.refuses = refuses
         self.counters = ServiceCounters() if counters is None else counters
-        self.areas = DeviceAreas(protocol, codec, memory, mapping)
+        self.areas = DeviceAreas(protocol, codec, memory, mapping, read_only=read_only, written=written)
         self.shared = rows_of(protocol, codec)
         self._refuse = self.shared.refuse
         self._rows: dict[str, list[ServedRow]] = {}

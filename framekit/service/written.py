@@ -1,0 +1,96 @@
+"""Who wrote what into a memory that others reach: a line of the log `framekit.written` for every write.
+
+Nothing is done for it where that log is off when a device or a run begins.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from typing import Any
+
+from framekit.definition.model.protocol import Protocol
+from framekit.link.addresses import Address, AddressError, AddressGrammar
+from framekit.link.events import MemoryAccess, RequestHandler, Served
+from framekit.link.packing import PackingError, numbers_of, values_of
+from framekit.link.services.areas import AreaUnit
+from framekit.link.values import FrameValue, Names
+
+log = logging.getLogger("framekit.written")
+
+MOST_VALUES = 16
+"""So many values of one write are shown; then how many more there were."""
+
+
+class WriteLog:
+    """Tells the log of writes into what is called `name`. `client`: who asks now."""
+
+    def __init__(self, name: str, protocol: Protocol) -> None:
+        self.name = name
+        self.client = ""
+        self._grammar = AddressGrammar(protocol.addresses, protocol.areas, protocol.tables)
+
+    def note(self, unit: AreaUnit, start: int, count: int, before: bytes, after: bytes) -> None:
+        """Elements of an area have been written."""
+        self._tell(self._place(unit, start), _shown(unit, before, count), _shown(unit, after, count))
+
+    def note_bytes(self, address: str, before: bytes, after: bytes) -> None:
+        """Bytes have been stored by a sequence."""
+        self._tell(address, before.hex(" ").upper(), after.hex(" ").upper())
+
+    def _tell(self, place: str, before: str, after: str) -> None:
+        log.info("%s: %s: %s → %s, written by %s", self.name, place, before, after, self.client)
+
+    def _place(self, unit: AreaUnit, start: int) -> str:
+        if unit.name is None:
+            return f"{unit.unit} {start} of {unit.memory}"
+        place = Address(unit.name, unit.unit, start)
+        try:
+            return self._grammar.print(place)
+        except AddressError:
+            return str(place)
+
+
+def _shown(unit: AreaUnit, data: bytes, count: int) -> str:
+    """The values as numbers."""
+    try:
+        values: list[Any] = numbers_of(data, unit.unit, unit.type, count)
+    except PackingError:
+        values = values_of(data, unit.unit, count)
+    more = f" and {len(values) - MOST_VALUES} more" if len(values) > MOST_VALUES else ""
+    return ", ".join(map(str, values[:MOST_VALUES])) + more
+
+
+def begun_log(name: str, protocol: Protocol) -> WriteLog | None:
+    """What tells the log; None where that is off."""
+    return WriteLog(name, protocol) if log.isEnabledFor(logging.INFO) else None
+
+
+class NamedServer:
+    """A server as one client has it: what the client writes is told with its name."""
+
+    def __init__(self, server: RequestHandler, writes: WriteLog, who: Callable[[], str]) -> None:
+        self._server, self._writes, self._who = server, writes, who
+
+    def serve(self, request: FrameValue, buffer: bytes, station: Any, check_only: bool, names: Names) -> Served:
+        self._writes.client = self._who()
+        return self._server.serve(request, buffer, station, check_only, names)
+
+    def unanswered(self) -> None:
+        self._server.unanswered()
+
+
+class NamedMemory:
+    """The memory as sequences have it that one client begins: what they store is told with its name."""
+
+    def __init__(self, memory: MemoryAccess, writes: WriteLog, who: Callable[[], str]) -> None:
+        self._memory, self._writes, self._who = memory, writes, who
+
+    def read(self, address: str, size: int) -> bytes:
+        return self._memory.read(address, size)
+
+    def write(self, address: str, data: bytes) -> None:
+        before = self._memory.read(address, len(data))
+        self._memory.write(address, data)
+        self._writes.client = self._who()
+        self._writes.note_bytes(address, before, data)

@@ -1,0 +1,187 @@
+"""Servers and runs that only read: the protocol refuses writes, and the reader refuses files that could write.
+
+And the log of who wrote what, where writes are allowed.
+"""
+
+from __future__ import annotations
+
+import logging
+import queue
+import socket
+from functools import partial
+from pathlib import Path
+
+import pytest
+from link.service_loop import Loop
+
+import framekit
+from framekit.cli.main import main
+from framekit.definition.load import load_protocol
+from framekit.link.services.client import TransferResult
+from framekit.memory.memory import DeviceMemory
+from framekit.run.own_memory import AddressedMemory
+from framekit.runfile.devices import memory_of
+
+PLACES = [
+    ("modbus-tcp", "40001", [1, 2]),
+    ("modbus-tcp", "00001", [1]),
+    ("mldp", "M100", [5]),
+    ("host-link", "D0", [3]),
+]
+
+
+def written(protocol: str, address: str, values: list[int], **server: bool) -> tuple[Loop, TransferResult]:
+    loop = Loop(protocol, **server)
+    return loop, loop.do("write", address, values)
+
+
+def contents(loop: Loop) -> list[bytes]:
+    return [area.read_bytes(0, area.size_bytes) for area in loop.memory]
+
+
+@pytest.mark.parametrize(("protocol", "address", "values"), PLACES)
+def test_a_protocol_refuses_writes_and_serves_reads(protocol: str, address: str, values: list[int]) -> None:
+    loop, result = written(protocol, address, values)
+    assert result.ok
+    assert any(map(any, contents(loop)))
+    loop, result = written(protocol, address, values, read_only=True)
+    assert not result.ok
+    assert not any(map(any, contents(loop)))
+    assert loop.server.counters.refused.total() == 1
+    assert loop.do("read", address, count=len(values)).ok
+
+
+def test_serve_with_read_only(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    with framekit.serve("modbus-tcp", "tcp://127.0.0.1:0", initial={"40001": 7}, read_only=True) as server:
+        place = ["modbus-tcp", "--port", server.port, "--station", "1", "40001"]
+        assert main(["write", *place, "8"]) == 1
+        assert "the device refused with code 0x0002: illegal data address" in capsys.readouterr().err
+        assert main(["read", *place]) == 0
+        assert capsys.readouterr().out == "40001  7\n"
+        server.memory["40001"] = 9  # its own program still may
+        assert main(["read", *place]) == 0
+        assert capsys.readouterr().out == "40001  9\n"
+
+
+def test_sequences_store_nothing_either() -> None:
+    areas, grammar = memory_of(load_protocol("modbus-tcp"))
+    access = AddressedMemory(DeviceMemory(areas), grammar)
+    access.write("40001", b"\x01\x02")
+    with pytest.raises(ValueError, match="40001 can only be read here"):
+        access.as_read_only().write("40001", b"\x03\x04")
+    assert access.as_read_only().read("40001", 2) == b"\x01\x02"
+
+
+# ---- runs -------------------------------------------------------------------------------------------------------
+
+RUN = """run: mixed
+memory: masterlogic
+channels:
+  1: {{port: "tcp://127.0.0.1:1", protocol: modbus-tcp, station: 1}}
+  2: {{port: "tcp-listen://127.0.0.1:{number}", protocol: modbus-tcp, role: server, own: 1, map: {{holding: M0}}}}
+blocks:
+  0: {{read: "40001", into: M100, channel: 1, every: 1 s}}
+{more}"""
+WRITES = """  1: {write: "40001", from: M100, channel: 1, every: 1 s}
+  2: {call: identify, channel: 1, once: yes}
+points:
+  speed: {channel: 1, address: "40007", every: 1 s, access: rw}
+  level: {channel: 1, address: "40008", every: 1 s}
+"""
+
+
+def free_number() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        return int(free.getsockname()[1])
+
+
+States = queue.SimpleQueue[tuple[int, str]]
+
+
+def note(states: States, channel: int, seen: framekit.Seen) -> None:
+    states.put((channel, seen.kind))
+
+
+def listening(states: States) -> None:
+    """Waits until channel 2 listens."""
+    while states.get(timeout=60) != (2, "open"):
+        pass
+
+
+def test_a_run_that_could_write_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "mixed.run.yaml"
+    file.write_text(RUN.format(number=free_number(), more=WRITES), "utf-8")
+    assert main(["run", str(file), "--read-only", "--for", "10ms"]) == 1
+    told = capsys.readouterr().err.splitlines()
+    assert [line.partition(": ")[2] for line in told] == [
+        "block 1 writes into the other side, and this run only reads"
+        " – leave it out, or run the file without --read-only",
+        "block 2 calls a service, which may write, and this run only reads"
+        " – leave it out, or run the file without --read-only",
+        "point 'speed' can be written into a device, and this run only reads"
+        " – leave access: rw out, or run the file without --read-only",
+    ]
+    assert told[0].startswith(f"{file}:8:3: ")
+
+
+def test_clients_of_a_run_that_only_reads_write_nothing(tmp_path: Path) -> None:
+    from framekit.api.run import loaded, reads_only
+
+    number = free_number()
+    file = tmp_path / "mixed.run.yaml"
+    file.write_text(RUN.format(number=number, more=""), "utf-8")
+    for model, may in ((loaded(file), True), (reads_only(loaded(file)), False)):
+        states = States()
+        with framekit.Run(model, on_seen=partial(note, states)) as run:
+            listening(states)
+            with framekit.connect("modbus-tcp", f"tcp://127.0.0.1:{number}", station=1) as client:
+                if may:
+                    client.write("40001", [4711])
+                else:
+                    with pytest.raises(framekit.RefusedError):
+                        client.write("40001", [4711])
+            assert run.memory["M0"] == (4711 if may else 0)
+
+
+# ---- who wrote what ---------------------------------------------------------------------------------------------
+
+
+def test_writes_are_logged_with_who_wrote(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO, "framekit.written")
+    with (
+        framekit.serve("modbus-tcp", "tcp://127.0.0.1:0", initial={"40001": [7, 8]}) as server,
+        framekit.connect("modbus-tcp", server.port, station=1) as client,
+    ):
+        client.write("40001", [7, 9])
+        client.write("00003", [1])
+        client.write("40100", list(range(20)))
+        client.read("40001", 2)
+    told = [record.getMessage() for record in caplog.records]
+    who = told[0].rpartition(" ")[2]
+    assert who.startswith("127.0.0.1:")
+    zeros, some = ", ".join(["0"] * 16), ", ".join(map(str, range(16)))
+    assert told == [
+        f"modbus-tcp: 40001: 7, 8 → 7, 9, written by {who}",
+        f"modbus-tcp: 00003: 0 → 1, written by {who}",
+        f"modbus-tcp: 40100: {zeros} and 4 more → {some} and 4 more, written by {who}",
+    ]
+
+
+def test_nothing_is_done_for_a_log_that_is_off() -> None:
+    loop, result = written("modbus-tcp", "40001", [1])
+    assert result.ok
+    assert type(loop.server.areas.unit("holding")).__name__ == "AreaUnit"
+
+
+def test_a_channel_that_answers_logs_too(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO, "framekit.written")
+    number = free_number()
+    file = tmp_path / "mixed.run.yaml"
+    file.write_text(RUN.format(number=number, more=""), "utf-8")
+    states = States()
+    with framekit.Run(file, on_seen=partial(note, states)):
+        listening(states)
+        with framekit.connect("modbus-tcp", f"tcp://127.0.0.1:{number}", station=1) as client:
+            client.write("40001", [4711])
+    (told,) = [record.getMessage() for record in caplog.records if record.name == "framekit.written"]
+    assert told.startswith("channel 2: 40001: 0 → 4711, written by 127.0.0.1:")
