@@ -79,7 +79,8 @@ def drafted(found: Guess, name: str, source: str) -> Draft:
         vectors = "\n".join(lines) + "\n"
         vectors_path(path).write_text(vectors, "utf-8")
         try:
-            problems += [problem for case in run_vectors(path) for problem in case.problems]
+            failed = [problem for case in run_vectors(path) for problem in case.problems]
+            problems += [problem.removeprefix(f"{folder}/") for problem in failed]
         except DefinitionError as error:
             problems += [str(replace(one, at=replace(one.at, file=f"{name}.vectors.yaml"))) for one in error.problems]
     return Draft(name, text, vectors, tuple(problems), warnings)

@@ -45,10 +45,12 @@ def framings_of(chunks: Sequence[HeardBytes]) -> list[CutLine]:
     """What the framing may be, the most likely first; the last one takes the pieces as they came."""
     pieces = joined(chunks)
     streams = streams_of(pieces)
-    texts = [
-        piece for stream in streams for start, piece in zip(stream.starts, stream.pieces, strict=True)
+    ordered = sorted(
+        (number, piece) for stream in streams
+        for number, start, piece in zip(stream.numbers, stream.starts, stream.pieces, strict=True)
         if start not in stream.signals
-    ][:MOST_PIECES] or [piece.data for piece in pieces[:MOST_PIECES]]  # fmt: skip
+    )  # fmt: skip
+    texts = [piece for _, piece in ordered[:MOST_PIECES]] or [piece.data for piece in pieces[:MOST_PIECES]]
     seen, found = set[Framing](), list[CutLine]()
     for framing in _hypotheses(texts, streams):
         if framing not in seen:

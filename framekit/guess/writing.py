@@ -11,7 +11,7 @@ from itertools import pairwise
 
 from framekit.definition.model.checks import CheckMethod
 from framekit.guess.checks import FLETCHER
-from framekit.guess.model import FrameKind, Framing, Guess, GuessedField
+from framekit.guess.model import FrameKind, Framing, Guess, GuessedField, HeardFrame, Stuffing
 
 TOLD_KINDS = ("unknown", "counter", "copy", "text", "named")
 """Fields with a comment that says what is known of them."""
@@ -115,13 +115,13 @@ def _body(kind: FrameKind, framing: Framing, guess: Guess) -> Iterator[str]:
     ]
     if framing.start:
         yield f"- {{const: {_hex(framing.start)}}}"
-    yield f"- wrap: {_wrap(framing)}"
+    yield f"- wrap: {_wrap(framing, [frame for one in guess.kinds for frame in one.frames])}"
     yield "  of:"
     yield from (f"    - {text}" for text in inner)
     yield f"- {{const: {_hex(framing.end)}}}"
 
 
-def _wrap(framing: Framing) -> str:
+def _wrap(framing: Framing, frames: Sequence[HeardFrame]) -> str:
     stuffing = framing.stuffing
     assert stuffing is not None
     if stuffing.kind in ("cobs", "hex"):
@@ -129,11 +129,18 @@ def _wrap(framing: Framing) -> str:
     if stuffing.kind == "doubled":
         return f"{{escape: {stuffing.escape:02X}}}"
     if stuffing.kind == "escape_xor":
-        marks = dict.fromkeys((*framing.start, *framing.end, stuffing.escape))
+        marks = dict.fromkeys((*framing.start, *framing.end, stuffing.escape, *_escaped(stuffing, frames)))
         inside = ", ".join(f"{byte:02X}" for byte in marks)
         return f"{{escape: {stuffing.escape:02X}, xor: {stuffing.xor:02X}, bytes: [{inside}]}}"
     codes = ", ".join(f"{byte:02X}: {code:02X}" for code, byte in stuffing.codes)
     return f"{{escape: {stuffing.escape:02X}, codes: {{{codes}}}}}"
+
+
+def _escaped(stuffing: Stuffing, frames: Sequence[HeardFrame]) -> list[int]:
+    """The bytes that were seen behind the escape byte, as they are without it."""
+    escape = bytes([stuffing.escape])
+    seen = {part[0] ^ stuffing.xor for frame in frames for part in frame.data.split(escape)[1:] if part}
+    return sorted(seen)
 
 
 def _segments(kind: FrameKind, framing: Framing, check: str) -> Iterator[str]:

@@ -15,7 +15,7 @@ from framekit.cli.main import main
 from framekit.codec.checks import compute
 from framekit.definition.model.checks import ready_methods
 from framekit.guess.guess import guess
-from framekit.guess.model import Guess, HeardBytes, LengthField
+from framekit.guess.model import Direction, Guess, HeardBytes, LengthField
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 from benchmarks.guess_score import draw_case, judged
@@ -56,6 +56,17 @@ def test_requests_and_replies_are_told_apart(one_wire: bool) -> None:
     assert [(field.name, field.kind) for field in told.fields] == [
         ("copy_0", "copy"), ("function", "constant"), ("count", "count"), ("data", "value"), ("check", "check"),
     ]  # fmt: skip
+
+
+def test_long_recordings_are_seen_from_both_sides() -> None:
+    rng = random.Random(3)
+    ways: list[Direction] = ["out", "in"]
+    chunks = [
+        HeardBytes(None, ways[at % 2], rtu(bytes([1, at % 2, rng.randrange(256)]) + bytes(3 * (at % 2))))
+        for at in range(4200)
+    ]
+    found = guess(chunks)
+    assert found.noise == 0 and [len(kind.frames) for kind in found.kinds] == [2100, 2100]
 
 
 def test_a_stream_without_pieces_is_cut_by_its_length_field() -> None:

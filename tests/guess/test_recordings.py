@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 from spread import spread
 
-from framekit.api.guess import guess, reading_of, write_definition
+from framekit.api.draft import write_definition
+from framekit.api.guess import guess, reading_of
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 from benchmarks.guess_real import FOLDER, TRUTHS, all_of, case_of, judged_real
@@ -27,7 +28,7 @@ def test_what_is_said_of_a_recording_is_right(name: str) -> None:
 @pytest.mark.parametrize("name", spread([name for name in TRUTHS if name not in NOT_YET], 5))
 def test_the_definition_of_a_recording_reads_it(name: str, tmp_path: Path) -> None:
     case, path = case_of(name, 200), tmp_path / "found.yaml"
-    assert write_definition(guess(case.chunks), path, name) == []
+    assert write_definition(guess(case.chunks), path, name).problems == ()
     told = reading_of(path, case.chunks).data
     assert (told["frames"], told["bad"], told["noise"]) == (len(case.good), 0, 0)
 
