@@ -36,18 +36,22 @@ class VerbError(Exception):
 
     status = 1
     """The exit status."""
+    kind = "failed"
+    """What `--json` calls it."""
 
 
 class WordsError(VerbError):
     """The command line is wrong: an option, a name or a value in it. Nothing was done."""
 
     status = 2
+    kind = "command_line"
 
 
 class PortError(VerbError):
     """The port cannot be opened."""
 
     status = 3
+    kind = "port"
 
 
 LEVELS = ("debug", "info", "warning", "error")
@@ -129,6 +133,36 @@ def why_not(error: OSError) -> str:
     """Why the system refused something, and about which file."""
     text = error.strerror or str(error)
     return f"{near(str(error.filename))}: {text}" if error.filename is not None else text
+
+
+def tell_error(arguments: argparse.Namespace, kind: str, message: str, **more: object) -> None:
+    """What went wrong, on standard error; with `--json` also as an object among what is printed."""
+    if getattr(arguments, "json", False):
+        print_json({"error": kind, "message": message, **more})
+    print(f"framekit {arguments.verb}: {message}", file=sys.stderr)
+
+
+def tell_problems(arguments: argparse.Namespace, problems: Sequence[Problem]) -> int:
+    """The same for what is wrong in files; the exit status."""
+    wrong = [problem for problem in problems if not problem.warning]
+    if getattr(arguments, "json", False):
+        shown = [problem_data(problem) for problem in problems]
+        print_json({"error": "definition", "message": told((wrong or problems)[0]), "problems": shown})
+    for problem in problems:
+        print(told(problem) if problem.at.line else f"framekit {arguments.verb}: {told(problem)}", file=sys.stderr)
+    return status_of(problems)
+
+
+def problem_data(problem: Problem) -> dict[str, object]:
+    """A problem for JSON."""
+    return {
+        "file": near(problem.at.file),
+        "line": problem.at.line,
+        "column": problem.at.column,
+        "what": problem.what,
+        "todo": problem.todo,
+        "warning": problem.warning,
+    }
 
 
 def load(name: str) -> Protocol:

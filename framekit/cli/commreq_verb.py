@@ -24,6 +24,7 @@ from framekit.cli.common import (
     load,
     on_stop,
     print_json,
+    tell_error,
     why_not,
 )
 from framekit.cli.device_verbs import add_line, carry_out
@@ -69,7 +70,7 @@ def run_commreq(arguments: argparse.Namespace) -> int:
     try:
         records = [_record(blocks, given) for given in commands_in(arguments.words)]
     except ValueError as error:
-        print(f"framekit {arguments.verb}: {error}", file=sys.stderr)
+        tell_error(arguments, WordsError.kind, str(error))
         return NO_COMMAND
     if arguments.port is None or arguments.explain:
         return max(explain(blocks, protocol, data, arguments) for data in records)
@@ -178,7 +179,7 @@ def _record(blocks: CommandBlocks, given: list[str]) -> bytes:
 
 def fault(arguments: argparse.Namespace, why: object) -> int:
     """Tells that words are no command; the exit status."""
-    print(f"framekit {arguments.verb}: this is no command block: {why}", file=sys.stderr)
+    tell_error(arguments, WordsError.kind, f"this is no command block: {why}")
     return NO_COMMAND
 
 

@@ -35,11 +35,13 @@ from framekit.cli.common import (
     load_codec,
     near,
     print_json,
+    problem_data,
     scope_of,
     seen_data,
     seen_text,
     status_of,
     table,
+    tell_error,
     told_once,
     why_not,
 )
@@ -56,7 +58,6 @@ if TYPE_CHECKING:
     from framekit.definition.model.frames import Frame
     from framekit.definition.model.protocol import Protocol
     from framekit.definition.model.segments import Segment
-    from framekit.definition.problems import Problem
 
 
 def add_encode_arguments(parser: argparse.ArgumentParser) -> None:
@@ -176,7 +177,7 @@ def run_decode(arguments: argparse.Namespace) -> int:
     tried = frames_tried(codec, arguments.frame, arguments.side)
     fits, faults = fitting(codec, codec.catalogue, data, tried, names)
     if not fits:
-        print(f"framekit decode: {reason(faults, data)}", file=sys.stderr)
+        tell_error(arguments, "no_frame", reason(faults, data))
         return 1
     if arguments.json:
         print_json(as_json(codec, fits, data, names))
@@ -697,23 +698,12 @@ def _show_loads(checked: Checked, in_full: bool) -> None:
 
 
 def _file_as_json(checked: Checked) -> dict[str, Any]:
-    found = {"what": checked.what, "problems": [_problem_as_json(one) for one in checked.problems]}
+    found = {"what": checked.what, "problems": [problem_data(one) for one in checked.problems]}
     if checked.loads:
         from framekit.cli.run_output import load_data
 
         found["channels"] = [load_data(load) for load in checked.loads]
     return found
-
-
-def _problem_as_json(problem: Problem) -> dict[str, object]:
-    return {
-        "file": near(problem.at.file),
-        "line": problem.at.line,
-        "column": problem.at.column,
-        "what": problem.what,
-        "todo": problem.todo,
-        "warning": problem.warning,
-    }
 
 
 def add_test_arguments(parser: argparse.ArgumentParser) -> None:

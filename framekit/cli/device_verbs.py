@@ -9,7 +9,19 @@ import time
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
-from framekit.cli.common import WordsError, add, assignments, load, plain, print_json, table, time_of
+from framekit.cli.common import (
+    PortError,
+    VerbError,
+    WordsError,
+    add,
+    assignments,
+    load,
+    plain,
+    print_json,
+    table,
+    tell_error,
+    time_of,
+)
 from framekit.transport.schemes import help_on_ports
 
 if TYPE_CHECKING:
@@ -104,12 +116,9 @@ def failed(arguments: argparse.Namespace, error: FramekitError) -> int:
     from framekit import ErrorCode
     from framekit.api.errors import ExchangeError, LineClosedError, NoReplyError, RefusedError, ReplyError, RequestError
 
-    if arguments.json and isinstance(error, ExchangeError):
-        shown: dict[str, Any] = {"error": error.outcome, "message": str(error)}
-        if isinstance(error, RefusedError):
-            shown |= {"code": error.code, "meaning": error.meaning}
-        print_json(shown)
-    print(f"framekit {arguments.verb}: {error}", file=sys.stderr)
+    kind = error.outcome if isinstance(error, ExchangeError) else _kind_of(error)
+    more = {"code": error.code, "meaning": error.meaning} if isinstance(error, RefusedError) else {}
+    tell_error(arguments, kind, str(error), **more)
     if isinstance(error, RequestError):
         return 2
     if isinstance(error, ExchangeError) and error.error_code is ErrorCode.NOT_ALLOWED:
@@ -117,6 +126,14 @@ def failed(arguments: argparse.Namespace, error: FramekitError) -> int:
     if isinstance(error, ExchangeError) and error.error_code is ErrorCode.FAILED:
         return 3  # a name that the protocol gives to an exchange without a good answer
     return 3 if isinstance(error, (NoReplyError, ReplyError, LineClosedError)) else 1
+
+
+def _kind_of(error: FramekitError) -> str:
+    from framekit.api.errors import LineClosedError, RequestError
+
+    if isinstance(error, RequestError):
+        return WordsError.kind
+    return PortError.kind if isinstance(error, LineClosedError) else VerbError.kind
 
 
 def show(seen: Seen) -> None:

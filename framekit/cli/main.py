@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
 from framekit import __version__
-from framekit.cli.common import VerbError
+from framekit.cli.common import VerbError, WordsError, print_json, tell_error, tell_problems
 from framekit.definition.sources import PATH_VARIABLE
 
 VERBS = {
@@ -72,11 +72,12 @@ _CHOICE = re.compile(r"invalid choice: '(?P<word>[^']*)' \(choose from (?P<choic
 
 
 class Parser(argparse.ArgumentParser):
-    """As its base; `verbs` are those that it has, by name."""
+    """As its base; `verbs` are those that it has, by name. `tells_json`: what is wrong is printed as an object too."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
         self.verbs: dict[str, Parser] = {}
+        self.tells_json = False
 
     def error(self, message: str) -> NoReturn:
         """Tells what is wrong and ends with status 2."""
@@ -86,6 +87,8 @@ class Parser(argparse.ArgumentParser):
         if match is not None:
             near = _near(match["word"], re.findall(r"[^\s',]+", match["choices"]))
             message += f" – {near}" if near else ""
+        if self.tells_json:
+            print_json({"error": WordsError.kind, "message": message})
         super().error(message)
 
     def refuse(self, unknown: Sequence[str]) -> NoReturn:
@@ -172,6 +175,8 @@ def _folders(words: list[str]) -> tuple[list[str], list[str]]:
 def _main(words: list[str]) -> int:
     """Carries out the words behind the options that come before a verb."""
     parser = build_parser(words[0] if words and words[0] in VERBS else "")
+    for one in (parser, *parser.verbs.values()):
+        one.tells_json = "--json" in words
     parsed, unknown = _parsed(parser, words)
     if unknown:
         parser.verbs[parsed.verb].refuse(unknown)
@@ -183,18 +188,14 @@ def _main(words: list[str]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except VerbError as failure:
-        print(f"framekit {parsed.verb}: {failure}", file=sys.stderr)
+        tell_error(parsed, failure.kind, str(failure))
         return failure.status
     except ValueError as error:
         from framekit.definition.problems import DefinitionError
 
         if not isinstance(error, DefinitionError):
             raise
-        from framekit.cli.common import status_of, told
-
-        for problem in error.problems:
-            print(told(problem) if problem.at.line else f"framekit {parsed.verb}: {told(problem)}", file=sys.stderr)
-        return status_of(error.problems)
+        return tell_problems(parsed, error.problems)
 
 
 def _function(verb: str, name: str) -> Callable[[Any], Any]:
