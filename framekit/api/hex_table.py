@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import accumulate
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from framekit.api.guess import seen_by
 from framekit.api.monitor import field_rows
@@ -34,6 +34,10 @@ NOISE = -1
 """The kind of a row that is no frame."""
 MOST_LOOKED = 10_000
 """So many frames of a kind are looked at for the values of some bytes."""
+LEAST_USUAL, MOST_USUAL = 1e-4, 1e7
+"""Floats of such a size are likely meant."""
+LARGEST_SHOWN = 10**12
+"""Larger numbers are shown by their first digits."""
 MOST_SPANS = 500
 """Fields of a frame that are shown."""
 MOST_KEPT = 8
@@ -64,10 +68,12 @@ class HexSpan(NamedTuple):
 
 @dataclass(slots=True)
 class HexKind:
-    """Frames of one kind. `side`: client or server, '' if not known; `rows`: their numbers."""
+    """Frames of one kind. `side`: client or server, '' if not known; `frame`: that of a definition which reads them;
+    `rows`: their numbers."""
 
     name: str
     side: str
+    frame: str = ""
     rows: list[int] = field(default_factory=list)
 
 
@@ -111,6 +117,8 @@ class HexTable:
         for number, row in enumerate(rows):
             (self.others if row.kind == NOISE else kinds[row.kind].rows).append(number)
         self.began = next((row.time for row in rows if row.time is not None), None)
+        self.longest_time = max((len(f"{self.seconds(row):.3f}") for row in rows if row.time is not None), default=0)
+        """Signs of the longest time; 0 where nothing tells times."""
         self._starts = lru_cache(MOST_KEPT)(self._starts_of)
         self._values = lru_cache(MOST_VALUES)(self._values_of)
 
@@ -159,7 +167,7 @@ class HexTable:
         own = self._alike(kind, number)
         places = (self.rows[one].data[offset : offset + size] for one in own)
         texts = list(dict.fromkeys(text for text in places if len(text) == size))
-        found = []
+        likely, found = list[TypedValues](), list[TypedValues]()
         for type_, order in types_of(texts):
             if type_ == "text":
                 found.append(TypedValues(type_, order, shown_text(min(texts)), shown_text(max(texts)), len(texts)))
@@ -169,7 +177,10 @@ class HexTable:
                 numbers = {known for text in texts if (known := number_of(type_, order, text)) is not None}
                 if numbers:
                     ends = shown_number(min(numbers)), shown_number(max(numbers))
-                    found.append(TypedValues(type_, order, *ends, len(numbers)))
+                    values = TypedValues(type_, order, *ends, len(numbers))
+                    is_likely = type_ in ("f32", "f64") and len(texts) > 1 and _are_usual(numbers, len(texts))
+                    (likely if is_likely else found).append(values)
+        found[:0] = likely
         return PlaceValues(len(own), len(texts), tuple(found))
 
     def course(
@@ -190,6 +201,11 @@ class HexTable:
         return 0.0 if row.time is None or self.began is None else (row.time - self.began) / 1e9
 
 
+def _are_usual(numbers: Collection[float], of: int) -> bool:
+    """Whether floats are numbers as people write them: other bytes seldom give such a size."""
+    return len(numbers) == of and all(number == 0 or LEAST_USUAL <= abs(number) <= MOST_USUAL for number in numbers)
+
+
 def shown_as(type_: str, order: str, data: bytes) -> str:
     """What bytes are as a type, as a cell has it."""
     if type_ == "text":
@@ -201,7 +217,9 @@ def shown_as(type_: str, order: str, data: bytes) -> str:
 
 def shown_number(number: int | float | None) -> str:
     """A number as a cell has it."""
-    return "-" if number is None else str(number) if isinstance(number, int) else f"{number:.7g}"
+    if number is None:
+        return "-"
+    return str(number) if isinstance(number, int) and abs(number) < LARGEST_SHOWN else f"{number:.6g}"
 
 
 # ---- of a guess -------------------------------------------------------------------------------------------------
@@ -318,19 +336,30 @@ def definition_table(name: str | Path, chunks: Sequence[HeardBytes]) -> HexTable
     """
     protocol = load_protocol(name)
     codec, shades = compile_protocol(protocol), _shades(protocol)
-    kinds: dict[str, HexKind] = {}
+    kinds: dict[tuple[str, ...], tuple[int, HexKind]] = {}
     frames: list[FramePlace] = []
     for one in seen_by(protocol, chunks):
         if one.kind == "frame":
+            path = _inner_names(protocol, one.frame, one.fields)
             side = protocol.frames[one.frame].side
-            kinds.setdefault(one.frame, HexKind(one.frame, side if side in ("client", "server") else ""))
-            frames.append(FramePlace(one.raw, one.direction, list(kinds).index(one.frame)))
+            kind = HexKind(path[-1], side if side in ("client", "server") else "", one.frame)
+            frames.append(FramePlace(one.raw, one.direction, kinds.setdefault(path, (len(kinds), kind))[0]))
         elif one.kind == "bad":
             name = f"bad {one.frame}".rstrip()
             frames.append(FramePlace(b"", one.direction, NOISE, f"{name}: {one.reason} at byte {one.place}"))
     rows = rows_of(chunks, frames, 0)
-    named = list(kinds.values())
+    named = [kind for _, kind in kinds.values()]
     return HexTable(rows, named, lambda row: _read_spans(protocol, codec, named, shades, row))
+
+
+def _inner_names(protocol: Protocol, name: str, fields: Mapping[str, Any]) -> tuple[str, ...]:
+    """The frame, and those that it has inside."""
+    for value in fields.values():
+        if isinstance(value, Mapping) and len(value) == 1:
+            ((inner, inside),) = value.items()
+            if inner in protocol.frames and isinstance(inside, Mapping):
+                return name, *_inner_names(protocol, inner, inside)
+    return (name,)
 
 
 def _read_spans(
@@ -339,7 +368,7 @@ def _read_spans(
     """The fields of a frame of a definition: of those that lie in others the inner ones."""
     if row.kind == NOISE:
         return []
-    rows = field_rows(codec, protocol, Seen(row.direction, "frame", 0, row.data, kinds[row.kind].name))
+    rows = field_rows(codec, protocol, Seen(row.direction, "frame", 0, row.data, kinds[row.kind].frame))
     owner: list[int | None] = [None] * len(row.data)
     for number, one in sorted(enumerate(rows), key=lambda each: -len(each[1].data)):
         owner[one.offset : one.offset + len(one.data)] = [number] * len(one.data)

@@ -78,7 +78,8 @@ def _of_definition(arguments: argparse.Namespace, chunks: list[HeardBytes], page
     from framekit.web.hex_session import HexBoard
 
     title = f"{_named(arguments.files)} with {arguments.definition}"
-    _show(arguments, page, HexBoard(title, definition_table(arguments.definition, chunks), []), tell, "")
+    board = HexBoard(title, definition_table(arguments.definition, chunks), [], behaviours=reading.data["fields"])
+    _show(arguments, page, board, tell, "")
     return 0
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from framekit import __version__
@@ -31,17 +31,21 @@ LARGEST_RANGE = 64
 POINTED = (1, 2, 4)
 """So many bytes are looked at from a single one on."""
 SHOWN = ("u", "i", "f", "t")
+_NOTHING: Mapping[str, str] = {}
 
 
 class HexBoard:
-    """What all browsers are shown of a recording. `names`: None where a definition says what the bytes are."""
+    """What all browsers are shown of a recording. `names`: None where a definition says what the bytes are; then
+    `behaviours` says what its fields have in common in all frames, by FRAME.FIELD."""
 
     home = "bytes.html"
 
     def __init__(
-        self, title: str, table: HexTable, statements: Sequence[Statement], names: NamedGuess | None = None
-    ) -> None:
+        self, title: str, table: HexTable, statements: Sequence[Statement], names: NamedGuess | None = None,
+        behaviours: Mapping[str, str] = _NOTHING,
+    ) -> None:  # fmt: skip
         self.title = title
+        self.behaviours = behaviours
         self.table = table
         self.statements = statements
         self.names = names
@@ -113,7 +117,8 @@ class HexSession:
             "types": {name: list(one.sizes) for name, one in TYPES.items()},
             "rows": len(board.table.rows),
             "others": len(board.table.others),
-            "timed": board.table.began is not None,
+            "timed": board.table.longest_time,
+            "longest": max((len(row.data) for row in board.table.rows), default=0),
             "kinds": [[kind.name, kind.side, len(kind.rows)] for kind in board.table.kinds],
             "statements": [[one.is_sure, one.text, str(one.evidence), one.against] for one in board.statements],
         }
@@ -191,8 +196,10 @@ class HexSession:
         if number >= len(table.kinds) or not table.kinds[number].rows:
             raise ValueError("this is no message")
         row = table.kinds[number].rows[0]
+        name, known = table.kinds[number].frame, self.board.behaviours
         spans = table.spans(row)[:MOST_FIELDS]
-        return {"fields": number, "row": row, "list": [list(span) for span in spans]}
+        rows = [[*span[:4], known.get(f"{name}.{span.name}", span.about)] for span in spans]
+        return {"fields": number, "row": row, "list": rows}
 
     # ---- values -------------------------------------------------------------------------------------------
 

@@ -5,6 +5,7 @@ With FRAMEKIT_SCREENSHOTS set, the picture of docs/images is made anew.
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -77,7 +78,14 @@ def test_a_click_names_a_field_and_the_definition_passes(tmp_path: Path) -> None
         page.until(lambda: shades(page, 1)[2:6] == ["named"] * 4)
         assert "{field: level, type: f32}" in written.read_text("utf-8")
         drag(page, 1, 2, 5)
-        picture(page, "web-guess.png")
+        page.until(lambda: "level" in page.text("#what"))
+        page.run("document.querySelector('#types tr.row').click()")
+        page.until(lambda: not page.run("return document.querySelector('#course').hidden"))
+        if os.environ.get("FRAMEKIT_SCREENSHOTS"):
+            page.driver.set_window_size(1280, 900)
+            point(page, 9, 2)
+            page.until(lambda: "u8" in page.text("#tip"))
+            picture(page, "web-guess.png")
         before = written.read_text("utf-8")
         cells(page, 1)[6].click()
         name(page, "level", "u8")

@@ -120,6 +120,22 @@ def test_a_definition_gives_the_fields(page: HexPage) -> None:
     assert why.startswith("the definition says what the bytes are")
 
 
+def test_frames_with_others_inside_have_the_names_of_these() -> None:
+    asked, told = bytes([3, 3, 0, 0, 0, 2]), bytes([3, 3, 4, 0, 215, 0, 1])
+    table = definition_table("modbus-rtu", [HeardBytes(0, "out", framed(asked)), HeardBytes(10**9, "in", framed(told))])
+    assert [(kind.name, kind.frame) for kind in table.kinds] == [
+        ("read_holding", "request_adu"), ("read_holding_reply", "reply_adu"),
+    ]  # fmt: skip
+    assert [one.name.rpartition(".")[2] for one in table.spans(1)] == [
+        "station",
+        "function",
+        "bytes",
+        "values",
+        "check",
+    ]
+    assert [one.shade for one in table.spans(1)][2:] == ["length", "named", "check"]
+
+
 # ---- bytes and names ---------------------------------------------------------------------------------------------
 
 

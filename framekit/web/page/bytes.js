@@ -1,6 +1,6 @@
 // The page of an unknown line: what is known of each byte in colours, and names for fields. What the user names goes to
 // the definition, which the program checks and writes.
-import { HexLines } from "./hexlines.js";
+import { HexLines, tint } from "./hexlines.js";
 import { Live, at } from "./live.js";
 import { element, plot } from "./parts.js";
 
@@ -49,6 +49,7 @@ function begin(what) {
   at("said").hidden = !what.statements.length;
   at("said").querySelector("ul").replaceChildren(...what.statements.map(statement));
   at("definition").hidden = !canName;
+  document.body.classList.toggle("shows", !canName);
   lines.kind = wanted();
   lines.begin(what);
   if (kinds.length && !chosen) live.say({ fields: Math.max(0, wanted() ?? 0) });
@@ -118,7 +119,7 @@ function pointed(byte, event) {
 function drawTip(what) {
   const tip = at("tip"), head = document.createElement("div");
   tip.replaceChildren(head);
-  if (what.field) chip(head, what.field[3]);
+  if (what.field) chip(head, `${what.field[3]} ${tint(what.field[3], what.field[2])}`);
   else if (what.kind < 0) chip(head, what.fault ? "faulty" : "noise");
   head.append(`byte ${what.first}: ${placeText(what)}`);
   const seen = element("div", tip);
@@ -127,7 +128,7 @@ function drawTip(what) {
   const rows = what.types.filter(([size, type]) => size === 1 ? type === "u8" || type === "text" : LOOKED.includes(type));
   for (const [size, type, order, here, least, greatest] of rows) {
     const line = element("tr", table);
-    const span = least === greatest ? "always" : `${least} to ${greatest}`;
+    const span = what.kind < 0 ? "" : least === greatest ? "always" : `${least} to ${greatest}`;
     for (const cell of [typeText([size, type, order]), here, span]) element("td", line).textContent = cell;
   }
   tip.hidden = false;
@@ -139,7 +140,7 @@ function drawTip(what) {
 function placeText(what) {
   if (!what.field) return what.kind < 0 ? what.fault || "in no frame" : what.covers.length ? what.covers.join(", ") : "no field";
   const [, , name, shade, about] = what.field;
-  return [name, SHADES[shade], about].filter((text, number, all) => text && all.indexOf(text) === number).join(" · ");
+  return [name, shade === "named" ? "" : SHADES[shade], about].filter((text, number, all) => text && all.indexOf(text) === number).join(" · ");
 }
 
 function seenText(what) {
@@ -186,7 +187,7 @@ function drawChosen(what) {
   at("where").textContent = `${kind < 0 ? `row ${row + 1}` : kinds[kind][0]}, ${where}`;
   const words = at("what");
   words.replaceChildren();
-  if (what.field) chip(words, what.field[3]);
+  if (what.field) chip(words, `${what.field[3]} ${tint(what.field[3], what.field[2])}`);
   const evidence = what.field?.[5] ? ` (${what.field[5]})` : "";
   words.append(`${placeText(what)}${evidence}${what.kind < 0 ? "" : ` – ${seenText(what)}`}`);
   const body = at("types").tBodies[0];
@@ -195,7 +196,7 @@ function drawChosen(what) {
   for (const cells of what.types) {
     const line = element("tr", body);
     line.className = "row";
-    for (const text of [typeText(cells), ...cells.slice(3)]) element("td", line).textContent = text;
+    for (const text of [typeText(cells), ...cells.slice(3, 6)]) element("td", line).textContent = text;
     line.addEventListener("click", () => pickType(cells, line));
   }
   fillNaming(what);
@@ -233,6 +234,7 @@ function fillNaming(what) {
   at("forget").hidden = !type;
   at("open").hidden = !what.field?.[7];
   at("whole").checked = false;
+  at("type").replaceChildren();
   fillTypes();
   if (type && is_whole) { at("type").value = type; fillOrders(); at("order").value = order; }
   drawNaming();
@@ -240,14 +242,14 @@ function fillNaming(what) {
 
 function fillTypes() {
   const select = at("type"), size = at("whole").checked ? 0 : chosen.size, before = select.value;
-  const seen = new Set(shown.types.filter(one => one[0] === size).map(one => one[1]));
+  const fitting = shown.types.filter(one => one[0] === size), seen = new Set(fitting.map(one => one[1]));
   select.replaceChildren();
   for (const [name, sizes] of Object.entries(types)) {
     const fits = size ? (sizes.length ? sizes.includes(size) : name === "bytes" || seen.has("text")) : !sizes.length;
     if (fits && (name !== "bcd" || seen.has("bcd"))) option(select, name, name);
   }
   const values = [...select.options].map(one => one.value);
-  select.value = values.includes(before) ? before : seen.has("text") && values.includes("text") ? "text" : values[0];
+  select.value = values.includes(before) ? before : fitting.find(one => values.includes(one[1]))?.[1] ?? values[0];
   fillOrders();
 }
 
@@ -311,8 +313,10 @@ function takeFields(what) {
     line.className = "row";
     line.dataset.offset = offset;
     element("td", line).textContent = size > 1 ? `${offset}–${offset + size - 1}` : offset;
-    chip(element("td", line), shade);
-    element("td", line).textContent = name;
+    chip(element("td", line), `${shade} ${tint(shade, name)}`);
+    const named = element("td", line);
+    named.textContent = name.split(".").at(-1);
+    named.title = name;
     element("td", line).textContent = about || SHADES[shade] || "";
     line.addEventListener("click", () => choose({ row: chosen && chosen.kind === what.fields ? chosen.row : what.row, kind: what.fields, first: offset, size }));
   }

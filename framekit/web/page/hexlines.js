@@ -2,7 +2,7 @@
 import { element } from "./parts.js";
 
 const ROW = 22, PAGE = 100, KEPT = 40, TALLEST = 8000000, ASKED_EVERY = 30;
-const BYTE = 3, BORDERS = 8, MORE = 3, WHEEL = 3;
+const LONGEST_NAME = 16, TINTS = 4, BYTE = 3, BORDERS = 8, MORE = 3, WHEEL = 3;
 
 export class HexLines {
   // `ask(first, count, kind, width)` brings lines by `put`; `pointed(byte, event)` and `chosen(byte, more)` are told of
@@ -14,7 +14,7 @@ export class HexLines {
     this.kind = null;
     this.kinds = [];
     this.rows = this.of = 0;
-    this.timed = true;
+    this.timed = 0;
     this.pages = new Map();
     this.asked = new Set();
     this.pool = [];
@@ -37,7 +37,9 @@ export class HexLines {
   // ---- what there is
 
   begin(what) {
-    for (const name of ["widths", "kinds", "timed", "rows"]) this[name] = what[name];
+    for (const name of ["kinds", "timed", "rows"]) this[name] = what[name];
+    const enough = what.widths.findIndex(width => width >= what.longest);
+    this.widths = enough < 0 ? what.widths : what.widths.slice(0, enough + 1);
     this.fit(true);
   }
 
@@ -77,7 +79,7 @@ export class HexLines {
   }
 
   named() {
-    return Math.min(22, Math.max(5, ...this.kinds.map(kind => kind[0].length))) + 1;
+    return Math.min(LONGEST_NAME, Math.max(5, ...this.kinds.map(kind => kind[0].length))) + 1;
   }
 
   put(what) {
@@ -172,7 +174,7 @@ export class HexLines {
   // The columns before the bytes, with their sizes in characters.
   get columns() {
     const digits = Math.max(3, String(this.rows).length) + 1;
-    return [["number", digits, "right dim", "no."], ["time", this.timed ? 9 : 0, "right", "s"], ["pause", this.timed ? 7 : 0, "right dim", "+ ms"],
+    return [["number", digits, "right dim", "no."], ["time", this.timed ? Math.max(6, this.timed) + 1 : 0, "right", "s"], ["pause", this.timed ? 7 : 0, "right dim", "+ ms"],
       ["way", 2.5, "", ""], ["kind", this.named(), "kind", "frame"]];
   }
 
@@ -214,10 +216,12 @@ export class HexLines {
     text(cells.pause, first && line.pause ? `+${line.pause}` : "");
     text(cells.way, first ? { in: "←", out: "→" }[line.way] ?? "" : line ? "" : "…");
     text(cells.kind, first ? (line.kind < 0 ? (line.fault ? "bad" : "noise") : this.kinds[line.kind][0]) : "");
-    cells.kind.title = line?.fault ?? "";
+    cells.kind.title = line ? line.fault || this.kinds[line.kind]?.[0] || "" : "";
     const looks = new Array(this.width).fill("");
-    for (const [begin, end, shade, , start] of line?.spans ?? [])
-      for (let at = begin; at < end; at++) looks[at - line.offset] = at === start ? `${shade} begin` : shade;
+    for (const [begin, end, shade, name, start] of line?.spans ?? []) {
+      const look = `${shade} ${tint(shade, name)}`;
+      for (let at = begin; at < end; at++) looks[at - line.offset] = at === start ? `${look} begin` : look;
+    }
     const count = (line?.hex.length ?? 0) / 2, bad = line && line.kind < 0 ? (line.fault ? "faulty" : "noise") : "";
     for (let at = 0; at < this.width; at++) {
       let look = at < count ? looks[at] || bad || "unread" : "none";
@@ -295,6 +299,15 @@ export class HexLines {
     this.choice = choice;
     this.draw();
   }
+}
+
+const tints = new Map();
+
+// Names have one of some colours, always the same one.
+export function tint(shade, name) {
+  if (shade !== "named") return "";
+  if (!tints.has(name)) tints.set(name, tints.size % TINTS);
+  return `tint${tints.get(name)}`;
 }
 
 function cell(line, size, look) {
