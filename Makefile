@@ -9,7 +9,7 @@ DEMO := $(VENV)/.demo
 # Hundreds of tests start Python anew, which must not compile framekit every time.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test check lint bench guess-score clean
+.PHONY: demo test check lint bench docs guess-score clean
 
 demo: $(DEMO)
 	$(BIN)/framekit run examples/third-party-plc.run.yaml --for 5s
@@ -27,6 +27,10 @@ lint: $(STAMP)
 
 bench: $(STAMP)
 	$(BIN)/python -m benchmarks
+
+docs: $(STAMP)
+	$(BIN)/python tools/site.py
+	@echo "build/site/index.html"
 
 guess-score: $(STAMP)
 	$(BIN)/python -m benchmarks.guess_score

@@ -1,0 +1,81 @@
+"""The documentation site: every page is in it, no link leads nowhere, and a browser shows and searches it."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+import pytest
+from docs.pages import PAGES, ROOT
+from web.chromium import browser, needs_chromium
+
+pytest.importorskip("mkdocs", reason="mkdocs-material is not installed")
+pytestmark = pytest.mark.long
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("docs")
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "tools" / "site.py"), "--no-diagrams", "-o", str(place)],
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    return place / "site"
+
+
+class Silent(SimpleHTTPRequestHandler):
+    def log_message(self, format: str, *words: object) -> None:
+        """Nothing."""
+
+
+@pytest.fixture(scope="module")
+def address(site: Path) -> Iterator[str]:
+    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Silent, directory=str(site)))
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    yield f"http://127.0.0.1:{server.server_port}"
+    server.shutdown()
+    server.server_close()
+
+
+def test_every_page_is_in_it(site: Path) -> None:
+    for page in PAGES:
+        name = str(page.relative_to(ROOT).with_suffix(".html")).replace("README.html", "index.html")
+        assert (site / name).is_file(), name
+    assert len(list(site.glob("gallery/*.html"))) > 45
+
+
+def test_nothing_comes_from_elsewhere(site: Path) -> None:
+    for name in ("index.html", "docs/points.html", "gallery/modbus-rtu.html"):
+        text = (site / name).read_text("utf-8")
+        loaded = re.findall(r'<(?:script|link|img)[^>]*(?:src|href)="?(https?:[^">\s]+)', text)
+        assert loaded == [], name
+
+
+def test_a_link_that_leads_nowhere_is_refused(site: Path) -> None:
+    page = site.parent / "pages" / "docs" / "web.md"
+    page.write_text(page.read_text("utf-8") + "\n[x](nowhere.md) [y](points.md#nowhere)\n", "utf-8")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-f", str(site.parent / "mkdocs.yml")]
+    done = subprocess.run([*command, "-d", str(site.parent / "other")], capture_output=True, text=True)
+    assert done.returncode != 0 and "nowhere.md" in done.stderr and "#nowhere" in done.stderr
+
+
+@needs_chromium
+def test_a_browser_shows_it_and_finds_pages(address: str) -> None:
+    with browser() as page:
+        page.driver.get(f"{address}/gallery/modbus-rtu.html")
+        assert "modbus-rtu" in page.driver.title
+        pictures = page.run("return [...document.images].map(one => one.complete && one.naturalWidth)")
+        assert len(pictures) > 20 and all(pictures[:3])
+        page.driver.get(f"{address}/index.html")
+        page.run("document.querySelector('[data-md-toggle=search]').checked = true")
+        page.until(lambda: page.type(".md-search__input", "fault plan") or True)
+        found = "return [...document.querySelectorAll('.md-search-result__item a')].map(one => one.innerText)"
+        assert any("Fault plans" in text for text in page.until(lambda: page.run(found)))
+        assert page.errors() == []

@@ -1,0 +1,141 @@
+"""The documentation site: `make docs`, or `python tools/site.py`.
+
+Lays the pages out as the repository has them, so that every link between them leads to the same place, adds the gallery
+of protocols (each made of its definition), and builds the site with MkDocs. Nothing is taken from the network: search
+and styles are the site's own, and diagrams are drawn by the package `mermaid` where npm has it, else shown as text.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import yaml
+
+ROOT = Path(__file__).parents[1]
+MERMAID = "mermaid@11"
+SECTIONS: dict[str, list[str]] = {
+    "Start": ["docs/first-protocol.md", "examples/README.md"],
+    "How to": [
+        "docs/howto/log-values.md", "docs/howto/simulate-a-device.md", "docs/howto/unknown-check.md",
+        "docs/howto/listen-between.md",
+    ],
+    "Devices and lines": [
+        "docs/run-files.md", "docs/servers.md", "docs/behave.md", "docs/lines.md", "docs/faults.md", "docs/jobs.md",
+        "docs/diagnosis.md", "docs/unknown.md", "docs/guess.md", "docs/web.md", "docs/exposing.md", "docs/systems.md",
+    ],
+    "Values": ["docs/points.md", "docs/sinks.md", "docs/fleets.md"],
+    "The language": [
+        "docs/language.md", *sorted(str(page.relative_to(ROOT)) for page in ROOT.glob("docs/language/*.md")),
+        "docs/conversion.md", "docs/text-numbers.md", "docs/sharing.md",
+    ],
+    "Reference": [
+        "docs/reference.md", "docs/segments.md", "docs/cli.md", "docs/python-api.md", "docs/error-codes.md",
+    ],
+    "How it works": ["docs/architecture.md", "docs/receiver.md", "docs/performance.md", "docs/extending.md"],
+    "Protocols": sorted(str(page.relative_to(ROOT)) for page in ROOT.glob("docs/protocols/*.md")),
+}  # fmt: skip
+"""Where a page stands in the site. One that is not named here comes last, under More."""
+STYLE = ".md-grid{max-width:1280px}.md-typeset table:not([class]){font-size:.72rem}\n"
+
+
+def lay_out(pages: Path) -> None:
+    """The pages: README, docs, examples and frames as they are in the repository, and the gallery."""
+    shutil.rmtree(pages, ignore_errors=True)
+    for folder in ("docs", "examples", "frames"):
+        shutil.copytree(ROOT / folder, pages / folder, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "README.md", pages / "index.md")
+    tests = pages / "tests"  # pages name a few tests
+    for page in pages.glob("docs/**/*.md"):
+        for target in ROOT.glob("tests/**/*.py"):
+            if f"{target.relative_to(ROOT)})" in page.read_text("utf-8"):
+                place = tests / target.relative_to(ROOT / "tests")
+                place.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy(target, place)
+    (pages / "site.css").write_text(STYLE, "utf-8")
+
+
+def gallery(pages: Path) -> list[str]:
+    """A page for each shipped protocol, made of its definition; the pages, by family."""
+    from framekit.api.document import document, markdown
+    from framekit.api.vectors import vectors_path
+    from framekit.definition.load import load_protocol
+    from framekit.definition.sources import shipped_definitions
+
+    folder, rows = pages / "gallery", []
+    folder.mkdir()
+    for path in shipped_definitions():
+        if "." in path.stem:
+            continue
+        protocol = load_protocol(path)
+        text, pictures = markdown(document(protocol, vectors_path(path)), f"{path.stem}.frames")
+        (folder / f"{path.stem}.frames").mkdir()
+        for name, picture in pictures.items():
+            (folder / f"{path.stem}.frames" / name).write_text(picture, "utf-8")
+        (folder / f"{path.stem}.md").write_text(text, "utf-8")
+        rows.append((protocol.family, path.stem, protocol.about))
+    rows.sort()
+    lines = ["# Gallery", "", "Every shipped protocol: its frames drawn, its fields, services and sequences.", ""]
+    lines += ["| family | protocol | about |", "|---|---|---|"]
+    lines += [f"| {family} | [{name}]({name}.md) | {about} |" for family, name, about in rows]
+    (folder / "index.md").write_text("\n".join(lines) + "\n", "utf-8")
+    return ["gallery/index.md", *(f"gallery/{name}.md" for _, name, _ in rows)]
+
+
+def mermaid(pages: Path) -> bool:
+    """Whether the package that draws diagrams could be had; then its one file stands among the pages."""
+    if shutil.which("npm") is None:
+        return False
+    with tempfile.TemporaryDirectory() as folder:
+        command = ["npm", "install", "--silent", "--no-save", "--prefix", folder, MERMAID]
+        if subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode:
+            return False
+        shutil.copy(Path(folder) / "node_modules" / "mermaid" / "dist" / "mermaid.min.js", pages / "mermaid.min.js")
+    return True
+
+
+def navigation(folder: Path, made: list[str]) -> list[object]:
+    """The pages by section, and those that no section names."""
+    known = {page for listed in SECTIONS.values() for page in listed}
+    there = {str(page.relative_to(folder)) for page in folder.glob("**/*.md")} - {"index.md"} - set(made)
+    sections = {**SECTIONS, "More": sorted(there - known), "Gallery": made}
+    found: list[object] = ["index.md"]
+    for name, listed in sections.items():
+        inside = [page for page in listed if page in there or page in made]
+        found += [{name: inside}] if inside else []
+    return found
+
+
+def build(place: Path, with_diagrams: bool = True) -> int:
+    """The site in `place/site`; the exit status of MkDocs, which is not 0 for a link that leads nowhere."""
+    pages = place / "pages"
+    lay_out(pages)
+    made = gallery(pages)
+    extra = ["mermaid.min.js"] if with_diagrams and mermaid(pages) else []
+    for page in [] if extra else pages.glob("**/*.md"):  # else the theme would ask another server for the program
+        page.write_text(page.read_text("utf-8").replace("```mermaid\n", "```text\n"), "utf-8")
+    rest = {"nav": navigation(pages, made), "extra_javascript": extra}
+    lines = [f"INHERIT: {ROOT / 'mkdocs.yml'}", f"docs_dir: {pages}", f"site_dir: {place / 'site'}"]
+    settings = place / "mkdocs.yml"
+    settings.write_text("\n".join([*lines, yaml.safe_dump(rest, sort_keys=False)]), "utf-8")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--config-file", str(settings)]
+    settings_of_mkdocs = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
+    done = subprocess.run(command, env=settings_of_mkdocs, stderr=subprocess.PIPE, text=True)
+    if done.returncode:  # quiet, it would count no warnings
+        print(done.stderr, file=sys.stderr)
+    return done.returncode
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description="Builds the documentation site.")
+    parser.add_argument("--no-diagrams", action="store_true", help="show diagrams as text")
+    parser.add_argument(
+        "-o", "--output", type=Path, default=ROOT / "build", help="where; the site is in its folder site"
+    )
+    given = parser.parse_args()
+    sys.exit(build(given.output.resolve(), not given.no_diagrams))
