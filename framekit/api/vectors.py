@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -86,8 +86,13 @@ def _no_addresses(case: Conversation, grammar: AddressGrammar, given: list[tuple
             yield Problem(case.places.get(key, case.at), *parted(error))
 
 
-def run_vectors(protocol: str | Path, folder: Path | None = None) -> list[CaseResult]:
-    """Runs all cases; none where there are no vectors. Raises DefinitionError when definition or vectors are wrong."""
+def run_vectors(
+    protocol: str | Path, folder: Path | None = None, progress: Callable[[int, int], None] = lambda done, of: None
+) -> list[CaseResult]:  # fmt: skip
+    """Runs all cases; none where there are no vectors. Raises DefinitionError when definition or vectors are wrong.
+
+    `progress` is told how many are done, and of how many.
+    """
     loaded = load_protocol(protocol, folder)
     path = vectors_path(definition_path(protocol, folder))
     if not os.path.isfile(path):
@@ -98,13 +103,15 @@ def run_vectors(protocol: str | Path, folder: Path | None = None) -> list[CaseRe
         wrong += list(_of_another(vectors, protocol, folder)) or vector_problems(vectors, loaded)
     if vectors is None or wrong:
         raise DefinitionError(wrong)
-    results = []
+    results, count = list[CaseResult](), len(vectors.frames) + len(vectors.conversations)
     for vector in vectors.frames:
         name = vector.name or vector.frame or str(vector.wire)[:32]
         results.append(CaseResult("frame", name, tuple(run_frame_vector(vector, loaded, codec))))
+        progress(len(results), count)
     for case in vectors.conversations:
         problems = run_conversation(case, loaded, codec, make_side)
         results.append(CaseResult("conversation", case.name, tuple(problems)))
+        progress(len(results), count)
     return results
 
 

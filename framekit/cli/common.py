@@ -12,9 +12,10 @@ import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 
 from framekit.api.frame_rows import shown_bytes, spaced, what_was_seen
+from framekit.cli.terminal import COLOUR_OF_KIND, painted
 
 if TYPE_CHECKING:
     from types import FrameType
@@ -139,7 +140,7 @@ def tell_error(arguments: argparse.Namespace, kind: str, message: str, **more: o
     """What went wrong, on standard error; with `--json` also as an object among what is printed."""
     if getattr(arguments, "json", False):
         print_json({"error": kind, "message": message, **more})
-    print(f"framekit {arguments.verb}: {message}", file=sys.stderr)
+    print(f"{painted(f'framekit {arguments.verb}', 'red', sys.stderr)}: {message}", file=sys.stderr)
 
 
 def tell_problems(arguments: argparse.Namespace, problems: Sequence[Problem]) -> int:
@@ -411,13 +412,22 @@ class Unread:
             raise self.error
 
 
-def seen_text(seen: Seen, time: float | str, where: str, as_ascii: bool = False) -> str:
-    """Time (seconds, or a text), where it was seen, direction, frame, size and bytes."""
+def seen_text(
+    seen: Seen, time: float | str, where: str, as_ascii: bool = False, stream: TextIO | None = None
+) -> str:  # fmt: skip
+    """Time (seconds, or a text), where it was seen, direction, frame, size and bytes, as a stream shows them.
+
+    Without a stream it is standard output.
+    """
     arrow = {"in": "←", "out": "→"}.get(seen.direction, " ")
     size = f"{len(seen.raw):4d} " if seen.raw else "     "
     place = "".join(f"{one} " for one in (where, seen.client) if one)
     told = time if isinstance(time, str) else f"{time:10.3f}"
-    return f"{told}  {place}{arrow} {what_was_seen(seen):<22}{size}{shown_bytes(seen.raw, as_ascii)}".rstrip()
+    what = f"{what_was_seen(seen):<22}"
+    colour = COLOUR_OF_KIND.get(seen.kind)
+    if colour is not None:
+        what = painted(what, colour, sys.stdout if stream is None else stream)
+    return f"{told}  {place}{arrow} {what}{size}{shown_bytes(seen.raw, as_ascii)}".rstrip()
 
 
 def seen_data(seen: Seen, seconds: float, plain: PlainValues, **more: Any) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import re
 import sys
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from contextlib import closing
+from contextlib import AbstractContextManager, closing, nullcontext
 from datetime import UTC, datetime
 from functools import lru_cache
 from glob import glob
@@ -45,6 +45,7 @@ from framekit.cli.common import (
     told_once,
     why_not,
 )
+from framekit.cli.terminal import ProgressLine, painted
 from framekit.codec.shown import code_text
 from framekit.definition.problems import no_such, plural, printable
 
@@ -320,16 +321,17 @@ def decode_capture(protocol: Protocol, arguments: argparse.Namespace) -> int:
     try:
         with in_words():
             found = decoder(path, protocol, line=line, params=given, client=arguments.client)
-        for channel, seen in found.seen():
-            if seen.kind != "noise" or not seen.reason:  # what a bad frame left is part of that
-                counts[seen.kind] += 1
-            if not wanted.takes(channel, seen):
-                continue
-            if arguments.json:
-                more = {"time_ns": seen.at, "channel": channel, "result": result_of(protocol, seen)}
-                print_json(seen_data(seen, seen.at / 1e9, plain, **more))
-            else:
-                print(_text(plain, channel, seen, arguments.ascii))
+        with decoding(counts):
+            for channel, seen in found.seen():
+                if seen.kind != "noise" or not seen.reason:  # what a bad frame left is part of that
+                    counts[seen.kind] += 1
+                if not wanted.takes(channel, seen):
+                    continue
+                if arguments.json:
+                    more = {"time_ns": seen.at, "channel": channel, "result": result_of(protocol, seen)}
+                    print_json(seen_data(seen, seen.at / 1e9, plain, **more))
+                else:
+                    print(_text(plain, channel, seen, arguments.ascii))
     except ValueError as error:
         raise VerbError(str(error)) from None
     if found.is_cut:
@@ -337,6 +339,11 @@ def decode_capture(protocol: Protocol, arguments: argparse.Namespace) -> int:
     if not arguments.json:
         print(_counted(counts))
     return 1 if counts["bad"] or counts["noise"] else 0
+
+
+def decoding(counts: Mapping[str, int]) -> AbstractContextManager[object]:
+    """Tells how far it is, where what is decoded does not fill the terminal itself."""
+    return nullcontext() if sys.stdout.isatty() else ProgressLine("decode", lambda: _counted(counts))
 
 
 def _matching(pattern: Path) -> list[Path]:
@@ -368,8 +375,11 @@ def _archive(protocol: Protocol, arguments: argparse.Namespace) -> int:
         raise WordsError(f"--to {arguments.to}: write a name that ends in .parquet")
     captures = _matching(arguments.capture) or [existing(arguments.capture)]
     total: Counter[str] = Counter()
-    rows, is_wrong, is_one = 0, False, len(captures) == 1
-    with in_words(), closing(
+    rows, is_wrong, is_one, ended = 0, False, len(captures) == 1, 0
+    shows = arguments.json or not is_one  # a line for each capture, which would stand in that line
+    hidden = shows and sys.stdout.isatty()
+    line = ProgressLine("decode", lambda: f"{ended} of {plural(len(captures), 'capture')}")
+    with nullcontext() if hidden else line, in_words(), closing(
         archive(
             captures, arguments.protocol, arguments.to, params=assignments(arguments.set),
             line=line_of(protocol, arguments), client=arguments.client, wanted=filter_of(arguments),
@@ -377,6 +387,7 @@ def _archive(protocol: Protocol, arguments: argparse.Namespace) -> int:
         )
     ) as found:  # fmt: skip
         for one in found:
+            ended += 1
             total.update(one.counts)
             rows += one.rows
             is_wrong |= bool(one.problem or one.counts.get("bad") or one.counts.get("noise"))
@@ -407,7 +418,8 @@ def _values(protocol: Protocol, arguments: argparse.Namespace) -> int:
         with in_words():
             found = decoder(path, protocol, line=line_of(protocol, arguments), params=given, client=arguments.client)
             values = captured_values(found, protocol, arguments.protocol, given)
-            count, points = write_values(values, arguments.values)
+            with ProgressLine("decode"):
+                count, points = write_values(values, arguments.values)
     except OSError as error:
         raise VerbError(why_not(error)) from None
     except ValueError as error:
@@ -714,7 +726,12 @@ def run_test(arguments: argparse.Namespace) -> int:
     from framekit.api.vectors import run_vectors, vectors_path
     from framekit.definition.load.protocol import definition_path
 
-    results = run_vectors(arguments.protocol, Path.cwd())
+    with ProgressLine("test") as line:
+
+        def progress(done: int, of: int) -> None:
+            line.says = lambda: f"{done} of {of} cases"
+
+        results = run_vectors(arguments.protocol, Path.cwd(), progress)
     if not results:
         path = definition_path(arguments.protocol, Path.cwd())
         raise VerbError(f"there are no vectors beside '{near(str(path))}' – write {near(str(vectors_path(path)))}")
@@ -723,7 +740,8 @@ def run_test(arguments: argparse.Namespace) -> int:
         print_json([{"kind": one.kind, "name": one.name, "problems": one.problems} for one in results])
         return int(bool(failed))
     for result in results:
-        print(f"{'FAILED' if result.problems else 'ok':<8}{result.kind}: {result.name}")
+        word = painted("FAILED  ", "red", sys.stdout) if result.problems else painted("ok      ", "green", sys.stdout)
+        print(f"{word}{result.kind}: {result.name}")
         for problem in result.problems:
             print(f"        {problem}")
     print(f"{len(results) - len(failed)} passed, {len(failed)} failed")

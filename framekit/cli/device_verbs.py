@@ -141,7 +141,7 @@ def show(seen: Seen) -> None:
     from framekit.cli.common import seen_text
 
     if seen.kind not in ("open", "closed"):
-        print(seen_text(seen, "", "").lstrip(), file=sys.stderr, flush=True)
+        print(seen_text(seen, "", "", stream=sys.stderr).lstrip(), file=sys.stderr, flush=True)
 
 
 def add_read_arguments(parser: argparse.ArgumentParser) -> None:

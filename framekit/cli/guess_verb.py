@@ -20,6 +20,7 @@ from framekit.cli.common import (
     table,
     until,
 )
+from framekit.cli.terminal import ProgressLine
 from framekit.cli.web_option import WebPage, add_web
 from framekit.definition.problems import plural
 
@@ -66,7 +67,8 @@ def _of_definition(arguments: argparse.Namespace, chunks: list[HeardBytes], page
     """What a definition makes of the bytes."""
     from framekit.api.guess import reading_of
 
-    reading = reading_of(arguments.definition, chunks)
+    with ProgressLine("guess"):
+        reading = reading_of(arguments.definition, chunks)
 
     def tell() -> None:
         print_json(reading.data) if arguments.json else print(reading.text)
@@ -87,7 +89,8 @@ def _of_guess(arguments: argparse.Namespace, chunks: list[HeardBytes], page: Web
     """What can be said of the bytes."""
     from framekit.api.guess import Evidence, Statement, guess, known_protocols
 
-    found, known = guess(chunks), known_protocols(chunks)
+    with ProgressLine("guess"):
+        found, known = guess(chunks), known_protocols(chunks)
     source = _named(arguments.files)
 
     def tell() -> None:
@@ -234,7 +237,8 @@ def run_diff(arguments: argparse.Namespace) -> int:
 
     one, two = (heard_in([file]) for file in arguments.files)
     known = arguments.definition
-    rows = differences(one, two) if known is None else definition_differences(known, one, two)
+    with ProgressLine("diff"):
+        rows = differences(one, two) if known is None else definition_differences(known, one, two)
     if arguments.json:
         for row in rows:
             print_json(row._asdict())

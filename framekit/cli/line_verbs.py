@@ -33,12 +33,13 @@ from framekit.cli.common import (
 )
 from framekit.cli.screen import show
 from framekit.cli.screen.session import LiveSession
+from framekit.cli.terminal import ProgressLine
 from framekit.definition.problems import plural
 from framekit.transport.schemes import help_on_ports
 
 if TYPE_CHECKING:
     from framekit import Seen
-    from framekit.api.monitor import LineEvent, LineMonitor, LiveView, LoopbackResult
+    from framekit.api.monitor import LineEvent, LineMonitor, LiveView, LoopbackResult, Replay
     from framekit.definition.model.protocol import Protocol
     from framekit.definition.times import LineFormat
 
@@ -221,10 +222,15 @@ async def _replay(arguments: argparse.Namespace, line: LineFormat, events: list[
         print(f"waiting for a connection to {place}", file=sys.stderr, flush=True)
 
     speed_up = None if arguments.as_fast else arguments.speed_up
-    with in_words():
+
+    def begun(replay: Replay) -> None:
+        on_stop(replay.stop)
+        progress.says = lambda: f"{replay.pieces_sent} of {plural(replay.pieces, 'piece')}"
+
+    with ProgressLine("replay") as progress, in_words():
         sent, reason = await replay(
             events, arguments.port, line, direction=arguments.direction, speed_up=speed_up, waiting=waiting,
-            begun=lambda replay: on_stop(replay.stop),
+            begun=begun,
         )  # fmt: skip
     seconds = (sent.ended_at - sent.began) / 1e9 if sent.began else 0.0
     if arguments.json:

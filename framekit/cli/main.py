@@ -13,6 +13,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any, NoReturn
 
 from framekit import __version__
@@ -219,10 +220,11 @@ def _run(parsed: argparse.Namespace) -> int:
         return int(run(parsed))
 
 
+SHELLS = ("bash", "zsh", "tcsh", "fish", "powershell")
+
+
 def add_completion_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "shell", choices=("bash", "zsh", "tcsh"), help="which shell; put the output where it reads such scripts"
-    )
+    parser.add_argument("shell", choices=SHELLS, help="which shell; put the output where it reads such scripts")
 
 
 def run_completion(arguments: argparse.Namespace) -> int:
@@ -230,7 +232,13 @@ def run_completion(arguments: argparse.Namespace) -> int:
         import shtab
     except ImportError:
         raise VerbError("completion needs the package shtab – install framekit[completion]") from None
-    print(shtab.complete(build_parser(), shell=arguments.shell))
+    parser = build_parser()
+    for action in (action for one in (parser, *parser.verbs.values()) for action in one._actions):
+        if isinstance(action.choices, range):
+            action.choices = None  # no list for people
+        if action.type is Path:
+            action.complete = shtab.FILE  # type: ignore[attr-defined]  # where shtab looks
+    print(shtab.complete(parser, shell=arguments.shell))
     return 0
 
 

@@ -19,7 +19,7 @@ from framekit import __version__
 from framekit.api.settings import names_of
 from framekit.cli.common import near
 from framekit.cli.definition_verbs import fields_given
-from framekit.cli.main import VERBS, main
+from framekit.cli.main import SHELLS, VERBS, main
 from framekit.codec.codec import compile_protocol
 from framekit.codec.plain import PlainValues
 from framekit.definition.load import load_protocol
@@ -412,10 +412,27 @@ def test_every_verb_has_help(capsys: pytest.CaptureFixture[str], verb: str) -> N
     assert status == 0 and "usage: framekit" in out
 
 
-def test_completion_scripts(capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("shell", SHELLS)
+def test_completion_scripts(capsys: pytest.CaptureFixture[str], shell: str) -> None:
     pytest.importorskip("shtab")
-    status, out, _ = call(capsys, "completion", "bash")
-    assert status == 0 and "encode" in out
+    status, out, _ = call(capsys, "completion", shell)
+    assert status == 0
+    assert all(verb in out for verb in VERBS)
+    assert "retries" in out or shell == "tcsh"  # there are no options in that one
+    assert len(out) < 200_000
+
+
+def test_what_fish_completes(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    pytest.importorskip("shtab")
+    fish = shutil.which("fish")
+    if fish is None:
+        pytest.skip("fish is not installed")
+    (tmp_path / "framekit.fish").write_text(call(capsys, "completion", "fish")[1], "utf-8")
+    asks = ("framekit re", "framekit serve --read", "framekit generate ")
+    code = "; ".join([f"source {tmp_path}/framekit.fish", *(f"complete -C '{words}'" for words in asks)])
+    ran = subprocess.run([fish, "-N", "-c", code], capture_output=True, text=True, env={"HOME": str(tmp_path)})
+    found = {line.partition("\t")[0] for line in ran.stdout.splitlines()}
+    assert {"read", "record", "replay", "--read-only", "python", "diagram"} <= found
 
 
 def test_run_shows_what_a_protocol_publishes(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

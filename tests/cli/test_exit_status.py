@@ -20,7 +20,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "cli.md"
 FILES = {
     "bad.yaml": "protocol: bad\nline: {kind: nothing}\n",
     "own.yaml": "protocol: own\nline: {kind: stream}\nframes: {one: {body: [{const: 01}, {field: value, type: u8}]}}\n",
-    "own.vectors.yaml": "vectors: own\nframes:\n  - {name: wrong, frame: one, bytes: 01 02, expect: {value: 3}}\n",
+    "own.vectors.yaml": "vectors: own\nframes:\n  - {name: wrong, frame: one, bytes: 01 02, values: {value: 3}}\n",
     "bad.run.yaml": "run: bad\nmemory: nothing\nchannels: {}\n",
     "d.device.yaml": "device: d\nprotocol: own.yaml\n",
     "m.device.yaml": "device: m\nprotocol: modbus-tcp\nstation: 1\n",

@@ -156,6 +156,7 @@ def test_command_blocks_are_carried_out(folder: Path) -> None:
         assert '"%R5": [7]' in output
 
 
+@pytest.mark.long
 def test_a_fleet_says_that_its_broker_is_not_there(folder: Path) -> None:
     with foreign(folder, "fleet", "127.0.0.1:1", "--watch") as fleet:
         output, errors = fleet.communicate(timeout=60)
@@ -163,6 +164,7 @@ def test_a_fleet_says_that_its_broker_is_not_there(folder: Path) -> None:
     assert errors.startswith("framekit fleet: ")
 
 
+@pytest.mark.long
 def test_a_port_that_is_not_there_is_told(folder: Path) -> None:
     with foreign(folder, "record", "COM3", "--quiet", "-o", "line.jsonl") as record:
         _, errors = record.communicate(timeout=60)

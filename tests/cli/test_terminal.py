@@ -1,0 +1,103 @@
+"""Colours and the line that tells how far work has come: on terminals, and nowhere else."""
+
+from __future__ import annotations
+
+import io
+import threading
+from collections.abc import Mapping
+from contextlib import redirect_stderr, redirect_stdout
+from pathlib import Path
+
+import pytest
+
+from framekit.cli.main import main
+from framekit.cli.terminal import ProgressLine, has_colours, painted
+
+OWN = "protocol: own\nline: {kind: stream}\nframes:\n  one: {body: [{const: 01}, {field: value, type: u8}]}\n"
+CASES = "vectors: own\nframes:\n  - {frame: one, bytes: 01 02, values: {value: 2}}\n"
+
+
+class Terminal(io.StringIO):
+    """A stream that says that it is one."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+# ---- colours ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("settings", "coloured"),
+    [({}, True), ({"NO_COLOR": "1"}, False), ({"NO_COLOR": ""}, True), ({"TERM": "dumb"}, False)],
+)
+def test_colours_on_a_terminal(settings: Mapping[str, str], coloured: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    for name, value in settings.items():
+        monkeypatch.setenv(name, value)
+    assert has_colours(Terminal()) is coloured
+    assert not has_colours(io.StringIO())
+    assert painted("bad", "red", Terminal()) == ("\x1b[31mbad\x1b[0m" if coloured else "bad")
+    assert painted("bad", "red", io.StringIO()) == painted("bad", None, Terminal()) == "bad"
+
+
+@pytest.mark.parametrize("stream", [Terminal, io.StringIO])
+def test_verbs_have_colours_on_a_terminal_and_nowhere_else(
+    stream: type[io.StringIO], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "own.yaml").write_text(OWN, "utf-8")
+    (tmp_path / "own.vectors.yaml").write_text(CASES, "utf-8")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    output, errors = stream(), stream()
+    with redirect_stdout(output), redirect_stderr(errors):
+        assert (main(["test", "own.yaml"]), main(["decode", "own.yaml", "02"])) == (0, 1)
+    text, told = output.getvalue(), errors.getvalue()
+    if stream is Terminal:
+        assert "\x1b[32mok      \x1b[0mframe: one" in text
+        assert "\x1b[31mframekit decode\x1b[0m: no frame fits" in told
+    else:
+        assert "ok      frame: one" in text
+        assert "\x1b" not in text + told
+
+
+# ---- how far it is ----------------------------------------------------------------------------------------------
+
+
+def test_long_work_has_a_line_that_goes_when_it_is_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TERM", "xterm")
+    terminal, told = Terminal(), threading.Event()
+
+    def says() -> str:
+        told.set()
+        return "7 of 9 cases"
+
+    with ProgressLine("test", says, stream=terminal, after=0):
+        assert told.wait(60)
+    lines = terminal.getvalue().split("\r")
+    assert "test: 0 s, 7 of 9 cases" in lines
+    assert lines[-1] == "" and lines[-2].isspace()
+    assert "\n" not in terminal.getvalue()
+
+
+def test_short_work_has_none_and_no_other_stream_has_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal, pipe = Terminal(), io.StringIO()
+    monkeypatch.setenv("TERM", "xterm")
+    with ProgressLine("test", stream=terminal):
+        pass
+    monkeypatch.setenv("TERM", "dumb")
+    with ProgressLine("test", stream=terminal, after=0), ProgressLine("test", stream=pipe, after=0):
+        assert not [one for one in threading.enumerate() if one.name == "tells how far it is"]
+    assert terminal.getvalue() == pipe.getvalue() == ""
+
+
+def test_cases_tell_how_many_are_done(tmp_path: Path) -> None:
+    from framekit.api.vectors import run_vectors
+
+    (tmp_path / "own.yaml").write_text(OWN, "utf-8")
+    (tmp_path / "own.vectors.yaml").write_text(CASES + CASES.splitlines()[2] + "\n", "utf-8")
+    told: list[tuple[int, int]] = []
+    assert len(run_vectors(tmp_path / "own.yaml", None, lambda done, of: told.append((done, of)))) == 2
+    assert told == [(1, 2), (2, 2)]
