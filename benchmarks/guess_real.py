@@ -104,6 +104,7 @@ TCP = RealTruth(
 )  # fmt: skip
 TRUTHS = {
     "pymodbus-rtu": RTU, "minimalmodbus-rtu": RTU, "mbpoll-rtu": RTU, "mbpoll-silent": RTU,
+    "pymodbus-silent": RTU,
     "pymodbus-ascii": ASCII, "minimalmodbus-ascii": ASCII, "pymodbus-tcp": TCP, "mbpoll-tcp": TCP,
     "df1": RealTruth("controllers", df1, lambda frame: len(frame) > 2, counters=of(6, 7), counts=of(8, 9)),
     "melsec-3e": RealTruth(
@@ -146,13 +147,13 @@ TRUTHS = {
 
 @dataclass
 class RealCase:
-    """The first frames of a file. `good`: those that are not damaged; `all`: every good frame of the file."""
+    """The first frames of a file. `good`: those that are not damaged; `all`: every frame of the file, and its way."""
 
     name: str
     truth: RealTruth
     chunks: list[HeardBytes]
     good: list[bytes]
-    all: list[bytes]
+    all: list[tuple[str, bytes]]
     is_damaged: bool
     spans: list[tuple[str, int, int]] = field(default_factory=list)
 
@@ -163,7 +164,7 @@ def case_of(name: str, count: int, damage: random.Random | None = None) -> RealC
     client = chunks[0].direction
     streams = {way: b"".join(one.data for one in chunks if one.direction == way) for way in ("in", "out")}
     ends = dict.fromkeys(streams, 0)
-    every, spans = list[bytes](), list[tuple[str, int, int]]()
+    every, spans = list[tuple[str, bytes]](), list[tuple[str, int, int]]()
     some, known = list[HeardBytes](), dict.fromkeys(streams, 0)
     for chunk in chunks:  # a frame stands where its last byte came
         way = chunk.direction
@@ -174,7 +175,7 @@ def case_of(name: str, count: int, damage: random.Random | None = None) -> RealC
             begin, stream = ends[way], streams[way]
             ends[way] = begin + truth.size(stream[begin:], way == client)
             assert begin < ends[way] <= len(stream), f"{name}: no frame at {begin} of {way}"
-            every.append(stream[begin : ends[way]])
+            every.append((way, stream[begin : ends[way]]))
             if chunk in some[-1:]:
                 spans.append((way, begin, ends[way]))
     hurt = {way: bytearray(stream) for way, stream in streams.items()}
@@ -204,12 +205,13 @@ def judged_real(case: RealCase) -> Marks:
     framing = sum((told & wanted).values()) >= 0.95 * sum(wanted.values())
     wrong: list[str] = []
     check: bool | None = None
-    checked = [] if case.truth.checked is None else [one for one in case.all if case.truth.checked(one)]
+    checked = [] if case.truth.checked is None else [one for one in case.all if case.truth.checked(one[1])]
     said = _checks_of(found)
-    right = bool(said) and all(_is_explained(found, said, frame) for frame in checked)
+    right = bool(said) and all(any(_is_right(found, one, frame) for one in said) for _, frame in checked)
     own = [one for one in case.good if case.truth.checked is not None and case.truth.checked(one)]
-    if said and (not checked or not right):
-        wrong.append(f"check {', '.join(one.name or str(one.method) for one in said)}")
+    wrong += [
+        f"check {one.name or one.method}" for one in said if one.is_sure and not _is_true(found, one, checked)
+    ]  # fmt: skip
     if len(set(own)) >= 10 and len({len(one) for one in own}) >= 2:
         check = right
     length: bool | None = None
@@ -234,13 +236,19 @@ def _checks_of(found: Guess) -> list[CheckGuess]:
     return list({id(one): one for kind in found.kinds if (one := kind.check) is not None}.values())
 
 
-def _is_explained(found: Guess, said: Sequence[CheckGuess], frame: bytes) -> bool:
+def _is_right(found: Guess, check: CheckGuess, frame: bytes) -> bool:
     assert found.framing is not None
     try:
-        plain = plain_frame(found.framing, frame)
+        return holds(check, plain_frame(found.framing, frame))
     except StuffingError:
         return False
-    return any(holds(one, plain) for one in said)
+
+
+def _is_true(found: Guess, check: CheckGuess, checked: Sequence[tuple[str, bytes]]) -> bool:
+    """Whether a check holds in all frames that go and begin as those of which it is told."""
+    heads = {(kind.direction, frame.data[:1]) for kind in found.kinds if kind.check is check for frame in kind.frames}
+    told = [frame for way, frame in checked if (way, frame[:1]) in heads]
+    return bool(told) and all(_is_right(found, check, frame) for frame in told)
 
 
 def _wrong_fields(found: Guess, truth: RealTruth) -> list[str]:

@@ -276,11 +276,11 @@ def judged(case: Case) -> Marks:
     sizes = {len(one) for one in case.good}
     if case.made.check.kind != "none":
         right = found.check is not None and _check_is_right(found, case)
-        if found.check is not None and not right:
+        if found.check is not None and found.check.is_sure and not right:
             wrong.append(f"check {found.check.name or found.check.method}")
         if len(set(case.good)) >= 10 and len(sizes) >= 2:
             check = right
-    elif found.check is not None:
+    elif found.check is not None and found.check.is_sure:
         wrong.append(f"check {found.check.name or found.check.method}, and there is none")
     length: bool | None = None
     if case.made.length is not None:

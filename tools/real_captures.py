@@ -266,6 +266,23 @@ async def mbpoll_silent(path: Path) -> None:
         await mbpoll(9, *MBPOLL_RTU, "-a", "3,4", "-l", "100", "-o", "0.15", port)
 
 
+@recording("pymodbus-silent", "pymodbus", "a simulated meter of framekit; station 4 is missing; timeout=0.2, retries=2")
+async def pymodbus_silent(path: Path) -> None:
+    from pymodbus.client import AsyncModbusSerialClient
+    from pymodbus.exceptions import ModbusException
+
+    rng = Random(22)
+    async with device_terminal(METER.format(protocol="modbus-rtu")) as server, before_terminal(path, server) as port:
+        client = AsyncModbusSerialClient(port, timeout=0.2, retries=2)
+        assert await client.connect()
+        for _ in range(12):
+            for _ in range(rng.randrange(1, 4)):
+                await client.read_holding_registers(rng.randrange(4), count=rng.randrange(1, 5), device_id=3)
+            with contextlib.suppress(ModbusException):
+                await client.read_holding_registers(3, count=2, device_id=4)
+        client.close()
+
+
 @recording("mbpoll-tcp", "mbpoll", "a simulated meter of framekit, asked each 100 ms")
 async def mbpoll_tcp(path: Path) -> None:
     text = METER.format(protocol="modbus-tcp")

@@ -25,7 +25,7 @@ from framekit.cli.web_option import WebPage, add_web
 from framekit.definition.problems import plural
 
 if TYPE_CHECKING:
-    from framekit.api.guess import Guess, HeardBytes
+    from framekit.api.guess import Guess, HeardBytes, LineTimes, TimeSpread
     from framekit.web.hex_session import HexBoard
 
 FILES_HELP = "captures (pcap, JSON lines), pcap files of TCP or UDP, or hex text: a line for each frame"
@@ -217,6 +217,32 @@ def data_of(found: Guess) -> dict[str, Any]:
                 ],
             }
             for kind in found.kinds
+        ],
+        "times": times_data(found.times),
+    }  # fmt: skip
+
+
+def times_data(times: LineTimes) -> dict[str, Any]:
+    """Times in ns, for programs."""
+
+    def spread(one: TimeSpread | None) -> dict[str, int] | None:
+        return None if one is None else {"least": one.least, "middle": one.middle, "greatest": one.greatest}
+
+    silence = times.unanswered
+    return {
+        "answers": [
+            {"asked": one.asked, "told": dict(one.told), "of": one.of, "delay": spread(one.delay)}
+            for one in times.answers
+        ],
+        "unanswered": None if silence is None else {
+            "requests": silence.count, "of": silence.of, "wait": spread(silence.wait), "repeats": silence.repeats,
+        },
+        "periods": [
+            {
+                "kind": one.kind, "bytes": one.data.hex(" ").upper(), "every": spread(one.every), "near": one.near,
+                "of": one.of,
+            }
+            for one in times.periods
         ],
     }  # fmt: skip
 

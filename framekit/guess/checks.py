@@ -436,7 +436,7 @@ def _with_start(place: CheckPlace, cuts: Sequence[CountedBytes], family: Family,
             refout=family.refout, xorout=xorout,
         )  # fmt: skip
         usual = init in (0, ones, *likely) or xorout in (0, ones)
-        is_sure = bool(name) or len(known) > 2 or (len(known) == 2 and usual)
+        is_sure = bool(name) or (held >= 0.9 * of and (len(known) > 2 or (len(known) == 2 and usual)))
         yield CheckGuess(place, method, name, Evidence(held, of, chance), is_sure=is_sure)
         found += 1
         if found == MOST_SOLVED:

@@ -10,7 +10,7 @@ from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from math import log2
+from math import log, log2
 from typing import NamedTuple
 
 from framekit.guess.model import (
@@ -104,8 +104,14 @@ def function_place(texts: Sequence[bytes], shape: FrameShape, known: set[int], l
             count * _surprise(Counter(len(text) for text in texts if text[place] == value))
             for value, count in values.items()
         ) / len(texts)  # fmt: skip
+        sizes = len({len(text) for text in texts})
+        by_luck = 0.0 if place in likely else (len(values) - 1) * (sizes - 1) / (2 * len(texts) * log(2))
         gain = before - after + (1.0 if place in likely else 0.0)
-        if before - after > 0.2 and not _is_count(place, texts) and (best is None or gain > best[0] + 0.2):
+        if (
+            before - after > 0.2 + 2 * by_luck
+            and not _is_count(place, texts)
+            and (best is None or gain > best[0] + 0.2)
+        ):
             best = gain, place
     return None if best is None else best[1]
 

@@ -57,7 +57,9 @@ def framings_of(chunks: Sequence[HeardBytes]) -> list[CutLine]:
             seen.add(framing)
             cut = cut_line(framing, streams)
             if cut.fit >= ENOUGH:
-                found.append(_weighed(cut, texts))
+                cut = _weighed(cut, texts)
+                if framing.kind != "length" or cut.fit >= ENOUGH_ALONE or cut.framing.evidence.chance > 0:
+                    found.append(cut)
     found.sort(key=_rank, reverse=True)
     start, end = _common(texts)
     plain = Framing("pauses", start[:MOST_MARK], end[:MOST_MARK], evidence=Evidence(len(texts), len(texts)))
@@ -73,6 +75,8 @@ COVERED = 0.85
 ENOUGH = 0.7
 """A framing whose frames hold fewer of the bytes, or whose ends are those of pieces more seldom, is none: a few frames
 come in two pieces, or two in one."""
+ENOUGH_ALONE = 0.8
+"""And a length that was seen with one size of pieces only, which any constant fits."""
 _PREFERRED = {"marks": 2, "length": 1, "fixed": 0, "pauses": 0}
 
 
@@ -362,8 +366,12 @@ def readings_of(length: LengthField, frames: Sequence[HeardFrame]) -> list[Lengt
 
 def _fitting(length: LengthField, frames: Sequence[HeardFrame]) -> int:
     """How many frames have the size that a length field tells."""
-    numbers = [(len(frame.data), value_at(length, frame.data, 0)) for frame in frames]
-    return sum(number is not None and size == number * length.unit + length.plus for size, number in numbers)
+    return sum(_is_size(length, frame.data) for frame in frames)
+
+
+def _is_size(length: LengthField, text: bytes) -> bool:
+    value = value_at(length, text, 0)
+    return value is not None and len(text) == value * length.unit + length.plus
 
 
 def _told_apart(length: LengthField, frames: Sequence[HeardFrame]) -> LengthField:
@@ -386,7 +394,9 @@ def _weighed(cut: CutLine, texts: Sequence[bytes]) -> CutLine:
             continue
     chance = framing.evidence.chance
     if framing.kind == "length" and framing.length is not None:
-        sizes = {len(frame.data) for frame in frames}
+        pieces = set(texts)
+        own = frames if 2 * len(texts) < len(frames) else [one for one in frames if one.data in pieces]
+        sizes = {len(frame.data) for frame in own}
         length = _told_apart(framing.length, frames)
         framing = replace(framing, length=length)
         columns = [{frame.data[place] for frame in frames} for place in range(length.offset, length.end)]

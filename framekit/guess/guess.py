@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from statistics import median
 
+from framekit.definition.problems import plural
 from framekit.guess.checks import find_checks, holds
 from framekit.guess.fields import SURE, directed, kinds_of
 from framekit.guess.framing import SURE as SURE_FRAMING
@@ -24,14 +24,20 @@ from framekit.guess.model import (
     Statement,
     Stuffing,
 )
+from framekit.guess.pieces import LARGEST_SIGNAL
 from framekit.guess.rules import rules_of
 from framekit.guess.stuffing import StuffingError, plain_frame
+from framekit.guess.times import LineTimes, TimedFrame, shown, times_of
 from framekit.guess.writing import named_apart
 
 MOST_FRAMINGS = 4
 """So many are tried for a check that tells them apart."""
 MOST_PIECES = 4
 """A frame that the system handed over in pieces has fewer than that, mostly."""
+ENOUGH_CHECKED = 0.9
+"""A check that holds in so much of the frames tells that they are cut right."""
+MOST_SHOWN = 16
+"""Bytes of a request that are shown in a statement."""
 MOST_CHECKED = 400
 """Frames in which a check is looked for."""
 
@@ -56,28 +62,41 @@ def guess(chunks: Sequence[HeardBytes]) -> Guess:
         checks = [rule.check for rule in rules]
         kinds = kinds_of(frames, texts, sides, cut.framing, checks, [rule_of[number] for number in whole])
         found.kinds = named_apart(kinds)
+        found.times = times_of(_timed(cut.frames, found.kinds, len({one.direction for one in frames}) > 1))
         found.statements = [
             *_of_framing(cut),
             *(statement for rule in rules for statement in _of_check(rule.check, rule.which)),
-            *_of_sides(frames, sides, luck),
+            *_of_sides(sides, luck),
+            *_of_times(found.times),
             *_of_fields(found.kinds),
         ]
     return found
 
 
 def _cut_and_check(chunks: Sequence[HeardBytes]) -> tuple[CutLine, list[bytes | None], CheckGuess | None]:
-    """The likeliest framing in whose frames there is a check; without any, the likeliest one."""
-    first: tuple[CutLine, list[bytes | None]] | None = None
+    """The likeliest framing in nearly all of whose frames a check holds; else that in most of whose frames one does;
+    without any, the likeliest one."""
+    first: tuple[CutLine, list[bytes | None], CheckGuess | None] | None = None
+    best: tuple[CutLine, list[bytes | None], CheckGuess] | None = None
     cuts = framings_of(chunks)
     for cut in [*cuts[:-1][:MOST_FRAMINGS], cuts[-1]]:
         plain = [_plain(cut.framing, frame.data) for frame in cut.frames]
         texts = [text for text in plain if text is not None][:MOST_CHECKED]
-        first = first or (cut, plain)
+        first = first or (cut, plain, None)
         checks = find_checks(texts, len(cut.framing.start), len(cut.framing.end)) if texts else []
-        if checks:
-            return _of_digits(cut, checks[0]) or (cut, plain, checks[0])
+        if not checks:
+            continue
+        found = _of_digits(cut, checks[0]) or (cut, plain, checks[0])
+        if found[2].is_sure and _share(found[2]) >= ENOUGH_CHECKED:
+            return found
+        if best is None or _share(found[2]) > _share(best[2]):
+            best = found
     assert first is not None
-    return *first, None
+    return best or first
+
+
+def _share(check: CheckGuess) -> float:
+    return check.evidence.holds / check.evidence.of
 
 
 def _of_digits(cut: CutLine, check: CheckGuess) -> tuple[CutLine, list[bytes | None], CheckGuess] | None:
@@ -217,20 +236,52 @@ def _own_name(check: CheckGuess) -> str:
     return f"{method.kind} of {method.width} bits{complement}, and {method.initial:X}"
 
 
-def _of_sides(frames: Sequence[HeardFrame], sides: Sequence[str], luck: float) -> Iterator[Statement]:
+def _of_sides(sides: Sequence[str], luck: float) -> Iterator[Statement]:
     counts = Counter(sides)
     if counts["client"] and counts["server"]:
         turns = sum(one != two for one, two in pairwise(sides))
         evidence = Evidence(turns, len(sides) - 1, luck)
         yield Statement("requests and replies take turns", evidence, False, "two of one side in a row")
-    times = [frame.time for frame, side in zip(frames, sides, strict=True) if side == "client"]
-    known = [time for time in times if time is not None]
-    if len(known) > 3:
-        periods = [two - one for one, two in pairwise(known)]
-        middle = median(periods)
-        near = sum(abs(period - middle) <= 0.2 * middle for period in periods)
-        if middle and near >= 0.8 * len(periods):
-            yield Statement(f"one side asks about every {middle / 1e9:.3g} s", Evidence(near, len(periods)), False)
+
+
+def _timed(frames: Sequence[HeardFrame], kinds: Sequence[FrameKind], two_ways: bool) -> list[TimedFrame]:
+    """The frames in their order, with their kinds; of damaged ones the way tells who sent them. A signal of the
+    client, such as an ACK, is no request."""
+    kind_of = {id(frame): kind for kind in kinds for frame in kind.frames}
+    sides = {kind.direction: kind.side for kind in kinds if two_ways}
+    found = []
+    for one in frames:
+        kind = kind_of.get(id(one))
+        side, name = (sides.get(one.direction, ""), "") if kind is None else (kind.side, kind.name)
+        if side != "client" or len(one.data) > LARGEST_SIGNAL:
+            found.append(TimedFrame(one.time, side, name, one.data))
+    return found
+
+
+def _of_times(times: LineTimes) -> Iterator[Statement]:
+    for answers in times.answers:
+        if not answers.told:
+            continue
+        names = [f"{name} ({count})" if len(answers.told) > 1 else name for name, count in answers.told[:3]]
+        delay = f", after {answers.delay}" if answers.delay is not None else ""
+        text = f"{answers.asked} is answered by {' or '.join(names)}{delay}"
+        yield Statement(text, Evidence(answers.answered, answers.of), False, "another frame after it")
+    silence = times.unanswered
+    if silence is not None and silence.wait is not None:
+        text = f"without a reply the next request follows after {silence.wait}"
+        if times.longest_timeout is not None:
+            text += f": a time-out of {shown(times.longest_timeout)} at most"
+            if silence.pause is not None and 0.05 * silence.wait.least < silence.pause < silence.wait.least:
+                rest = shown(silence.wait.least - silence.pause)
+                text += f", of {rest} if it pauses then as after a reply ({shown(silence.pause)})"
+        yield Statement(text, Evidence(silence.count, silence.of), False, "a reply that came later and was taken")
+    if silence is not None and silence.repeats is not None:
+        often = f"repeated {plural(silence.repeats, 'time')}" if silence.repeats else "not repeated"
+        evidence = Evidence(silence.alike, silence.given_up)
+        yield Statement(f"a request without a reply is {often}", evidence, False, "another number of repeats")
+    for one in times.periods:
+        which = f" {_hex(one.data)}" if one.data and len(one.data) <= MOST_SHOWN else ""
+        yield Statement(f"{one.kind}{which} comes every {one.every}", Evidence(one.near, one.of), False)
 
 
 def _of_fields(kinds: Sequence[FrameKind]) -> Iterator[Statement]:

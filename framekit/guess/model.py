@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 from framekit.definition.model.checks import CheckMethod
+from framekit.guess.times import LineTimes
 
 Direction = Literal["in", "out", ""]
 """Which way bytes went; '' where one wire has both, or nothing tells it."""
@@ -207,4 +208,5 @@ class Guess:
     noise: int = 0
     check: CheckGuess | None = None
     kinds: list[FrameKind] = field(default_factory=list)
+    times: LineTimes = field(default_factory=LineTimes)
     statements: list[Statement] = field(default_factory=list)

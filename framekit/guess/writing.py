@@ -12,6 +12,7 @@ from itertools import pairwise
 from framekit.definition.model.checks import CheckMethod
 from framekit.guess.checks import FLETCHER
 from framekit.guess.model import FrameKind, Framing, Guess, GuessedField, HeardFrame, Stuffing
+from framekit.guess.times import LineTimes
 
 TOLD_KINDS = ("unknown", "counter", "copy", "text", "named")
 """Fields with a comment that says what is known of them."""
@@ -28,11 +29,34 @@ def definition_text(guess: Guess, name: str, source: str) -> str:
         lines.append("extends: standard")
     lines += ["order: big", *_check_section(guess), *_receiver(guess, has_sides)]
     if has_sides:
+        lines += _params(guess.times)
         lines += ["groups:", "  request: {from: client}"]
     lines.append("frames:")
     for kind in guess.kinds:
         lines += _frame(kind, guess, has_sides)
     return "\n".join(lines) + "\n"
+
+
+STANDARD_TIMEOUT = 1_000_000_000
+SHORTEST_TIMEOUT, LONGEST_TIMEOUT = 10_000_000, 60_000_000_000
+MOST_RETRIES = 10
+"""What `standard` waits for a reply, and what it may wait and repeat."""
+
+
+def _params(times: LineTimes) -> Iterator[str]:
+    """How long a client waits and how often it repeats, as far as that was seen."""
+    rows = []
+    if times.longest_timeout is not None:
+        timeout, why = times.longest_timeout, "after that the client went on"
+    else:
+        timeout, why = 2 * times.slowest, "twice the slowest reply"
+    if SHORTEST_TIMEOUT <= timeout <= LONGEST_TIMEOUT and (times.longest_timeout or timeout > STANDARD_TIMEOUT):
+        rows.append(f"  reply_timeout: {{default: {timeout // 1_000_000} ms}}  # {why}")
+    repeats = None if times.unanswered is None else times.unanswered.repeats
+    if repeats is not None and repeats <= MOST_RETRIES:
+        rows.append(f"  retries: {{default: {repeats}}}  # as the client did that was heard")
+    if rows:
+        yield from ("params:", *rows)
 
 
 def _own_checks(guess: Guess) -> dict[CheckMethod, str]:
