@@ -42,7 +42,8 @@ MOST_SPANS = 500
 """Fields of a frame that are shown."""
 MOST_KEPT = 8
 MOST_VALUES = 512
-"""Ways to cut rows into lines, and values of places, that are kept."""
+MOST_SPANNED = 1024
+"""Ways to cut rows into lines, values of places, and rows with their fields that are kept."""
 
 
 class HexRow(NamedTuple):
@@ -106,12 +107,12 @@ SpansOf = Callable[[HexRow], list[HexSpan]]
 
 
 class HexTable:
-    """The rows of a recording. `spans_of` finds the fields of a row: another one may be set when they get names."""
+    """The rows of a recording. `spans_of` finds the fields of a row."""
 
     def __init__(self, rows: Sequence[HexRow], kinds: list[HexKind], spans_of: SpansOf) -> None:
         self.rows = rows
         self.kinds = kinds
-        self.spans_of = spans_of
+        self.use(spans_of)
         self.others: list[int] = []
         """Rows that are no frames of a kind."""
         for number, row in enumerate(rows):
@@ -122,9 +123,13 @@ class HexTable:
         self._starts = lru_cache(MOST_KEPT)(self._starts_of)
         self._values = lru_cache(MOST_VALUES)(self._values_of)
 
-    def spans(self, number: int) -> list[HexSpan]:
+    def use(self, spans_of: SpansOf) -> None:
+        """Fields are found by this from now on: they have got names."""
+        self._spans = lru_cache(MOST_SPANNED)(lambda number: tuple(spans_of(self.rows[number])[:MOST_SPANS]))
+
+    def spans(self, number: int) -> tuple[HexSpan, ...]:
         """The fields of a row, in order, none of which overlap."""
-        return self.spans_of(self.rows[number])[:MOST_SPANS]
+        return self._spans(number)
 
     # ---- lines --------------------------------------------------------------------------------------------
 

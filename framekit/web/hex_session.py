@@ -77,7 +77,7 @@ class HexBoard:
         return self.names
 
     def _renamed(self) -> None:
-        self.table.spans_of = guessed_spans(self._names().guess)
+        self.table.use(guessed_spans(self._names().guess))
         self.round += 1
 
 
@@ -140,17 +140,20 @@ class HexSession:
 
     # ---- rows ---------------------------------------------------------------------------------------------
 
-    def _lines(self, first: Any, told: Told) -> Message:
+    async def _lines(self, first: Any, told: Told) -> Message:
         kind, width = told.get("kind"), told.get("width")
         if kind is not None and kind != NOISE and whole_number(kind) >= len(self.board.table.kinds):
             raise ValueError("this is no message")
         if width not in WIDTHS:
             raise ValueError("this is no message")
         begin, most = whole_number(first), min(MOST_LINES, whole_number(told.get("most")))
-        table = self.board.table
-        found = [self._line(line, width) for line in table.lines(kind, width, begin, most)]
+        return await asyncio.to_thread(self._lines_from, kind, width, begin, most)
+
+    def _lines_from(self, kind: int | None, width: int, first: int, most: int) -> Message:
+        table, number = self.board.table, self.board.round
+        found = [self._line(line, width) for line in table.lines(kind, width, first, most)]
         return {
-            "lines": begin, "kind": kind, "width": width, "of": table.count(kind, width), "round": self.board.round,
+            "lines": first, "kind": kind, "width": width, "of": table.count(kind, width), "round": number,
             "list": found,
         }  # fmt: skip
 
