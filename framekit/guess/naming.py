@@ -180,6 +180,9 @@ def _named(kind: FrameKind, texts: Sequence[bytes], naming: FieldNaming) -> Fram
     behind = sum(field.size for field in kind.fields if field.offset < 0)
     if not touched or (size and naming.end > shortest - behind):
         raise NamingError(f"not all frames of '{kind.name}' have {where} – choose bytes that all of them have")
+    counted = 0 if kind.check is None or kind.check.place.at is not None else kind.check.place.start
+    if naming.offset < counted < naming.end:
+        raise NamingError(f"the check begins to count at byte {counted} – choose bytes before that, or from there on")
     _check_name(kind, naming, [field for field in kind.fields if field not in touched])
     is_copy = _covers_copies(kind, naming.offset, naming.end) and naming.type != "bits"
     own = GuessedField(

@@ -103,6 +103,22 @@ def test_what_is_refused(meter: Guess, naming: FieldNaming, told: str) -> None:
         named(meter, [naming])
 
 
+def test_a_field_does_not_go_over_the_place_where_the_check_begins() -> None:
+    rng = random.Random(14)
+    frames = []
+    for _ in range(40):
+        inner = bytes(rng.randrange(256) for _ in range(rng.choice([5, 7])))
+        frames.append(bytes([0x55, rng.randrange(8)]) + framed(inner))
+    found = guess([HeardBytes(None, "", frame) for frame in frames])
+    (kind,) = found.kinds
+    assert kind.check is not None and kind.check.place.start == 2
+    with pytest.raises(NamingError, match="the check begins to count at byte 2"):
+        named(found, [FieldNaming(kind.name, 1, 2, "x", "u16")])
+    for words in ("yes", "null", "here", "rest", "body"):
+        draft = drafted(named(found, [FieldNaming(kind.name, 2, 2, words, "u16")]), "own", "line")
+        assert draft.problems == ()
+
+
 def test_whatever_is_named_the_definition_reads_all_frames(meter: Guess) -> None:
     rng, accepted = random.Random(12), 0
     for number in range(60):
