@@ -190,6 +190,7 @@ def _main(made: Generated) -> str:
             out.add("(void)v;")
             _scan(out, struct, "v->", made)
         out.add("")
+    not_measured = dict(made.not_measured)
     with out.block("static void answer(char *line)"):
         out.add("static uint8_t data[70000];", "char *what = strtok(line, \" \"), *frame = strtok(NULL, \" \");",
                 "if (what == NULL || frame == NULL) {", "    puts(\"no line\");", "    return;", "}")  # fmt: skip
@@ -205,6 +206,12 @@ def _main(made: Generated) -> str:
                 with out.block("else"):
                     out.add('printf("! %s %zu %lld\\n", reasons[fault.reason], fault.offset, (long long)fault.refuse);')
                 out.add("free(copy);", "return;")
+            if frame not in not_measured:
+                with out.block(f'if (strcmp(what, "m") == 0 && strcmp(frame, "{name}") == 0)'):
+                    out.add("size_t size = unhex(strtok(NULL, \" \"), data);", "uint8_t *copy = malloc(size + 1);")
+                    out.add("memcpy(copy, data, size);", "copy = realloc(copy, size > 0 ? size : 1);")
+                    out.add(f'printf("%ld\\n", (long){prefix}_measure_{name}(copy, size{context}));')
+                    out.add("free(copy);", "return;")
             with out.block(f'if (strcmp(what, "e") == 0 && strcmp(frame, "{name}") == 0)'):
                 out.add(f"static struct {prefix}_{name} v;", "int32_t size;", "size_t i, room = next_number();")
                 out.add("uint8_t *to = malloc(room + 1);", "to = realloc(to, room > 0 ? room : 1);", "stored = 0;")
@@ -596,6 +603,30 @@ def encode_trial(c: CProtocol, seed: int, samples: int = 6, changes: int = 8) ->
                 asked.append(sample.values)
                 asked += (changed_values(random_, sample.values) for _ in range(changes))
         found += encoded_alike(c, frame, asked)
+    return found
+
+
+def measure_trial(c: CProtocol, seed: int, samples: int = 4, changes: int = 3) -> list[str]:
+    """Where C and Python do not say the same of how long a frame is, from each number of its bytes."""
+    random_ = random.Random(seed)
+    asked: list[tuple[str, bytes]] = []
+    left = dict(c.generated.not_measured)
+    for frame in c.generated.frames:
+        if frame in left:
+            continue
+        for data in c.samples(frame, samples):
+            for one in (data, *mutated(random_, data, changes)):
+                ends = range(len(one) + 1) if len(one) < 60 else sorted(random_.sample(range(len(one) + 1), 40))
+                asked += ((frame, one[:end]) for end in ends)
+            asked.append((frame, data + bytes(random_.randrange(256) for _ in range(3))))
+    pairs = list(dict.fromkeys(asked))
+    found = []
+    answers = c.ask([f"m {identifier(frame)} x{data.hex()}" for frame, data in pairs])
+    for (frame, data), answer in zip(pairs, answers, strict=True):
+        size = c.codec.measure(frame, data)
+        wanted = {c.codec.QUIET: "-2147483646", c.codec.LOST: "-2147483647"}.get(size, str(size))
+        if answer != wanted:
+            found.append(f"{frame} {data.hex(' ').upper()}: Python {wanted}, C {answer}")
     return found
 
 

@@ -13,6 +13,7 @@ from framekit.codec.c import read_kinds, write_kinds  # noqa: F401 - they fill t
 from framekit.codec.c.checks import CheckFunctions
 from framekit.codec.c.expressions import LEAST, MOST, Val, constant
 from framekit.codec.c.layout import CMember, CStruct, Layouts, declare, inner_name
+from framekit.codec.c.measure import CMeasureWriter
 from framekit.codec.c.reader import ReadWriter
 from framekit.codec.c.source import CannotSayError, CNames, CSource, comment, identifier, number, string
 from framekit.codec.c.writer import WriteWriter
@@ -21,7 +22,7 @@ from framekit.codec.python.choices import Leaf, Switch, in_order, tree_of
 from framekit.definition.expression import Name, Node
 from framekit.definition.model.frames import Frame, StaticSizes, everything, flat
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.segments import Bits, Field, Inner
+from framekit.definition.model.segments import Bits, Field, Inner, Segments
 from framekit.definition.model.values import Table
 from framekit.definition.problems import Problem
 
@@ -43,6 +44,7 @@ class Generated:
     frames: tuple[str, ...]
     left_out: tuple[tuple[str, Problem], ...]
     to_give: tuple[tuple[str, str, Problem], ...]
+    not_measured: tuple[tuple[str, Problem], ...]
     structs: dict[str, CStruct]
     prefix: str
 
@@ -77,6 +79,9 @@ class CFile:
         self.context = ""
         self.hand_on = ""
         self.inner_structs: dict[tuple[str, ...], str] = {}
+        self.never_resyncs = protocol.receiver.resync == "never"
+        self.not_measured: dict[str, Problem] = {}
+        self.firsts: dict[tuple[str, ...], str] = {}
         self.given_only: dict[tuple[str, str], Problem] = {}
 
     # ---- what the writers ask -----------------------------------------------------------------------------
@@ -250,6 +255,91 @@ class CFile:
         self.functions[name] = code
         return name
 
+    def first_inside(self, segment: Inner) -> str:
+        """The function that tells how long the frame is that stands in a place: the first that fits, else what is
+        wanted at least, with what is `behind`. `whole`: no more bytes come."""
+        frames = tuple(dict.fromkeys(segment.frames))
+        if frames in self.firsts:
+            return self.firsts[frames]
+        for frame in frames:
+            if frame in self.not_measured:
+                raise CannotSayError(segment.at, f"the frame '{frame}' inside, whose end C does not find")
+        order = self.order_of(frames)
+        name = f"{self.prefix}_fk_first_{len(self.firsts)}"
+        code = CSource()
+        header = (
+            f"static int64_t {name}(const uint8_t *data, size_t size{self.context}, bool whole, int64_t behind)"
+        )
+        self.helper("told")
+        with code.block(header):
+            code.add("const unsigned *list = NULL;", "size_t count = 0, i;")
+            code.add("int64_t want = 0, other = 0, found;", "bool quiet = false, lost = false;")
+            every = ", ".join(str(place) for place in range(len(order)))
+            code.add(f"static const unsigned every[] = {{ {every} }};", "list = every;", f"count = {len(order)};")
+            self._lists(code, tree_of(self.static, order), order)
+            with code.block("for (i = 0; i < count; i++)"):
+                code.add("struct fk_notes notes;", "struct framekit_fault fault;")
+                with code.block("union", " scratch;"):
+                    for place, frame in enumerate(order):
+                        code.add(f"struct {self.frame_enum(frame)} of{place};")
+                with code.block("switch (list[i])"):
+                    for place, frame in enumerate(order):
+                        call = f"{self.prefix}_fk_measure_{identifier(frame)}(data, size{self.hand_on})"
+                        code.add(f"case {place}: found = {call}; break;")
+                    code.add("default: found = 0; break;")
+                with code.block("if (found > 0)"):
+                    with code.block("if (whole || want == 0)"):
+                        code.add("memset(&notes, 0, sizeof notes);")
+                        with code.block("switch (list[i])"):
+                            for place, frame in enumerate(order):
+                                call = (
+                                    f"{self.prefix}_fk_read_{identifier(frame)}(data, (size_t)found{self.hand_on},"
+                                    f" &scratch.of{place}, &notes)"
+                                )
+                                code.add(f"case {place}: {call}; break;")
+                            code.add("default: break;")
+                        code.add("fk_told(&notes, &fault);")
+                        with code.block("if (fault.reason == FRAMEKIT_OK || fault.refuse >= 0)"):
+                            code.add("return found;")
+                    code.add("other = other == 0 || found < other ? found : other;")
+                with code.block("else if (found > FK_QUIET)"):
+                    code.add("want = found != 0 && (want == 0 || found > want) ? found : want;")
+                with code.block("else"):
+                    code.add("quiet = quiet || found == FK_QUIET;", "lost = lost || found == FK_LOST;")
+            with code.block("if (want != 0)"):
+                with code.block("if (other != 0)"):
+                    code.add("int64_t least = (int64_t)size - other - behind < -1 ? (int64_t)size - other - behind : -1;")
+                    code.add("return want - behind > least ? want - behind : least;")
+                code.add("return want - behind;")
+            code.add("return quiet ? FK_QUIET : lost ? FK_LOST : 0;")
+        self.functions[name] = code
+        self.firsts[frames] = name
+        return name
+
+    def _lists(self, code: CSource, tree: Leaf | Switch, order: tuple[str, ...], inside: bool = False) -> None:
+        """Which frames a deciding byte leaves."""
+        if isinstance(tree, Leaf):
+            if not inside:
+                return
+            if not tree.frames:
+                code.add("count = 0;")
+                return
+            some = ", ".join(str(order.index(one)) for one in tree.frames)
+            code.add(f"static const unsigned some[] = {{ {some} }};", "list = some;", f"count = {len(tree.frames)};")
+            return
+        with code.block(f"switch (size > {tree.at} ? (int)data[{tree.at}] : -1)"):
+            for value, one in tree.cases:
+                with code.block(f"case {value}:"):
+                    self._lists(code, one, order, True)
+                    code.add("break;")
+            code.add("case -1:")
+            with code.block("if (whole)"):
+                self._lists(code, tree.others, order, True)
+            code.add("break;")
+            with code.block("default:"):
+                self._lists(code, tree.others, order, True)
+                code.add("break;")
+
     def _tree(self, code: CSource, tree: Leaf | Switch, upper: str) -> None:
         if isinstance(tree, Leaf):
             for one in tree.frames:
@@ -331,7 +421,19 @@ class _Writing:
                 file.functions[name] = builder.write(name, frame)
             except CannotSayError as error:
                 found[frame.name] = error.problem
+                continue
+            self._measure(frame, segments)
         return found
+
+    def _measure(self, frame: Frame, segments: Segments) -> None:
+        """How long the frame is in a stream; what cannot be found there is told, and read all the same."""
+        file = self.file
+        name = f"{file.prefix}_fk_measure_{identifier(frame.name)}"
+        try:
+            writer = CMeasureWriter(file, frame, segments, file.structs[frame.name])
+            file.functions[name] = writer.write(name)
+        except CannotSayError as error:
+            file.not_measured[frame.name] = error.problem
 
     def _context(self) -> None:
         """Whether anything beside fields is read: found out by a first try, as all functions have to hand it on."""
@@ -386,7 +488,7 @@ class _Writing:
         source = self._source()
         names = tuple(one.name for one in self.frames)
         to_give = tuple((frame, name, problem) for (frame, name), problem in file.given_only.items())
-        return Generated(file.prefix, header, source, names, tuple(left.items()), to_give, file.structs, file.prefix)
+        return Generated(file.prefix, header, source, names, tuple(left.items()), to_give, tuple(file.not_measured.items()), file.structs, file.prefix)
 
     def _header(self) -> str:
         file, protocol = self.file, self.protocol
@@ -432,6 +534,9 @@ class _Writing:
                 f"int32_t {prefix}_encode_{identifier(frame.name)}(const {struct} *frame{file.context}, uint8_t *to,"
                 " size_t room);"
             )
+            if frame.name not in file.not_measured:
+                name = f"{prefix}_measure_{identifier(frame.name)}"
+                out.add(f"int32_t {name}(const uint8_t *data, size_t size{file.context});")
         out.add("", "#ifdef __cplusplus", "}", "#endif", "", "#endif")
         return out.text()
 
@@ -494,6 +599,7 @@ class _Writing:
             body.add(*code.lines, "")
         for frame in self.order:
             self._decode(body, frame)
+            self._measured(body, frame)
         for name in _carried(body.text()):
             out.add(*parts[name][1].splitlines(), "")
         if self.given:
@@ -514,6 +620,17 @@ class _Writing:
                     out.add(f"{{ (const uint8_t *){string(data)}, {len(data)} }},")
                 else:
                     out.add(f"{number(int(start or 0))},")
+        out.add("")
+
+    def _measured(self, out: CSource, frame: Frame) -> None:
+        file = self.file
+        name = identifier(frame.name)
+        if frame.name in file.not_measured:
+            return
+        header = f"int32_t {file.prefix}_measure_{name}(const uint8_t *data, size_t size{file.context})"
+        with out.block(header):
+            out.add(f"int64_t found = {file.prefix}_fk_measure_{name}(data, size{file.hand_on});")
+            out.add("return found == FK_QUIET ? FRAMEKIT_QUIET : found == FK_LOST ? FRAMEKIT_LOST : (int32_t)found;")
         out.add("")
 
     def _decode(self, out: CSource, frame: Frame) -> None:
@@ -567,6 +684,7 @@ def _carried(body: str) -> list[str]:
 def _called(text: str) -> tuple[str, ...]:
     words = set(re.findall(r"\bfk_(\w+)", text))
     spans = {"spans"} if "fk_span" in text else set()
+    spans |= {"ends"} if "FK_QUIET" in text or "FK_LOST" in text else set()
     return tuple(name for name in support_parts() if name in words | spans or f"{name}_at" in words)
 
 
@@ -601,6 +719,10 @@ enum framekit_reason {
     + """\
     FRAMEKIT_NO_ROOM /* more than the struct or the buffer has room for */
 };
+
+/* What measuring says beside a length (above 0), "no such frame" (0), or how many bytes it wants at least (below 0). */
+#define FRAMEKIT_QUIET (-0x7FFFFFFE) /* only silence ends the frame */
+#define FRAMEKIT_LOST (-0x7FFFFFFF) /* its end cannot be found */
 
 /* Bytes that stand elsewhere. */
 struct framekit_bytes {

@@ -978,7 +978,13 @@ def _inner(r: ReadWriter, segment: Inner, here: Here, behind: Behind) -> None:
 
 def _found_inside(r: ReadWriter, segment: Inner, here: Here) -> str:
     """The size of a frame inside that ends by itself."""
-    raise CannotSayError(segment.at, "a frame inside that only itself tells the end of")
+    size = r.local("int64_t", "inner_size")
+    function = r.file.first_inside(segment)
+    room = f"{r.at} < {r.inn}.end ? {r.inn}.end - {r.at} : 0"
+    r.add(f"{size} = {function}({r.inn}.data + {r.at}, {room}{r.file.hand_on}, true, 0);")
+    with r.block(f"if ({size} <= 0)"):
+        r.add(r.note("value", r.at), r.leave())
+    return size
 
 
 def _wrap(r: ReadWriter, segment: Wrap, here: Here, behind: Behind) -> None:

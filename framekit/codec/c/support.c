@@ -8,6 +8,11 @@ struct fk_span {
     bool there;
 };
 
+/*: ends */
+/* What measuring says beside a length, or how many bytes are wanted (below 0). */
+#define FK_QUIET (-(INT64_C(1) << 40))
+#define FK_LOST (FK_QUIET - 1)
+
 /*: reader needs spans */
 /* What was found out about a frame: the first fault, and the first wrong check code, which outweighs it. */
 struct fk_notes {
