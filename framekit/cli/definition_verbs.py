@@ -643,6 +643,11 @@ def _generate_document(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _place(problem: Problem) -> str:
+    """Where a problem is, seen from the current folder."""
+    return f"{near(problem.at.file)}:{problem.at.line}:{problem.at.column}"
+
+
 def _generate_c(arguments: argparse.Namespace) -> int:
     """A header and a source in a directory; what is left out is told."""
     from framekit.codec.c.generate import MOST_BYTES, generate
@@ -660,9 +665,11 @@ def _generate_c(arguments: argparse.Namespace) -> int:
     total = len(made.frames) + len(made.left_out)
     print(f"{folder / made.name}.h, {folder / made.name}.c: {len(made.frames)} of {plural(total, 'frame')}")
     for frame, problem in made.left_out:
-        print(printable(f"{problem.at}: frame '{frame}' is left out: {problem.what}"))
+        print(printable(f"{_place(problem)}: frame '{frame}' is left out: {problem.what}"))
     for frame, name, problem in made.to_give:
-        print(printable(f"{problem.at}: '{name}' of frame '{frame}' has no default in C: {problem.what}"))
+        print(printable(f"{_place(problem)}: '{name}' of frame '{frame}' has no default in C: {problem.what}"))
+    for frame, problem in made.not_measured:
+        print(printable(f"{_place(problem)}: frame '{frame}' is not looked for in streams: {problem.what}"))
     return 1 if arguments.strict and made.left_out else 0
 
 

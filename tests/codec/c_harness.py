@@ -40,6 +40,7 @@ _REASONS = [
     "too_long",
     "length",
     "surplus",
+    "cut",
     "no_room",
 ]
 
@@ -208,7 +209,7 @@ def _main(made: Generated) -> str:
                 out.add("free(copy);", "return;")
             if frame not in not_measured:
                 with out.block(f'if (strcmp(what, "m") == 0 && strcmp(frame, "{name}") == 0)'):
-                    out.add("size_t size = unhex(strtok(NULL, \" \"), data);", "uint8_t *copy = malloc(size + 1);")
+                    out.add('size_t size = unhex(strtok(NULL, " "), data);', "uint8_t *copy = malloc(size + 1);")
                     out.add("memcpy(copy, data, size);", "copy = realloc(copy, size > 0 ? size : 1);")
                     out.add(f'printf("%ld\\n", (long){prefix}_measure_{name}(copy, size{context}));')
                     out.add("free(copy);", "return;")
@@ -225,9 +226,37 @@ def _main(made: Generated) -> str:
                         out.add('printf("%02x", to[i]);')
                     out.add('puts("");')
                 out.add("free(to);", "return;")
+        if made.in_streams:
+            _stream(out, made, context)
         out.add('puts("no frame");')
     out.add("", *_LOOP.splitlines())
     return out.text()
+
+
+def _stream(out: Any, made: Generated, context: str) -> None:
+    """Bytes into a parser: what it finds, and how much is noise."""
+    p = made.prefix
+    with out.block('if (strcmp(what, "s") == 0)'):
+        out.add(f"static struct {p}_parser parser;", 'size_t size = unhex(strtok(NULL, " "), data), at = 0, i;')
+        out.add('char *piece = strtok(NULL, " ");', "size_t most = piece == NULL ? 0 : strtoul(piece, NULL, 10);")
+        out.add("enum framekit_event event;", "bool silent = false;")
+        out.add("memset(&parser, 0xA5, sizeof parser);", f"{p}_parser_begin(&parser, frame[0] == 'c' ? 1 : 2);")
+        with out.block("for (;;)"):
+            with out.block(f"while ((event = {p}_parser_next(&parser{context})) != FRAMEKIT_MORE)"):
+                with out.block("if (event == FRAMEKIT_FRAME)"):
+                    out.add('printf("F %u ", (unsigned)parser.frame);')
+                    with out.block("for (i = 0; i < parser.length; i++)"):
+                        out.add('printf("%02x", parser.data[i]);')
+                    out.add('printf(" ");')
+                with out.block("else"):
+                    out.add('printf("B %u %s ", (unsigned)parser.frame, reasons[parser.fault.reason]);')
+            with out.block("if (at < size)"):
+                out.add("i = size - at < most ? size - at : most;", f"at += {p}_parser_put(&parser, data + at, i);")
+                out.add("continue;")
+            with out.block("if (silent)"):
+                out.add("break;")
+            out.add("silent = true;", f"{p}_parser_silence(&parser);")
+        out.add('printf("N %zu\\n", parser.noise);', "return;")
 
 
 def _ordered(made: Generated) -> list[str]:
@@ -628,6 +657,70 @@ def measure_trial(c: CProtocol, seed: int, samples: int = 4, changes: int = 3) -
         if answer != wanted:
             found.append(f"{frame} {data.hex(' ').upper()}: Python {wanted}, C {answer}")
     return found
+
+
+def found_by_python(c: CProtocol, side: str, data: bytes) -> list[tuple[str, bytes]]:
+    """The good frames of a stream, and those that are to be refused."""
+    from link.link_world import feed, line_of
+
+    from framekit.link.receiver import Receiver
+    from framekit.link.scope import Scope
+
+    protocol = c.definition
+    receiver = Receiver(c.codec, protocol, Scope(protocol, line=line_of(protocol)))
+    frames = [protocol.frames[one] for one in c.generated.in_streams]
+    expected = tuple(one.name for one in frames if one.side in (side, "both"))
+    expected = tuple(sorted(expected, key=lambda one: protocol.frames[one].refuse is not None))
+    found = feed(receiver, [data], expected) if expected else []
+    return [(one[1], one[2]) for one in found if one[0] == "frame"]
+
+
+def found_by_c(c: CProtocol, side: str, streams: list[bytes], piece: int) -> list[list[tuple[str, bytes]]]:
+    """The same by the parser, which gets so many bytes at once."""
+    numbers = dict(enumerate(c.generated.frames, 1))
+    found = []
+    for answer in c.ask([f"s {side} x{data.hex()} {piece}" for data in streams]):
+        words = iter(answer.split())
+        frames = []
+        for word in words:
+            if word == "F":
+                frames.append((numbers[int(next(words))], bytes.fromhex(next(words))))
+        found.append(frames)
+    return found
+
+
+def streams_of(c: CProtocol, side: str, seed: int, noisy: bool, count: int = 6) -> list[bytes]:
+    """Frames of a side in a row; noise, and frames with a change between them."""
+    random_ = random.Random(seed)
+    frames = [one for one in c.generated.in_streams if c.definition.frames[one].side in (side, "both")]
+    every = [one for frame in frames for one in c.samples(frame, 4) if one]
+    found = []
+    for _ in range(count if every else 0):
+        stream = b""
+        for _ in range(random_.randrange(2, 9)):
+            data = random_.choice(every)
+            if noisy and random_.random() < 0.4:
+                data = next(mutated(random_, data, 1))
+            if noisy and random_.random() < 0.3:
+                data = bytes(random_.randrange(256) for _ in range(random_.randrange(1, 6))) + data
+            stream += data
+        found.append(stream)
+    return found
+
+
+def stream_trial(c: CProtocol, seed: int, noisy: bool, count: int = 6) -> tuple[list[str], int]:
+    """Where the parser finds other frames than the receiver; how many streams there were."""
+    found, tried = [], 0
+    for side in ("client", "server"):
+        streams = streams_of(c, side, seed, noisy, count)
+        tried += len(streams)
+        at_once = found_by_c(c, side, streams, 70000)
+        for data, theirs, one_by_one in zip(streams, at_once, found_by_c(c, side, streams, 1), strict=True):
+            assert theirs == one_by_one, data.hex(" ")
+            ours = found_by_python(c, side, data)
+            if ours != theirs:
+                found.append(f"{side} {data.hex(' ').upper()}: Python {ours}, C {theirs}"[:900])
+    return found, tried
 
 
 def trial(c: CProtocol, seed: int, samples: int = 6, changes: int = 12) -> list[str]:

@@ -9,7 +9,7 @@ import re
 from pathlib import Path
 
 import pytest
-from c_harness import GCC, CProtocol, differences, encode_trial, trial
+from c_harness import GCC, CProtocol, differences, encode_trial, measure_trial, stream_trial, trial
 
 from framekit.codec.c.generate import generate
 from framekit.codec.c.source import CannotSayError, CNames, comment, identifier, string
@@ -17,7 +17,7 @@ from framekit.definition.load import load_protocol, load_protocol_text
 from framekit.definition.sources import shipped_definitions
 
 needs_gcc = pytest.mark.skipif(GCC is None, reason="gcc is missing")
-QUICK = ("ccm", "dynamixel", "host-link", "modbus-rtu")
+QUICK = ("ccm", "dynamixel", "modbus-rtu")
 
 
 def told(text: str) -> list[str]:
@@ -35,8 +35,12 @@ def compiled(text: str, folder: Path) -> CProtocol:
 def test_shipped_frames_are_read_and_built_as_by_python(name: str, tmp_path: Path) -> None:
     c = CProtocol(load_protocol(name), tmp_path)
     assert c.generated.frames
-    assert trial(c, seed=7) == []
-    assert encode_trial(c, seed=8) == []
+    assert trial(c, seed=7, samples=3, changes=6) == []
+    assert encode_trial(c, seed=8, samples=3, changes=4) == []
+    assert measure_trial(c, seed=9, samples=2, changes=1) == []
+    for noisy in (False, True):
+        different, tried = stream_trial(c, seed=10, noisy=noisy, count=3)
+        assert tried and different == []
 
 
 @needs_gcc
@@ -49,6 +53,11 @@ def test_all_shipped_frames_are_read_and_built_as_by_python(path: Path, tmp_path
     c = CProtocol(definition, tmp_path)
     assert trial(c, seed=20, samples=16, changes=60) == []
     assert encode_trial(c, seed=21, samples=16, changes=40) == []
+    assert measure_trial(c, seed=22, samples=8, changes=8) == []
+    if c.generated.in_streams:
+        assert stream_trial(c, seed=23, noisy=False, count=30)[0] == []
+        different, tried = stream_trial(c, seed=24, noisy=True, count=60)
+        assert len(different) * 50 <= tried, different  # docs/generate-c.md tells where they differ
 
 
 # ---- text of a definition ---------------------------------------------------------------------------------------

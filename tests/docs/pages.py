@@ -13,7 +13,7 @@ PAGES = [ROOT / "README.md", ROOT / "examples" / "README.md", *sorted(DOCS.glob(
 GUIDE = [DOCS / "language.md", *sorted((DOCS / "language").glob("*.md"))]
 """The guide to the language: pages that people read from top to bottom."""
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-FILE = "# file: "
+FILE = re.compile(r"(?:# |/\* )file: (\S+)(?: \*/)?")
 
 
 @dataclass(frozen=True)
@@ -27,8 +27,8 @@ class Snippet:
     @property
     def file(self) -> str | None:
         """The name of the file that the block is, if it says one."""
-        first = self.text.split("\n", 1)[0]
-        return first.removeprefix(FILE).strip() if first.startswith(FILE) else None
+        found = FILE.fullmatch(self.text.split("\n", 1)[0].strip())
+        return None if found is None else found[1]
 
 
 def snippets(page: Path) -> list[Snippet]:

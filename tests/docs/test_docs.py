@@ -55,7 +55,9 @@ def _carry_out_page(
             (folder / snippet.file).write_text(snippet.text, "utf-8")
         elif snippet.kind == "python":
             exec(compile(snippet.text, where, "exec"), {"__name__": "snippet"})
-        assert snippet.kind in ("console", "yaml", "python", "text", "mermaid"), f"{where}: what is {snippet.kind}?"
+        assert snippet.kind in ("c", "console", "yaml", "python", "text", "mermaid"), (
+            f"{where}: what is {snippet.kind}?"
+        )
 
 
 PORTS = re.compile(r"\b(?:9102|1883|8086|8040)\b")
@@ -101,6 +103,10 @@ def carry_out(command: str, capsys: pytest.CaptureFixture[str]) -> list[str]:
         return (output.out + output.err).splitlines()
     if words[0] == "cat":
         return Path(words[1]).read_text("utf-8").splitlines()
+    if words[0] == "gcc" or words[0].startswith("./"):
+        if shutil.which("gcc") is None:
+            pytest.skip("gcc is missing")
+        return subprocess.run(words, capture_output=True, text=True, check=True).stdout.splitlines()
     assert words[0] == "python", f"'{words[0]}' is not carried out in tests"
     done = subprocess.run([sys.executable, *words[1:]], capture_output=True, text=True, check=True)
     return done.stdout.splitlines()

@@ -14,6 +14,7 @@ from framekit.codec.c.checks import CheckFunctions
 from framekit.codec.c.expressions import LEAST, MOST, Val, constant
 from framekit.codec.c.layout import CMember, CStruct, Layouts, declare, inner_name
 from framekit.codec.c.measure import CMeasureWriter
+from framekit.codec.c.parser import ParserWriter, line_frames
 from framekit.codec.c.reader import ReadWriter
 from framekit.codec.c.source import CannotSayError, CNames, CSource, comment, identifier, number, string
 from framekit.codec.c.writer import WriteWriter
@@ -30,6 +31,7 @@ MOST_BYTES = 1024
 """Bytes of a frame whose definition has no limit."""
 REASONS = (
     "check", "constant", "where", "digits", "value", "range", "require", "short", "too_long", "length", "surplus",
+    "cut",
 )  # fmt: skip
 """Why bytes are not a frame, by the words that framekit has for it."""
 
@@ -47,6 +49,7 @@ class Generated:
     not_measured: tuple[tuple[str, Problem], ...]
     structs: dict[str, CStruct]
     prefix: str
+    in_streams: tuple[str, ...]
 
 
 @cache
@@ -267,9 +270,7 @@ class CFile:
         order = self.order_of(frames)
         name = f"{self.prefix}_fk_first_{len(self.firsts)}"
         code = CSource()
-        header = (
-            f"static int64_t {name}(const uint8_t *data, size_t size{self.context}, bool whole, int64_t behind)"
-        )
+        header = f"static int64_t {name}(const uint8_t *data, size_t size{self.context}, bool whole, int64_t behind)"
         self.helper("told")
         with code.block(header):
             code.add("const unsigned *list = NULL;", "size_t count = 0, i;")
@@ -308,7 +309,9 @@ class CFile:
                     code.add("quiet = quiet || found == FK_QUIET;", "lost = lost || found == FK_LOST;")
             with code.block("if (want != 0)"):
                 with code.block("if (other != 0)"):
-                    code.add("int64_t least = (int64_t)size - other - behind < -1 ? (int64_t)size - other - behind : -1;")
+                    code.add(
+                        "int64_t least = (int64_t)size - other - behind < -1 ? (int64_t)size - other - behind : -1;"
+                    )
                     code.add("return want - behind > least ? want - behind : least;")
                 code.add("return want - behind;")
             code.add("return quiet ? FK_QUIET : lost ? FK_LOST : 0;")
@@ -392,7 +395,7 @@ class _Writing:
         self.protocol = protocol
         self.frames = [one for one in protocol.frames.values() if one.name not in left]
         self.left = left
-        self.readers: dict[str, CSource] = {}
+        self.parser: ParserWriter | None = None
 
     def write(self) -> dict[str, Problem]:
         """Writes everything; gives the frames that have to be left out, with why."""
@@ -484,11 +487,22 @@ class _Writing:
     def finished(self, left: dict[str, Problem]) -> Generated:
         file = self.file
         file.helper("told")
+        found = line_frames(self.protocol, self.frames, file.not_measured)
+        most = max((file.layouts.most_of(one) for one in found), default=0)
+        self.parser = (
+            ParserWriter(file.prefix, file.context, file.hand_on, found, most, self.protocol.receiver)
+            if found
+            else None
+        )
         header = self._header()
         source = self._source()
         names = tuple(one.name for one in self.frames)
         to_give = tuple((frame, name, problem) for (frame, name), problem in file.given_only.items())
-        return Generated(file.prefix, header, source, names, tuple(left.items()), to_give, tuple(file.not_measured.items()), file.structs, file.prefix)
+        told = tuple(file.not_measured.items())
+        return Generated(
+            file.prefix, header, source, names, tuple(left.items()), to_give, told, file.structs, file.prefix,
+            tuple(one.name for one in found),
+        )  # fmt: skip
 
     def _header(self) -> str:
         file, protocol = self.file, self.protocol
@@ -537,7 +551,10 @@ class _Writing:
             if frame.name not in file.not_measured:
                 name = f"{prefix}_measure_{identifier(frame.name)}"
                 out.add(f"int32_t {name}(const uint8_t *data, size_t size{file.context});")
-        out.add("", "#ifdef __cplusplus", "}", "#endif", "", "#endif")
+        out.add("")
+        if self.parser is not None:
+            self.parser.header(out)
+        out.add("#ifdef __cplusplus", "}", "#endif", "", "#endif")
         return out.text()
 
     def _greatest(self) -> int:
@@ -600,6 +617,9 @@ class _Writing:
         for frame in self.order:
             self._decode(body, frame)
             self._measured(body, frame)
+        if self.parser is not None:
+            self.parser.functions(body)
+            self.parser.source(body)
         for name in _carried(body.text()):
             out.add(*parts[name][1].splitlines(), "")
         if self.given:
@@ -729,6 +749,17 @@ struct framekit_bytes {
     const uint8_t *data;
     size_t size;
 };
+
+/* What a parser of streams tells: it wants more bytes, a frame, bytes that would be a frame but for a fault. */
+enum framekit_event {
+    FRAMEKIT_MORE,
+    FRAMEKIT_FRAME,
+    FRAMEKIT_BAD
+};
+
+/* Who sends what comes, for a parser of streams. */
+#define FRAMEKIT_FROM_CLIENT 1u
+#define FRAMEKIT_FROM_SERVER 2u
 
 /* The first fault of a frame: why, at which byte, and the code with which a server refuses it (-1: it is just bad). */
 struct framekit_fault {

@@ -1,7 +1,7 @@
-"""How long the frame is that begins here, in C: as the measuring functions of Python say it (`codec/python/measure.py`).
+"""How long the frame is that begins here, in C: as the measuring functions of `codec/python/measure.py` say it.
 
-The result is its length; 0 where it does not begin; -n where it wants n bytes more at least; FK_QUIET where only silence
-ends it, FK_LOST where its end cannot be found.
+The result is its length; 0 where it does not begin; -n where it wants n bytes more at least; FK_QUIET where only
+silence ends it, FK_LOST where its end cannot be found.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Finished(Exception):  # noqa: N818 - a way out, no error
 
 
 class CMeasureWriter(CFunctionWriter):
-    """Writes one measuring function. `place`: where it stands, as long as that is always the same; then it is in `at`."""
+    """Writes one measuring function. `place`: where it stands while that is always the same; then it is in `at`."""
 
     is_reader = False
 
@@ -92,7 +92,9 @@ class CMeasureWriter(CFunctionWriter):
             self.return_total()
         except Finished:
             pass
-        lines, locals_ = pruned(self.out.lines, ["bool bad = false;", "int64_t at = 0;", "int64_t stop = 0;", *self.locals])
+        lines, locals_ = pruned(
+            self.out.lines, ["bool bad = false;", "int64_t at = 0;", "int64_t stop = 0;", *self.locals]
+        )
         body = "\n".join(lines)
         code = CSource()
         with code.block(f"static int64_t {name}(const uint8_t *data, size_t size{self.file.context})"):
@@ -127,7 +129,9 @@ class CMeasureWriter(CFunctionWriter):
                     bits = [sum(1 << bit for bit in range(8) if 8 * row + bit in allowed) for row in range(32)]
                     rows = ", ".join(map(str, bits))
                     self.add(f"static const uint8_t allowed[32] = {{ {rows} }};")
-                    self.add(f"if ((allowed[data[{place}] >> 3] >> (data[{place}] & 7) & 1) == 0) {{", "    return 0;", "}")
+                    self.add(
+                        f"if ((allowed[data[{place}] >> 3] >> (data[{place}] & 7) & 1) == 0) {{", "    return 0;", "}"
+                    )
 
     def _first_bytes(self) -> Iterable[tuple[int, frozenset[int]]]:
         if self.file.never_resyncs:
@@ -348,7 +352,9 @@ class CMeasureWriter(CFunctionWriter):
         self.locals += [f"struct {self.file.frame_enum(self.frame.name)} {scratch};", f"struct fk_notes {notes};",
                         f"struct framekit_fault {fault};"]  # fmt: skip
         self.add(f"memset(&{notes}, 0, sizeof {notes});")
-        self.add(f"{self.file.prefix}_fk_read_{name}(data, (size_t)({total}){self.file.hand_on}, &{scratch}, &{notes});")
+        self.add(
+            f"{self.file.prefix}_fk_read_{name}(data, (size_t)({total}){self.file.hand_on}, &{scratch}, &{notes});"
+        )
         self.add(f"{self.file.helper('told')}(&{notes}, &{fault});")
         fits = f"{fault}.reason != FRAMEKIT_CHECK && (int64_t){fault}.offset < {tail}"
         with self.block(f"if ({fault}.reason == FRAMEKIT_OK || {fault}.reason == FRAMEKIT_NO_ROOM || ({fits}))"):
@@ -788,5 +794,3 @@ _KINDS: dict[type[Segment], Callable[..., None]] = {
     Inner: _inner,
     Wrap: _wrap,
 }
-
-
