@@ -59,6 +59,7 @@ if TYPE_CHECKING:
     from framekit.definition.model.frames import Frame
     from framekit.definition.model.protocol import Protocol
     from framekit.definition.model.segments import Segment
+    from framekit.definition.problems import Problem
 
 
 def add_encode_arguments(parser: argparse.ArgumentParser) -> None:
