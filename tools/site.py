@@ -23,7 +23,7 @@ SECTIONS: dict[str, list[str]] = {
     "Start": ["docs/first-protocol.md", "examples/README.md"],
     "How to": [
         "docs/howto/log-values.md", "docs/howto/simulate-a-device.md", "docs/howto/unknown-check.md",
-        "docs/howto/listen-between.md",
+        "docs/howto/listen-between.md", "docs/howto/run-as-a-service.md",
     ],
     "Devices and lines": [
         "docs/run-files.md", "docs/servers.md", "docs/behave.md", "docs/lines.md", "docs/faults.md", "docs/jobs.md",

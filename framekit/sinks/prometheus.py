@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import logging
+import platform
 import socket
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from framekit import __version__
 from framekit.definition.keys import key
 from framekit.run.model import Point
 from framekit.run.points import PointValue
@@ -65,11 +67,12 @@ class PrometheusServer(Sink):
         self._run = host
 
     def open(self, points: Sequence[Point]) -> None:
-        from prometheus_client import CollectorRegistry, start_http_server
+        from prometheus_client import CollectorRegistry, ProcessCollector, start_http_server
 
         self._points = {point.name: point for point in points}
         registry = CollectorRegistry(auto_describe=False)
         registry.register(self)
+        ProcessCollector(registry=registry)  # processor time, memory, files, start; it knows them on Linux
         try:
             self._server, self._thread = start_http_server(self.port, self.host, registry)
         except socket.gaierror as error:
@@ -93,6 +96,7 @@ class PrometheusServer(Sink):
 
     def collect(self) -> Iterator[Metric]:
         """The metrics of this moment, asked for by the library in the thread of a request."""
+        yield _of_program()
         if self._run is None:
             return
         status = self._run.status()
@@ -122,6 +126,13 @@ class PrometheusServer(Sink):
             if is_good and isinstance(now.number, (int, float)):  # words stand for numbers; a text is none
                 value.add_metric(labels, float(now.number))
         yield from (value, good, time)
+
+
+def _of_program() -> Metric:
+    from prometheus_client.core import GaugeMetricFamily
+
+    rows = [((__version__, platform.python_version()), 1.0)]
+    return _family(GaugeMetricFamily, "framekit_info", "What carries the run out.", ("version", "python"), rows)
 
 
 Rows = Sequence[tuple[Sequence[str], float | None]]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import sys
 import urllib.request
 from pathlib import Path
 from types import SimpleNamespace
@@ -51,6 +52,10 @@ def test_values_and_counters_are_fetched(tmp_path: Path) -> None:
         assert found["framekit_point_value"] == {"temperature": 21.7, "state": 2}
         assert found["framekit_point_good"] == {"temperature": 1, "state": 1}
         assert found["framekit_point_time_seconds"]["state"] > 1.7e9
+        assert found["framekit_info"] == {None: 1}
+        if sys.platform == "linux":
+            assert found["process_resident_memory_bytes"][None] > 1e6
+            assert found["process_start_time_seconds"][None] > 1.7e9
     with pytest.raises(OSError):
         metrics(port)
 
