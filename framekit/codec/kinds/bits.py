@@ -40,8 +40,9 @@ class BitsKind(TypedKind[Bits]):
 
     def declare(self, d: DiagnosisWriter, segment: Bits, scope: Scope) -> None:
         super().declare(d, segment, scope)
-        if segment.name:
-            scope.entries[segment.name] = NameEntry("0", sized=False, wire=f"n.room({quoted(segment.name)})")
+        if segment.name:  # a value of another case may have the same name
+            entry = NameEntry("0", sized=False, wire=f"n.room({quoted(segment.name)})")
+            scope.entries.setdefault(segment.name, entry)
 
     def diagnose(self, d: DiagnosisWriter, segment: Bits, scope: Scope, behind: Behind) -> None:
         parts = {part.name: (part.low, (1 << part.high - part.low + 1) - 1) for part in segment.parts}

@@ -94,8 +94,10 @@ def _put_length(w: EncodeWriter, length: Length, scope: Scope, given: Given) -> 
     _put_number(w, length, text, scope, given)
 
 
-def _room_of(d: DiagnosisWriter, length: Length) -> str | None:
-    """Text of the length that must come out; None where nothing can disagree."""
+def counted_room(d: DiagnosisWriter, length: Length) -> tuple[list[str], dict[str, str]] | None:
+    """What a length counts: the names of what takes bytes, and of what is counted before conversion, with the text
+    behind those that may be absent; None where nothing can disagree.
+    """
     if is_followed(length, d.segments):
         return None
     targets = targets_of(length, d.segments)
@@ -104,8 +106,16 @@ def _room_of(d: DiagnosisWriter, length: Length) -> str | None:
         for name, target in targets.items()
         if length.plain and any(isinstance(one, Data) and one.convert is not None for one in target.segments)
     }
-    counted = [name for name in length.of if name not in converted]
-    rooms = [quoted(name) for name in d.wire_names(counted)]
+    return d.wire_names([name for name in length.of if name not in converted]), converted
+
+
+def _room_of(d: DiagnosisWriter, length: Length) -> str | None:
+    """Text of the length that must come out; None where nothing can disagree."""
+    found = counted_room(d, length)
+    if found is None:
+        return None
+    names, converted = found
+    rooms = [quoted(name) for name in names]
     parts = [f"n.room({', '.join(rooms)})"] if rooms else []
     parts += [f"len(n[{quoted(name)}]{otherwise})" for name, otherwise in converted.items()]
     total = " + ".join(parts) or "0"
@@ -120,7 +130,7 @@ class CountKind(CountedKind[Count]):
 
     def compare(self, r: BufferReader, item: Item, segment: Count) -> None:
         """A count that does not say itself how often something is repeated is compared with the list."""
-        absent = _where_absent(segment, r.function)
+        absent = absent_behind(segment, r.function)
         if absent is None:
             return
         local, plus = item.scope.entries[segment.name].text, forms.plus_text(segment.plus)
@@ -133,7 +143,7 @@ class CountKind(CountedKind[Count]):
         r.deferred.append(Comparison(compare, lambda: item.scope.find(segment.of) is not None))
 
     def wanted(self, d: DiagnosisWriter, segment: Count) -> str | None:
-        absent = _where_absent(segment, d)
+        absent = absent_behind(segment, d)
         return None if absent is None else f"len(n[{quoted(segment.of)}]{absent})"
 
     def tasks(self, w: EncodeWriter, segment: Count, scope: Scope, given: Given) -> list[Task]:
@@ -171,7 +181,7 @@ def _put_number(w: EncodeWriter, number: Length | Count, text: str, scope: Scope
         w.complain(condition, text_source(*path), text_source("'", *path, *found))
 
 
-def _where_absent(count: Count, writer: FunctionWriter) -> str | None:
+def absent_behind(count: Count, writer: FunctionWriter) -> str | None:
     """Text behind a list that is counted, where it may be absent; None where nothing can disagree."""
     repeat = writer.by_name.get(count.of)
     there = comes_with(count.of, count, writer.segments)

@@ -183,7 +183,7 @@ class DiagnosisWriter(FunctionWriter):
         if frame is not None and frame.delimited and frame.tail and isinstance(frame.tail[0], Const):
             self._delimited(frame, scope, frame.tail[0].data[0])
         else:
-            front, middle, tail = self._parts(segments)
+            front, middle, tail = self.parts(segments)
             behind = tuple((segment, scope) for segment in tail)
             self.list(front, scope, (), finish=False)
             if middle:
@@ -201,7 +201,7 @@ class DiagnosisWriter(FunctionWriter):
             self.list(frame.body, scope, (), finish=False)
         self.list(frame.tail, scope, (), finish=False)
 
-    def _parts(
+    def parts(
         self, segments: tuple[Segment, ...]
     ) -> tuple[tuple[Segment, ...], tuple[Segment, ...], tuple[Segment, ...]]:
         """The fixed segments at the start, those up to the last variable one, and the fixed ones behind it.

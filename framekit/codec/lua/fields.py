@@ -1,0 +1,149 @@
+"""The fields that Wireshark filters by: one for each name of a protocol, if all its frames have the same type for it.
+
+Where they have not, the name of the frame stands before that of the field.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from framekit.codec.lua.source import identifier
+from framekit.codec.python.expressions import is_flag
+from framekit.definition.expression import FUNCTIONS, Binary, Call, Conditional, Name, Node, Number, Text, Unary
+from framekit.definition.expression import Bytes as BytesNode
+from framekit.definition.model.frames import Frame
+from framekit.definition.model.segments import Bits, BitsPart, Count, Field, FieldType, Length, Segment
+
+Bounds = tuple[int, int] | None
+
+
+@dataclass(frozen=True, slots=True)
+class FieldUse:
+    """How a value is shown: the kind of Wireshark's field, and the names of its numbers."""
+
+    kind: str
+    values: tuple[tuple[int, str], ...] = ()
+
+    @classmethod
+    def of_field(cls, field: Field) -> FieldUse:
+        bounds = field.type.bounds if field.long is None else field.long.type.bounds
+        if bounds is not None and field.type.is_whole_number:
+            unit = field.unit or 1
+            low, high = (min(0, (bounds[0] - field.plus) * unit), max((bounds[1] - field.plus) * unit, 0))
+            high = max(high, field.zero_means or 0)
+            bounds = low, high
+        return cls(_kind(field.type, bounds), _names(field.values))
+
+    @classmethod
+    def of_number(cls, type_: FieldType) -> FieldUse:
+        return cls(_kind(type_, type_.bounds))
+
+    @classmethod
+    def of_bits(cls, part: BitsPart) -> FieldUse:
+        return cls(_of_bounds((0, part.most or 1 << 1024)), _names(part.values))
+
+    @classmethod
+    def of_expression(cls, node: Node, fields: Mapping[str, Segment]) -> FieldUse:
+        """What an expression gives, as far as that can be told."""
+        return cls(_of_node(node, fields))
+
+
+def _names(values: Mapping[int, str] | None) -> tuple[tuple[int, str], ...]:
+    found = sorted((values or {}).items())
+    return tuple((number, name) for number, name in found if -(1 << 31) <= number < 1 << 32)
+
+
+def _kind(type_: FieldType, bounds: Bounds) -> str:
+    if type_.value_kind == "text":
+        return "string"
+    if type_.value_kind == "bytes":
+        return "bytes"
+    if not type_.is_whole_number:
+        return "double"
+    return "uint64" if bounds is None else _of_bounds(bounds)
+
+
+def _of_bounds(bounds: tuple[int, int]) -> str:
+    low, high = bounds
+    if low >= 0:
+        return "uint32" if high < 1 << 32 else "uint64" if high < 1 << 64 else "string"
+    if low >= -(1 << 31) and high < 1 << 31:
+        return "int32"
+    return "int64" if low >= -(1 << 63) and high < 1 << 63 else "string"
+
+
+def _of_node(node: Node, fields: Mapping[str, Segment]) -> str:
+    if is_flag(node):
+        return "uint32"
+    match node:
+        case Number() | Binary() | Unary():
+            return "int64"
+        case Text():
+            return "string"
+        case BytesNode():
+            return "bytes"
+        case Call(function=function):
+            gives = FUNCTIONS[function].gives
+            return {"number": "int64", "time": "int64", "bytes": "bytes"}.get(gives, "string")
+        case Conditional(then=then, otherwise=otherwise):
+            first, second = _of_node(then, fields), _of_node(otherwise, fields)
+            return first if first == second else _joined({first, second}) or "string"
+        case Name(name=name):
+            segment = fields.get(name)
+            if isinstance(segment, Field):
+                return FieldUse.of_field(segment).kind
+            if isinstance(segment, (Length, Count, Bits)):
+                return "uint64"
+    return "string"
+
+
+_WHOLE = ("uint32", "int32", "uint64", "int64")
+
+
+def _joined(kinds: set[str]) -> str | None:
+    """One kind that holds all values of some; None if there is none."""
+    if len(kinds) == 1:
+        return next(iter(kinds))
+    if kinds <= {"uint32", "uint64"}:
+        return "uint64"
+    if kinds <= {"uint32", "int32", "int64"}:
+        return "int64"
+    return None
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """One field: what it is filtered by, what it is called, and how it is shown."""
+
+    filter: str
+    label: str
+    use: FieldUse
+    doc: str
+
+
+class Fields:
+    """The fields of a protocol; each use gets a number, by which the tables of frames name it."""
+
+    def __init__(self, prefix: str) -> None:
+        self.prefix = prefix
+        self._uses: dict[tuple[str, str, FieldUse], tuple[int, str]] = {}
+
+    def use(self, frame: Frame, name: str, use: FieldUse, doc: str) -> int:
+        return self._uses.setdefault((frame.name, name, use), (len(self._uses) + 1, doc))[0]
+
+    def all(self) -> tuple[dict[int, int], list[Shown]]:
+        """The place of each use's field, and the fields."""
+        kinds: dict[str, set[str]] = {}
+        for _, name, use in self._uses:
+            kinds.setdefault(identifier(name), set()).add(use.kind)
+        found: dict[Shown, int] = {}
+        places: dict[int, int] = {}
+        for (frame, name, use), (number, doc) in self._uses.items():
+            short = identifier(name)
+            joined = _joined(kinds[short])
+            if joined is None:
+                short, joined = f"{identifier(frame)}.{short}", use.kind
+            shown = Shown(f"{self.prefix}.{short}", name, FieldUse(joined, use.values), doc)
+            places[number] = found.setdefault(shown, len(found) + 1)
+        return places, list(found)

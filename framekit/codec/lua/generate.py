@@ -1,0 +1,164 @@
+"""A dissector for Wireshark from a definition: one file of Lua, and what it does not say.
+
+The file holds the values, forms and reader of this package as they stand, the frames of the definition as tables, and
+the dissector, which stands behind them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName, start_values
+from framekit.codec.functions import of_side
+from framekit.codec.lua.expressions import LuaExpressions, constant
+from framekit.codec.lua.fields import Fields, Shown
+from framekit.codec.lua.segments import Checks, Entries, SegmentWriter
+from framekit.codec.lua.source import NotSaidError, comment, flag, identifier, listed, string, table, utf8
+from framekit.codec.python.choices import fixed_bytes
+from framekit.codec.python.diagnosis import checks_option
+from framekit.codec.python.module import Module
+from framekit.definition.model.frames import Frame, everything
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.segments import Inner, Nested
+from framekit.definition.model.values import Table
+from framekit.definition.problems import Problem
+
+_FEW = 200
+"""A byte that may have more values than this tells frames apart too seldom."""
+
+
+@dataclass(frozen=True, slots=True)
+class Dissector:
+    """The file, what its fields begin with, and what it does not say: with the frames that have it."""
+
+    source: str
+    prefix: str
+    left_out: tuple[tuple[Problem, tuple[str, ...]], ...]
+
+
+@cache
+def _part(name: str) -> str:
+    return Path(__file__).with_name(f"{name}.lua").read_text(encoding="ascii")
+
+
+def prefix_of(protocol: Protocol) -> str:
+    """What the names of a protocol's fields begin with."""
+    return f"fk_{identifier(protocol.name)}"
+
+
+def generate_dissector(protocol: Protocol, given: Any = None) -> Dissector:
+    """The dissector of a protocol. `given`: parameters and state by name; default: the definition's."""
+    return _Writer(protocol, start_values(protocol) if given is None else given).write()
+
+
+class _Writer:
+    def __init__(self, protocol: Protocol, given: Any) -> None:
+        self.protocol = protocol
+        self.given = given
+        self.module = Module(protocol)
+        self.expressions = LuaExpressions(protocol)
+        self.checks = Checks(self.expressions)
+        self.fields = Fields(prefix_of(protocol))
+        self.left_out: dict[Problem, list[str]] = {}
+
+    def write(self) -> Dissector:
+        frames = [self._frame(frame) for frame in self.protocol.frames.values()]
+        places, fields = self.fields.all()
+        about = f"{self.protocol.name}: {self.protocol.about}"
+        lines = [
+            comment(f"Wireshark's dissector for {about}"),
+            comment("Made by framekit from the definition; make it anew rather than change it."),
+            "",
+            _part("values"),
+            _part("forms"),
+            _part("reader"),
+            comment("---- the definition " + "-" * 95),
+            "",
+            f"local methods = {listed(self.checks.lines.values())}",
+            *frames,
+            *self._names(),
+            f"R.places = {listed(str(places[number]) for number in sorted(places))}",
+            f"R.fields = {listed(map(_field, fields))}",
+            f"R.protocol = {self._protocol()}",
+            "",
+            _part("dissector"),
+        ]
+        left_out = tuple((problem, tuple(names)) for problem, names in self.left_out.items())
+        return Dissector("\n".join(lines), prefix_of(self.protocol), left_out)
+
+    def _protocol(self) -> str:
+        protocol = self.protocol
+        sides = {side: of_side(protocol.frames, None if side == "any" else side) for side in ("any", "client", "server")}
+        return table(
+            {
+                "name": string(prefix_of(protocol)), "label": utf8(protocol.name), "about": utf8(protocol.about),
+                "tcp": None if protocol.line.tcp is None else str(protocol.line.tcp),
+                **{side: listed(map(string, names)) for side, names in sides.items()},
+            }
+        )  # fmt: skip
+
+    def _frame(self, frame: Frame) -> str:
+        writer = SegmentWriter(self.module, frame, self.expressions, self.checks, self.fields)
+        before = len(self.expressions.problems)
+        whole = writer.whole()
+        for problem in [*self.expressions.problems[before:], *(problem for problem, _ in writer.unverified)]:
+            self.left_out.setdefault(problem, []).append(frame.name)
+        self.expressions.problems.clear()
+        segments = writer.segments
+        size = self.module.static.all(segments).fixed
+        checks = checks_option(segments)
+        ends = any(isinstance(one, (Inner, Nested)) for one in everything(segments))
+        entries: Entries = {
+            "name": string(frame.name), **whole, "size_known": None if size is None else str(size),
+            "looks_inside": flag(ends), "has_check": flag(checks), "checks": flag(checks),
+            "most": None if frame.most is None else str(frame.most), "side": string(frame.side),
+            "surplus": None if frame.surplus is None else str(frame.surplus),
+            "refuse": None if frame.refuse is None else str(frame.refuse), "fixed": self._fixed(frame),
+            "doc": utf8(frame.doc) if frame.doc else None,
+        }  # fmt: skip
+        return f"R.add({table(entries)})"
+
+    def _fixed(self, frame: Frame) -> str:
+        """The bytes that tell the frame from others: places and what may stand there."""
+        found = ((place, values) for place, values in fixed_bytes(self.module.static.segments(frame)))
+        few = [(place, bytes(sorted(values))) for place, values in found if len(values) <= _FEW]
+        return listed(f"{{ {place}, {string(values)} }}" for place, values in few)
+
+    def _names(self) -> list[str]:
+        """What expressions read beside fields: parameters and state as they begin, and tables."""
+        lines = []
+        for name in sorted(self.expressions.asked):
+            try:
+                lines.append(f"R.given[{string(name)}] = {constant(self.given[name], self.protocol.at)}")
+            except (*EVALUATION_ERRORS, MissingName, NotSaidError):
+                continue  # that it has no value is said where it is read
+        for name in sorted(self.expressions.tables):
+            try:
+                lines.append(f"R.tables[{string(name)}] = {_table(self.protocol.tables[name])}")
+            except NotSaidError as error:
+                self.left_out.setdefault(error.problem, [])
+        return lines
+
+
+def _table(of: Table) -> str:
+    entries = ", ".join(f"[{constant(key, of.at)}] = {_entry(value, of)}" for key, value in of.entries.items())
+    ranges = (f"{{ {first}, {last}, {_entry(value, of)} }}" for first, last, value in of.ranges)
+    return f"{{ entries = {{ {entries} }}, ranges = {listed(ranges)} }}"
+
+
+def _entry(value: Any, of: Table) -> str:
+    return constant(dict(value) if isinstance(value, Mapping) else value, of.at)
+
+
+def _field(field: Shown) -> str:
+    values = ", ".join(f"[{number}] = {utf8(name)}" for number, name in field.use.values)
+    return table(
+        {
+            "filter": string(field.filter), "label": utf8(field.label), "kind": string(field.use.kind),
+            "values": f"{{ {values} }}" if values else None, "doc": utf8(field.doc) if field.doc else None,
+        }
+    )  # fmt: skip
