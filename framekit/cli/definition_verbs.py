@@ -42,6 +42,7 @@ from framekit.cli.common import (
     status_of,
     table,
     tell_error,
+    told,
     told_once,
     why_not,
 )
@@ -576,10 +577,10 @@ def _form(segment: Segment) -> str | None:
 def add_generate_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "what",
-        choices=("python", "c", "document", "diagram"),
+        choices=("python", "c", "wireshark", "document", "diagram"),
         help="python: a module of plain functions, usable without framekit; c: a header and a source in C99, with"
-        " nothing to link; document: the frames drawn, fields, services and sequences, for people; diagram: the"
-        " sequences in Mermaid",
+        " nothing to link; wireshark: a dissector in Lua; document: the frames drawn, fields, services and sequences,"
+        " for people; diagram: the sequences in Mermaid",
     )
     add(parser, "protocol")
     parser.add_argument(
@@ -589,7 +590,8 @@ def add_generate_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="where to write it; default: standard output; of c a directory; of document NAME.html or NAME.md",
     )
-    parser.add_argument("--strict", action="store_true", help="c: exit status 1 if a frame is left out")
+    parser.add_argument("--strict", action="store_true", help="c, wireshark: exit status 1 if something is left out")
+    add(parser, "--set")
     parser.add_argument(
         "--max-bytes", type=int,
         choices=range(1, 65_537), metavar="N", default=None,
@@ -603,7 +605,15 @@ def run_generate(arguments: argparse.Namespace) -> int:
     if arguments.what == "document":
         return _generate_document(arguments)
     protocol = load_codec(arguments.protocol).protocol
-    if arguments.what == "python":
+    left_out = ""
+    if arguments.set and arguments.what != "wireshark":
+        raise WordsError("--set is for wireshark: other code is given parameters when it runs")
+    if arguments.what == "wireshark":
+        from framekit.codec.lua.generate import generate_dissector
+
+        made = generate_dissector(protocol, scope_of(protocol, arguments.set))
+        source, left_out = made.source, "\n".join(_not_said(*one) for one in made.left_out)
+    elif arguments.what == "python":
         from framekit.codec.python.generate import generate_source
 
         source = generate_source(protocol)
@@ -613,12 +623,20 @@ def run_generate(arguments: argparse.Namespace) -> int:
         source = diagrams(protocol)
     if arguments.output is None:
         print(source, end="")
-        return 0
-    try:
-        arguments.output.write_text(source, encoding="utf-8")
-    except OSError as error:
-        raise VerbError(f"cannot write {why_not(error)}") from None
-    return 0
+    else:
+        try:
+            arguments.output.write_text(source, encoding="utf-8")
+        except OSError as error:
+            raise VerbError(f"cannot write {why_not(error)}") from None
+    if left_out:
+        print(left_out, file=sys.stderr)
+    return 1 if arguments.strict and left_out else 0
+
+
+def _not_said(problem: Problem, frames: tuple[str, ...]) -> str:
+    """What a dissector does not say, with the frames that have it."""
+    some = f" – in {', '.join(frames[:3])}{', …' if len(frames) > 3 else ''}" if frames else ""
+    return printable(told(problem) + some)
 
 
 def _generate_document(arguments: argparse.Namespace) -> int:

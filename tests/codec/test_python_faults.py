@@ -376,3 +376,17 @@ def test_noise_raises_nothing_but_frame_errors(data: st.DataObject) -> None:
     size = codec.measure(frame, noise)
     assert size <= len(noise)
     assert codec.measure(frame, bytearray(b"zz" + noise), 2, 2 + len(noise)) == size
+
+
+def test_bits_with_the_name_of_a_field_in_another_case() -> None:
+    body = """
+- {field: kind, type: u8}
+- choose: kind
+  cases:
+    1: [{bits: {x: 0, y: 1}, of: u8, name: mask}]
+    2: [{field: mask, type: u8}, {field: more, type: u8, when: mask & 1}]
+"""
+    codec = codec_of(body)
+    for data in (bytes((2, 3, 9)), bytes((1, 3))):
+        fields, _, wrong = codec.trace("f", data)
+        assert (fields, wrong) == (codec.decode("f", data), None)

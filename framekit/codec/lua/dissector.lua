@@ -44,15 +44,15 @@ end
 proto.fields = all_fields
 
 local expert_fields = {
-  bad = ProtoExpert.new(P.name .. ".bad", "No frame of this protocol", expert.group.MALFORMED, expert.severity.ERROR),
-  check = ProtoExpert.new(P.name .. ".check.wrong", "Wrong check code", expert.group.CHECKSUM, expert.severity.ERROR),
-  refused = ProtoExpert.new(P.name .. ".refused", "A server refuses it", expert.group.PROTOCOL, expert.severity.WARN),
+  bad = ProtoExpert.new(P.name .. ".expert.bad", "No frame of this protocol", expert.group.MALFORMED, expert.severity.ERROR),
+  check = ProtoExpert.new(P.name .. ".expert.check", "Wrong check code", expert.group.CHECKSUM, expert.severity.ERROR),
+  refused = ProtoExpert.new(P.name .. ".expert.refused", "A server refuses it", expert.group.PROTOCOL, expert.severity.WARN),
   unverified =
-    ProtoExpert.new(P.name .. ".unverified", "Check code not verified", expert.group.CHECKSUM, expert.severity.NOTE),
+    ProtoExpert.new(P.name .. ".expert.unverified", "Check code not verified", expert.group.CHECKSUM, expert.severity.NOTE),
   unsaid =
-    ProtoExpert.new(P.name .. ".unsaid", "This file cannot read it", expert.group.UNDECODED, expert.severity.NOTE),
-  noise = ProtoExpert.new(P.name .. ".noise", "Bytes between frames", expert.group.PROTOCOL, expert.severity.WARN),
-  part = ProtoExpert.new(P.name .. ".part", "A frame goes on", expert.group.REASSEMBLE, expert.severity.CHAT),
+    ProtoExpert.new(P.name .. ".expert.unsaid", "This file cannot read it", expert.group.UNDECODED, expert.severity.NOTE),
+  noise = ProtoExpert.new(P.name .. ".expert.noise", "Bytes between frames", expert.group.PROTOCOL, expert.severity.WARN),
+  part = ProtoExpert.new(P.name .. ".expert.part", "A frame goes on", expert.group.REASSEMBLE, expert.severity.CHAT),
 }
 local experts = {}
 for _, one in pairs(expert_fields) do
@@ -63,6 +63,7 @@ proto.experts = experts
 proto.prefs.side = Pref.enum("Sent bytes are those of", 1, "Who sends what a serial capture calls sent (TX)", {
   { 1, "found out", 1 }, { 2, "not looked at", 2 }, { 3, "the client", 3 }, { 4, "the server", 4 },
 })
+proto.prefs.follows = Pref.bool("Frames tell the state", true, "What a frame announces holds for those behind it")
 proto.prefs.pause = Pref.uint("Pause that ends a frame (ms)", 1000, "On a serial line nothing goes on after it")
 
 -- ---- what is shown ----------------------------------------------------------------------------------------------
@@ -92,7 +93,7 @@ local function halves(value)
     return nil
   end
   if value.wide:sub(1, 1) == "-" then
-    if high >= 2 ^ 31 then
+    if high > 2 ^ 31 or (high == 2 ^ 31 and low > 0) then
       return nil
     end
     high = (2 ^ 32 - high - (low > 0 and 1 or 0)) % 2 ^ 32
@@ -126,7 +127,7 @@ local function add_value(tree, s, value, range, raw)
   elseif one.kind == "string" and (kind == "string" or kind == "number") then
     return tree:add(made, range, utf8_of(X.shown(value)))
   elseif one.kind == "bytes" and kind == "table" and value.raw then
-    if value.raw == raw and raw ~= "" then
+    if value.raw == raw then
       return tree:add(made, range)
     elseif value.raw ~= "" then -- converted: bytes of their own
       return tree:add(made, ByteArray.new(F.tohex(value.raw)):tvb(one.label)())
@@ -153,13 +154,12 @@ local function add_all(tree, n, raw, tvb, map)
       return map(e.places and e.places[math.min(at, #e.places - 1) + 1] or at)
     end
     local first = place(e.first)
-    local under = branch(e.one and e.path:match("^(.-)[^.]*%.[^.]*%.$") or e.path, first)
     if e.one then
-      local inside = n.last_inner or under
-      add_all(inside, e.one, raw, tvb, function(at)
+      add_all(e.name and n.last_inner or branch(e.path, first), e.one, raw, tvb, function(at)
         return place(e.first + at)
       end)
     else
+      local under = branch(e.path, first)
       local last = math.max(place(e.last), first)
       local function range(a, b)
         return tvb(a, math.max(0, math.min(b, tvb:len()) - a))
@@ -206,16 +206,16 @@ local function add_piece(piece, tvb, pinfo, tree, start, raw)
       return at
     end)
     for _, fault in ipairs(n.notes.warnings) do
-      item:add_tvb_expert_info(expert_fields.check, range, fault_text(n.frame.name, fault))
+      item:add_proto_expert_info(expert_fields.check, fault_text(n.frame.name, fault))
     end
     for _, text in ipairs(n.notes.unverified) do
-      item:add_tvb_expert_info(expert_fields.unverified, range, utf8_of("Not verified: " .. text))
+      item:add_proto_expert_info(expert_fields.unverified, utf8_of("Not verified: " .. text))
     end
     if piece.refusal then
       local fault = R.fault_of(n)
       local text = string.format("It is refused with code %.0f", piece.refusal)
-      item:add_tvb_expert_info(
-        expert_fields.refused, range, fault and text .. ": " .. fault_text(n.frame.name, fault) or text
+      item:add_proto_expert_info(
+        expert_fields.refused, fault and text .. ": " .. fault_text(n.frame.name, fault) or text
       )
     end
     return item, n.frame.name
@@ -225,16 +225,16 @@ local function add_piece(piece, tvb, pinfo, tree, start, raw)
     local text = fault and "No frame fits; nearest is " .. fault_text(name, fault) or "No frame fits"
     local is_check = fault and fault.cause == "check"
     item:append_text(is_check and ", wrong check code" or ", no frame")
-    item:add_tvb_expert_info(is_check and expert_fields.check or expert_fields.bad, range, text)
+    item:add_proto_expert_info(is_check and expert_fields.check or expert_fields.bad, text)
     return item, is_check and "wrong check code" or "no frame"
   elseif piece.kind == "unsaid" then
     item:append_text(", not read")
     local text = piece.limited.frame.name .. ": " .. piece.limited.limited
-    item:add_tvb_expert_info(expert_fields.unsaid, range, utf8_of("It may be " .. text))
+    item:add_proto_expert_info(expert_fields.unsaid, utf8_of("It may be " .. text))
     return item, "not read"
   elseif piece.kind == "noise" then
     item:append_text(", noise")
-    item:add_tvb_expert_info(expert_fields.noise, range, string.format("%.0f bytes are of no frame", piece.size))
+    item:add_proto_expert_info(expert_fields.noise, string.format("%.0f bytes are of no frame", piece.size))
     return item, "noise"
   end
   item:append_text(", a frame that goes on")
@@ -253,7 +253,9 @@ local function look(names, raw, start)
     if size == QUIET then
       size = #raw - start
       local n = R.read(frame, raw:sub(start + 1))
-      if not n.limited and not R.fault_of(n) and not n.unknown then
+      if n.limited then
+        return { kind = "unsaid", limited = { frame = frame, limited = n.limited }, size = size }
+      elseif not R.fault_of(n) and not n.unknown then
         n.frame = frame
         return { kind = "frame", n = n, size = size, refusal = frame.refuse }
       end
@@ -335,16 +337,24 @@ local function conversation(key)
   return conversations[key]
 end
 
--- What frames tell of later ones becomes the state of their conversation.
-local function announce(n, state)
+-- What a frame tells of later ones becomes the state; a state that has been kept is never changed.
+local function announce(n)
+  if not proto.prefs.follows then
+    return
+  end
   for _, one in ipairs(n.frame and n.frame.announces or {}) do
     local fine, value = pcall(one[2], n)
+    local state = {}
+    for name, known in pairs(R.state) do
+      state[name] = known
+    end
     state[one[1]] = fine and value or { limit = "'" .. one[1] .. "', which an earlier frame has told" }
+    R.state = state
   end
   for _, e in ipairs(n.shown) do
     if e.one then
-      e.one.frame = e.one.frame or R.frames[e.name or ""]
-      announce(e.one, state)
+      e.one.frame = R.frames[e.name]
+      announce(e.one)
     end
   end
 end
@@ -446,7 +456,7 @@ local function tcp(tvb, pinfo, tree)
   end
   local talk = conversation(server < client and server .. " " .. client or client .. " " .. server)
   local mark = pinfo.number .. ":" .. tvb:len()
-  talk.before[mark] = talk.before[mark] or setmetatable({}, { __index = talk.state })
+  talk.before[mark] = talk.before[mark] or talk.state
   R.state = talk.before[mark]
   local raw = tvb:raw()
   local found, want, place = pieces_of(candidates(side), raw, 0)
@@ -455,7 +465,7 @@ local function tcp(tvb, pinfo, tree)
     local item, name = add_piece(piece, tvb, pinfo, tree, at)
     names[#names + 1] = name
     if piece.kind == "frame" and not piece.refusal then
-      announce(piece.n, R.state)
+      announce(piece.n)
       add_link(item, link(talk, piece.n, side == "any" and server or side, pinfo, index .. ":" .. at))
     end
     at = at + piece.size
@@ -538,9 +548,9 @@ local function serial_packet(talk, way, raw, pinfo)
   end
   talk.held[way] = nil
   local all = held and held.raw .. raw or raw
-  local packet = { before = talk.state, pieces = {}, held = held and #held.raw or 0, all = all }
+  local packet = { pieces = {}, held = held and #held.raw or 0, all = all }
   talk.packets[pinfo.number] = packet
-  R.state = setmetatable({}, { __index = talk.state })
+  R.state = talk.state
   local found, want, place = serial_pieces(talk, way, all)
   packet.pieces = found
   if want then
@@ -551,7 +561,7 @@ local function serial_packet(talk, way, raw, pinfo)
     if piece.kind == "frame" then
       talk.last = { way = way, side = piece.n.frame.side }
       if not piece.refusal then
-        announce(piece.n, R.state)
+        announce(piece.n)
         link(talk, piece.n, way, pinfo, index)
       end
     end

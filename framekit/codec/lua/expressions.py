@@ -139,9 +139,7 @@ class LuaExpressions:
         self.asked.add(name)
         return f"X.given(n, {string(name)})"
 
-    def _call(
-        self, node: Node, function: str, arguments: tuple[Node, ...], scope: Scope, own: Collection[str]
-    ) -> str:
+    def _call(self, node: Node, function: str, arguments: tuple[Node, ...], scope: Scope, own: Collection[str]) -> str:
         if function == "len" and isinstance(arguments[0], Name):
             entry = scope.find(arguments[0].name)
             if entry is not None and not entry.sized and entry.wire is not None:

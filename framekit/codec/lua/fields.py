@@ -15,6 +15,8 @@ from framekit.definition.expression import Bytes as BytesNode
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import Bits, BitsPart, Count, Field, FieldType, Length, Segment
 
+OWN = frozenset({"frame", "request_in", "response_in", "time", "expert"})
+"""Names that the dissector itself uses; a value of such a name gets a _ behind."""
 Bounds = tuple[int, int] | None
 
 
@@ -113,7 +115,7 @@ def _joined(kinds: set[str]) -> str | None:
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
+class FilterField:
     """One field: what it is filtered by, what it is called, and how it is shown."""
 
     filter: str
@@ -122,7 +124,7 @@ class Shown:
     doc: str
 
 
-class Fields:
+class FilterFields:
     """The fields of a protocol; each use gets a number, by which the tables of frames name it."""
 
     def __init__(self, prefix: str) -> None:
@@ -132,18 +134,19 @@ class Fields:
     def use(self, frame: Frame, name: str, use: FieldUse, doc: str) -> int:
         return self._uses.setdefault((frame.name, name, use), (len(self._uses) + 1, doc))[0]
 
-    def all(self) -> tuple[dict[int, int], list[Shown]]:
+    def all(self) -> tuple[dict[int, int], list[FilterField]]:
         """The place of each use's field, and the fields."""
         kinds: dict[str, set[str]] = {}
         for _, name, use in self._uses:
             kinds.setdefault(identifier(name), set()).add(use.kind)
-        found: dict[Shown, int] = {}
+        found: dict[FilterField, int] = {}
         places: dict[int, int] = {}
         for (frame, name, use), (number, doc) in self._uses.items():
             short = identifier(name)
+            own = f"{short}_" if short in OWN else short
             joined = _joined(kinds[short])
             if joined is None:
-                short, joined = f"{identifier(frame)}.{short}", use.kind
-            shown = Shown(f"{self.prefix}.{short}", name, FieldUse(joined, use.values), doc)
+                own, joined = f"{identifier(frame)}.{short}", use.kind
+            shown = FilterField(f"{self.prefix}.{own}", name, FieldUse(joined, use.values), doc)
             places[number] = found.setdefault(shown, len(found) + 1)
         return places, list(found)

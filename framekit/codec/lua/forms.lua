@@ -210,12 +210,13 @@ local function parse_decimal(raw, fixed, form)
     power = tonumber((exponent:gsub("^%+", "")))
   end
   local figures = front .. behind
-  local built = build_decimal(sign == "-", figures, power - #behind, fixed and #raw or nil, form)
-  if built ~= raw then
+  local whole = form.decimals == 0 and form.exponent == 0 and not form.point and point == "" and tail == ""
+  local negative = sign == "-" and not (whole and not figures:find("[^0]"))
+  if build_decimal(negative, figures, power - #behind, fixed and #raw or nil, form) ~= raw then
     return nil
   end
-  if form.decimals == 0 and form.exponent == 0 and not form.point and behind == "" and tail == "" then
-    return of_digits(figures, sign == "-")
+  if whole then
+    return of_digits(figures, negative)
   end
   local shown = (sign == "-" and "-" or "") .. (front == "" and "0" or front) .. "." .. (behind == "" and "0" or behind)
   return tonumber(shown .. (tail ~= "" and "e" .. string.format("%.0f", power) or "")) + 0

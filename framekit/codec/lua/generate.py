@@ -15,13 +15,15 @@ from typing import Any
 from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName, start_values
 from framekit.codec.functions import of_side
 from framekit.codec.lua.expressions import LuaExpressions, constant
-from framekit.codec.lua.fields import Fields, Shown
+from framekit.codec.lua.fields import FilterField, FilterFields
 from framekit.codec.lua.segments import Checks, Entries, SegmentWriter
 from framekit.codec.lua.source import NotSaidError, comment, flag, identifier, listed, string, table, utf8
 from framekit.codec.python.choices import fixed_bytes
 from framekit.codec.python.diagnosis import checks_option
+from framekit.codec.python.expressions import NameEntry, Scope
 from framekit.codec.python.module import Module
-from framekit.definition.model.frames import Frame, everything
+from framekit.definition.expression import Expression, names_in
+from framekit.definition.model.frames import WIRE, Frame, everything
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Inner, Nested
 from framekit.definition.model.values import Table
@@ -52,17 +54,17 @@ def prefix_of(protocol: Protocol) -> str:
 
 def generate_dissector(protocol: Protocol, given: Any = None) -> Dissector:
     """The dissector of a protocol. `given`: parameters and state by name; default: the definition's."""
-    return _Writer(protocol, start_values(protocol) if given is None else given).write()
+    return _DissectorWriter(protocol, start_values(protocol) if given is None else given).write()
 
 
-class _Writer:
+class _DissectorWriter:
     def __init__(self, protocol: Protocol, given: Any) -> None:
         self.protocol = protocol
         self.given = given
         self.module = Module(protocol)
         self.expressions = LuaExpressions(protocol)
         self.checks = Checks(self.expressions)
-        self.fields = Fields(prefix_of(protocol))
+        self.fields = FilterFields(prefix_of(protocol))
         self.left_out: dict[Problem, list[str]] = {}
 
     def write(self) -> Dissector:
@@ -92,7 +94,9 @@ class _Writer:
 
     def _protocol(self) -> str:
         protocol = self.protocol
-        sides = {side: of_side(protocol.frames, None if side == "any" else side) for side in ("any", "client", "server")}
+        sides = {
+            side: of_side(protocol.frames, None if side == "any" else side) for side in ("any", "client", "server")
+        }
         return table(
             {
                 "name": string(prefix_of(protocol)), "label": utf8(protocol.name), "about": utf8(protocol.about),
@@ -103,11 +107,10 @@ class _Writer:
 
     def _frame(self, frame: Frame) -> str:
         writer = SegmentWriter(self.module, frame, self.expressions, self.checks, self.fields)
-        before = len(self.expressions.problems)
         whole = writer.whole()
-        for problem in [*self.expressions.problems[before:], *(problem for problem, _ in writer.unverified)]:
+        for problem in [*self.expressions.problems, *(problem for problem, _ in writer.unverified)]:
             self.left_out.setdefault(problem, []).append(frame.name)
-        self.expressions.problems.clear()
+        self.expressions.problems.clear()  # of what is announced and repeated nothing is left out
         segments = writer.segments
         size = self.module.static.all(segments).fixed
         checks = checks_option(segments)
@@ -118,9 +121,32 @@ class _Writer:
             "most": None if frame.most is None else str(frame.most), "side": string(frame.side),
             "surplus": None if frame.surplus is None else str(frame.surplus),
             "refuse": None if frame.refuse is None else str(frame.refuse), "fixed": self._fixed(frame),
-            "doc": utf8(frame.doc) if frame.doc else None,
+            "echo": self._echo(writer, frame), "announces": self._announces(writer, frame),
         }  # fmt: skip
+        self.expressions.problems.clear()
         return f"R.add({table(entries)})"
+
+    def _echo(self, writer: SegmentWriter, frame: Frame) -> str | None:
+        """What a reply has to repeat of its request: its field, and what that is by the fields of the request."""
+        echo = ((string(name), self._of_request(expression)) for name, expression in frame.echo.items())
+        return listed(f"{{ {name}, {text} }}" for name, text in echo) if frame.echo else None
+
+    def _of_request(self, expression: Expression) -> str:
+        scope = Scope()
+        scope.entries |= {name: NameEntry("") for name in names_in(expression.root)}
+        return self.expressions.function(expression, scope)
+
+    def _announces(self, writer: SegmentWriter, frame: Frame) -> str | None:
+        """What a frame tells of later ones: the state, and its value by the fields of the frame."""
+        told = []
+        for one in frame.announces:
+            if one.key is not None or WIRE in names_in(one.value.root):
+                why = f"'{one.name}', which an earlier frame has told"
+                text = f"function() X.limit({string(why)}) end"
+            else:
+                text = self.expressions.function(one.value, writer.scope)
+            told.append(f"{{ {string(one.name)}, {text} }}")
+        return listed(told) if told else None
 
     def _fixed(self, frame: Frame) -> str:
         """The bytes that tell the frame from others: places and what may stand there."""
@@ -154,7 +180,7 @@ def _entry(value: Any, of: Table) -> str:
     return constant(dict(value) if isinstance(value, Mapping) else value, of.at)
 
 
-def _field(field: Shown) -> str:
+def _field(field: FilterField) -> str:
     values = ", ".join(f"[{number}] = {utf8(name)}" for number, name in field.use.values)
     return table(
         {

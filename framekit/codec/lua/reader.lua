@@ -4,7 +4,7 @@
 -- bytes, where it stands, the values found (`scopes`), what is to be shown (`shown`) and the faults (`notes`). In a
 -- stream (`n.open`) the end is not known: there the same segments only say how many bytes a frame takes.
 
-local R = { frames = {}, given = {}, tables = {} }
+local R = { frames = {}, given = {}, tables = {}, state = {} }
 local STOP, WANT, QUIET, NOT = {}, {}, {}, {}
 local MOST_SHOWN = 4000
 local kinds = {}
@@ -49,7 +49,12 @@ function X.of(n, name)
 end
 
 function X.given(_, name)
-  local value = R.given[name]
+  local value = R.state[name]
+  if value == nil then
+    value = R.given[name]
+  elseif type(value) == "table" and value.limit then
+    X.limit(value.limit)
+  end
   if value == nil then
     X.limit("'" .. name .. "', which is not known here")
   end
@@ -735,7 +740,7 @@ function kinds.list(n, s, after)
     n.in_item = true
     local first = #n.deferred + 1
     read_all(n, s.of, nil)
-    run_deferred(n, first, false)
+    run_deferred(n, first, true)
     n.in_item = in_item
     n.scopes[#n.scopes] = nil
     n.path = path
@@ -943,8 +948,8 @@ function kinds.wrap(n, s, after)
     if s.least and n.stop < s.least then
       note(n, "short", s, 0, "at least " .. X.shown(s.least) .. " bytes", "")
     end
-    local most = s.most and try(n, s.most)
-    if s.most and (not most or n.stop > most) then
+    local most = type(s.most) == "function" and try(n, s.most) or s.most
+    if s.most and (type(most) ~= "number" or n.stop > most) then
       note(n, "too_long", s, 0, "fewer bytes", "")
     end
     local first = #n.deferred + 1
@@ -996,7 +1001,7 @@ function kinds.inner(n, s, after)
         n.scopes[#n.scopes].values.rec[s.key] = { rec = { [name] = one.scopes[1].values }, inner = true }
         show(n, s, start, name)
         n.shown[#n.shown + 1] =
-          { path = n.path .. s.shown .. "." .. name .. ".", s = s, first = start, one = one, places = n.places }
+          { path = n.path .. s.shown .. "." .. name .. ".", s = s, first = start, one = one, name = name, places = n.places }
         n.unknown = n.unknown or one.unknown
         if fault then
           n.turn = n.turn + 1

@@ -12,7 +12,7 @@ from typing import Any
 from framekit.codec.kinds.check import in_one_buffer
 from framekit.codec.kinds.counted import absent_behind, counted_room
 from framekit.codec.lua.expressions import LuaExpressions, constant
-from framekit.codec.lua.fields import FieldUse, Fields
+from framekit.codec.lua.fields import FieldUse, FilterFields
 from framekit.codec.lua.source import NotSaidError, flag, listed, number, string, table
 from framekit.codec.python.choices import in_order
 from framekit.codec.python.diagnosis import DiagnosisWriter, checks_option, inside_of
@@ -94,7 +94,7 @@ class SegmentWriter:
     """Writes the segments of one frame."""
 
     def __init__(
-        self, module: Module, frame: Frame, expressions: LuaExpressions, checks: Checks, fields: Fields
+        self, module: Module, frame: Frame, expressions: LuaExpressions, checks: Checks, fields: FilterFields
     ) -> None:
         self.frame = frame
         self.segments = module.static.segments(frame)
@@ -114,24 +114,24 @@ class SegmentWriter:
         frame = self.frame
         if frame.delimited and frame.tail and isinstance(frame.tail[0], Const):
             return {
-                "head": self.list(frame.head, self.scope), "body": self.list(frame.body, self.scope),
-                "tail": self.list(frame.tail, self.scope), "tail_first": string(frame.tail[0].data[:1]),
+                "head": self.listed(frame.head, self.scope), "body": self.listed(frame.body, self.scope),
+                "tail": self.listed(frame.tail, self.scope), "tail_first": string(frame.tail[0].data[:1]),
                 "middle_checks": flag(checks_option(frame.body)),
             }  # fmt: skip
         return self.region(self.segments, self.scope)
 
     def region(self, segments: Segments, scope: Scope) -> Entries:
         """A whole buffer: its segments, and those up to its last variable one by themselves."""
-        front, middle, tail = self.diagnosis.parts(segments)
+        front, middle, _ = self.diagnosis.parts(segments)
         if not middle:
-            return {"of": self.list(segments, scope), "front": None}
+            return {"of": self.listed(segments, scope), "front": None}
         sizes = (len(front), len(front) + len(middle))
         return {
-            "of": self.list(segments, scope), "from_middle": str(sizes[0] + 1), "from_tail": str(sizes[1] + 1),
+            "of": self.listed(segments, scope), "from_middle": str(sizes[0] + 1), "from_tail": str(sizes[1] + 1),
             "middle_checks": flag(checks_option(middle)),
         }  # fmt: skip
 
-    def list(self, segments: Segments, scope: Scope) -> str:
+    def listed(self, segments: Segments, scope: Scope) -> str:
         return listed(self.segment(one, scope) for one in segments)
 
     def segment(self, segment: Segment, scope: Scope) -> str:
@@ -412,7 +412,10 @@ def _check(w: SegmentWriter, s: Check, scope: Scope) -> Entries:
         return entries
     try:
         problems = len(w.expressions.problems)
-        entries |= {"method": w.checks.method(s.method, s.at), "covered": f"function(n) return {_covered(w, s, scope)} end"}
+        entries |= {
+            "method": w.checks.method(s.method, s.at),
+            "covered": f"function(n) return {_covered(w, s, scope)} end",
+        }
         if len(w.expressions.problems) > problems:
             problem = w.expressions.problems.pop()
             raise NotSaidError(problem.at, problem.what)
@@ -441,7 +444,7 @@ def _covered(w: SegmentWriter, check: Check, scope: Scope) -> str:
 
 
 def _record(w: SegmentWriter, s: Record, scope: Scope) -> Entries:
-    return {"kind": '"record"', "of": w.list(s.of, inside_of(scope, s.name))}
+    return {"kind": '"record"', "of": w.listed(s.of, inside_of(scope, s.name))}
 
 
 def _list(w: SegmentWriter, s: Repeat, scope: Scope) -> Entries:
@@ -457,7 +460,7 @@ def _list(w: SegmentWriter, s: Repeat, scope: Scope) -> Entries:
             **entries, "kind": '"values"', "type": w.type(s.of, s.at), "item_size": str(s.of.fixed_size),
             "f": w._shows(s, s.name, use),
         }  # fmt: skip
-    return {**entries, "of": w.list(s.of, inside_of(scope, s.name))}
+    return {**entries, "of": w.listed(s.of, inside_of(scope, s.name))}
 
 
 def _item_end(w: SegmentWriter, s: ItemEnd, scope: Scope) -> Entries:
@@ -471,11 +474,11 @@ def _choose(w: SegmentWriter, s: Choose, scope: Scope) -> Entries:
     cases = []
     for keys, segments in s.cases:
         values = (numbers.get(key, key) if isinstance(key, str) else key for key in keys)
-        cases.append(table({"keys": listed(constant(one, s.at) for one in values), "of": w.list(segments, scope)}))
+        cases.append(table({"keys": listed(constant(one, s.at) for one in values), "of": w.listed(segments, scope)}))
     without, nowhere = w._left_out((s,)), w._nowhere(s)
     return {
         "kind": '"choose"', "on": w._value(s.on, scope), "cases": listed(cases),
-        "otherwise": None if s.otherwise is None else w.list(s.otherwise, scope),
+        "otherwise": None if s.otherwise is None else w.listed(s.otherwise, scope),
         "without": w._texts(without) if without else None, "nowhere": w._texts(nowhere) if nowhere else None,
     }  # fmt: skip
 
@@ -483,7 +486,7 @@ def _choose(w: SegmentWriter, s: Choose, scope: Scope) -> Entries:
 def _optional(w: SegmentWriter, s: Optional, scope: Scope) -> Entries:
     without, nowhere = w._left_out(s.of), w._nowhere(s)
     return {
-        "kind": '"optional"', "of": w.list(s.of, scope), "may_hold": w._may_hold(s),
+        "kind": '"optional"', "of": w.listed(s.of, scope), "may_hold": w._may_hold(s),
         "without": w._texts(without) if without else None, "nowhere": w._texts(nowhere) if nowhere else None,
     }  # fmt: skip
 
@@ -493,11 +496,11 @@ def _wrap(w: SegmentWriter, s: Wrap, scope: Scope) -> Entries:
     size = s.size
     if size is None and fixed is not None and s.escape is None:
         size = s.coding.sizes(exactly(fixed)).fixed
-    most = s.most
     return {
-        "kind": '"wrap"', "coding": _coding(w, s, fixed), "checks": flag(checks_option(s.of)), "may_hold": w._may_hold(s),
+        "kind": '"wrap"', "coding": _coding(w, s, fixed), "checks": flag(checks_option(s.of)),
+        "may_hold": w._may_hold(s),
         "size": None if size is None else w._size(size, scope), "least": str(s.least) if s.least else None,
-        "most": None if most is None else f"function(n) return {most if isinstance(most, int) else w.expressions.text(most.root, scope)} end",
+        "most": None if s.most is None else w._size(s.most, scope) if isinstance(s.most, Expression) else str(s.most),
         "plain_size": None if fixed is None or s.escape is None else str(fixed), **w.region(s.of, scope),
     }  # fmt: skip
 
@@ -546,7 +549,7 @@ def _no_coding(w: SegmentWriter, error: NotSaidError) -> str:
 
 def _inner(w: SegmentWriter, s: Inner, scope: Scope) -> Entries:
     fixed = w.static.present(s).fixed
-    size: int | Expression | None = s.size if s.size != "rest" else None  # type: ignore[assignment]
+    size: int | Expression | None = s.size if s.size != "rest" else None
     size = fixed if size is None and fixed is not None else size
     return {
         "kind": '"inner"', "frames": w._texts(in_order(w.static, s.frames)), "takes_rest": flag(s.size == "rest"),

@@ -28,12 +28,11 @@ def string(value: str | bytes) -> str:
 
     Text of a definition is of bytes (latin-1); other signs are those of UTF-8, as messages show them.
     """
-    if isinstance(value, str):
-        try:
-            value = value.encode("latin-1")
-        except UnicodeEncodeError:
-            value = value.encode("utf-8")
-    return '"' + "".join(map(_sign, value)) + '"'
+    if isinstance(value, bytes):
+        data = value
+    else:
+        data = value.encode("latin-1" if all(ord(sign) < 256 for sign in value) else "utf-8")
+    return '"' + "".join(map(_sign, data)) + '"'
 
 
 def utf8(text: str) -> str:

@@ -1,0 +1,178 @@
+"""Generated dissectors in tshark: what it shows of frames beside what framekit reads, field by field.
+
+All frames of a protocol go into one capture and tshark runs once for each set of parameters that they need. Skipped
+only where tshark is not installed.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from segment_cases import CASES, Case
+from strategies import base_context
+from tshark_world import Trial, compare, needs_tshark, packets_of, run, serial_capture, trial
+
+from framekit.codec.lua.generate import generate_dissector
+from framekit.codec.lua.source import comment, string, utf8
+from framekit.definition.load import load_protocol_text
+from framekit.definition.sources import shipped_definitions
+
+QUICK = ("ccm", "mldp", "modbus-rtu")
+VECTORS = [path.name.removesuffix(".vectors.yaml") for path in shipped_definitions("*.vectors.yaml")]
+
+
+@needs_tshark
+@pytest.mark.parametrize(
+    "name", [*QUICK, *(pytest.param(one, marks=pytest.mark.long) for one in VECTORS if one not in QUICK)]
+)
+def test_vectors_show_what_framekit_reads(name: str, tmp_path: Path) -> None:
+    found = trial(name, tmp_path)
+    assert found.differences == []
+    assert found.vectors and found.fields > found.vectors and not found.left_out
+    if name in QUICK:
+        assert found.checks > 5, "wrong check codes are told by both"
+
+
+@needs_tshark
+@pytest.mark.long
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.title)
+def test_every_kind_of_segment(case: Case, tmp_path: Path) -> None:
+    protocol, found = load_protocol_text(case.yaml), Trial()
+    frames = [case.bytes, *(bytes.fromhex(bad) for bad in case.bad if bad), case.bytes]
+    compare(protocol, base_context(protocol), frames, tmp_path, found)
+    assert found.differences == []
+    assert not found.left_out or generate_dissector(protocol).left_out, "what is not shown was told"
+
+
+@needs_tshark
+def test_numbers_of_more_than_53_bits_are_shown_exactly(tmp_path: Path) -> None:
+    text = """
+protocol: wide
+frames:
+  f:
+    body:
+      - {const: 5A}
+      - {field: a, type: u64}
+      - {field: b, type: i64, order: little}
+      - {field: c, type: uint, size: 11}
+      - {field: twice, type: u8, when: a > 9}
+"""
+    protocol, found = load_protocol_text(text), Trial()
+    frames = []
+    for a, b in ((9, -1), (0x20_0000_0000_0001, -(1 << 63)), ((1 << 64) - 1, -(1 << 53) - 1), (3, (1 << 63) - 1)):
+        wide = (a << 20 | 1).to_bytes(11, "big")
+        frames.append(b"\x5a" + a.to_bytes(8, "big") + b.to_bytes(8, "little", signed=True) + wide)
+    compare(protocol, base_context(protocol), [*frames[:1], *frames[3:]], tmp_path / "exact", found)
+    assert found.differences == [] and found.fields == 8
+    script, capture = tmp_path / "wide.lua", tmp_path / "wide.pcap"
+    source = generate_dissector(protocol).source
+    script.write_text(source.replace('when = function(n) return X.gt(X.of(n, "a"), 9) end', "when = nil"))
+    serial_capture(capture, [frame + b"\0" for frame in frames])
+    shown = packets_of(run(script, capture, "-T", "pdml"), "fk_wide")
+    assert [one.value("fk_wide.a") for one in shown] == [str(int.from_bytes(one[1:9], "big")) for one in frames]
+    assert [one.value("fk_wide.b") for one in shown] == [
+        str(int.from_bytes(one[9:17], "little", signed=True)) for one in frames
+    ]
+    serial_capture(capture, [frames[1]])
+    script.write_text(source)
+    (packet,) = packets_of(run(script, capture, "-T", "pdml"), "fk_wide")
+    assert packet.experts == ["unsaid"] and "53 bits" in packet.messages[0], "an expression is not worked out wrongly"
+
+
+SECURED = """
+protocol: secured
+params: {k: {type: bytes, size: 16, secret: yes}}
+frames:
+  plain: {body: [{const: 01}, {field: a, type: u8}]}
+  signed: {body: [{const: 02}, {field: a, type: u8}, {check: cmac-aes, key: k, size: 4}]}
+  sealed:
+    body: [{const: 03}, {wrap: {cipher: aes-cbc, key: k, iv: k}, of: [{data: d, size: rest}]}]
+"""
+
+
+def test_what_cannot_be_said_is_told_with_its_place() -> None:
+    left = generate_dissector(load_protocol_text(SECURED, "secured")).left_out
+    told = [(problem.at.line, problem.what, frames) for problem, frames in left]
+    assert told == [
+        (6, "the check code cmac-aes is made with a key", ("signed",)),
+        (8, "the content is enciphered", ("sealed",)),
+    ]
+
+
+@needs_tshark
+def test_what_cannot_be_said_is_shown_as_bytes(tmp_path: Path) -> None:
+    script, capture = tmp_path / "secured.lua", tmp_path / "secured.pcap"
+    script.write_text(generate_dissector(load_protocol_text(SECURED, "secured")).source)
+    serial_capture(capture, [bytes.fromhex(one) for one in ("01 07", "02 07 01 02 03 04", "03" + " 55" * 16)])
+    plain, signed, sealed = packets_of(run(script, capture, "-T", "pdml"), "fk_secured")
+    assert (plain.frames, plain.experts) == (["plain"], [])
+    assert (signed.frames, signed.experts, signed.value("fk_secured.a")) == (["signed"], ["unverified"], "7")
+    assert (sealed.frames, sealed.experts, sealed.fields) == ([], ["unsaid"], [])
+
+
+# ---- text of a file is never code -------------------------------------------------------------------------------
+
+HOSTILE = ']] --[[ "; os.exit(1) --\n\'\\" .. error() .. " \u2028 %s'
+TEXTS = """
+protocol: texts
+about: ABOUT
+params: {{p: {{type: text, default: DEFAULT}}}}
+tables: {{t: {{1: ABOUT, 2: b}}}}
+frames:
+  NAME:
+    doc: ABOUT
+    body:
+      - {{const: 5A}}
+      - {{field: a, type: u8, values: {{1: ABOUT, 2: two}}, doc: ABOUT}}
+      - {{field: w, type: ascii, end: 00, is: DEFAULT}}
+      - {{require: REQUIRE}}
+  inner: {{from: none, body: [{{text: ABOUT2}}]}}
+"""
+
+
+def source_with(hostile: str) -> str:
+    quoted = "'" + hostile.replace("\\", "\\\\").replace("'", "\\'") + "'"
+    words = {
+        "ABOUT2": "".join(sign for sign in hostile if ord(sign) < 256), "ABOUT": hostile, "DEFAULT": quoted,
+        "NAME": "ok", "REQUIRE": f"p == {quoted} or a == 1",
+    }  # fmt: skip
+    text = TEXTS.replace("{{", "{").replace("}}", "}")
+    for word, meant in words.items():
+        text = re.sub(rf"\b{word}\b", lambda _, meant=meant: yaml(meant), text)
+    return generate_dissector(load_protocol_text(text)).source
+
+
+def yaml(text: str) -> str:
+    shown = text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n").replace("\u2028", "\\u2028")
+    return f'"{shown}"'
+
+
+def skeleton(source: str) -> str:
+    """The source without its comments and what stands in its texts."""
+    without = re.sub(r"^-- .*$", "--", source, flags=re.MULTILINE)
+    return re.sub(r'"(?:[^"\\\n]|\\.)*"', '""', without)
+
+
+def test_hostile_text_stays_text() -> None:
+    assert skeleton(source_with(HOSTILE)) == skeleton(source_with(re.sub("[^\u2028]", "h", HOSTILE, flags=re.DOTALL)))
+
+
+@needs_tshark
+def test_hostile_text_is_shown_as_it_is(tmp_path: Path) -> None:
+    script, capture = tmp_path / "texts.lua", tmp_path / "texts.pcap"
+    hostile = HOSTILE.replace("\u2028", "é")
+    script.write_text(source_with(hostile), encoding="utf-8")
+    serial_capture(capture, [b"\x5a\x01" + hostile.encode("latin-1") + b"\0"])
+    (packet,) = packets_of(run(script, capture, "-T", "pdml"), "fk_texts")
+    assert (packet.frames, packet.experts) == (["ok"], [])
+    shown = packet.value("fk_texts.w")
+    assert shown is not None and "os.exit(1)" in shown and "é" in shown
+
+
+def test_literals_and_comments() -> None:
+    assert string('a"\\\n]]é') == '"a\\034\\092\\010\\093\\093\\233"'
+    assert string(bytes((0, 49))) == '"\\0001"'
+    assert utf8("é") == '"\\195\\169"'
+    assert comment("a\n[[ b\u2028") == "-- a [[ b"
