@@ -379,13 +379,11 @@ def test_noise_raises_nothing_but_frame_errors(data: st.DataObject) -> None:
 
 
 def test_bits_with_the_name_of_a_field_in_another_case() -> None:
-    body = """
-- {field: kind, type: u8}
-- choose: kind
-  cases:
-    1: [{bits: {x: 0, y: 1}, of: u8, name: mask}]
-    2: [{field: mask, type: u8}, {field: more, type: u8, when: mask & 1}]
-"""
+    cases = (
+        "{1: [{bits: {x: 0, y: 1}, of: u8, name: mask}],"
+        " 2: [{field: mask, type: u8}, {field: more, type: u8, when: mask & 1}]}"
+    )
+    body = f"[{{field: kind, type: u8}}, {{choose: kind, cases: {cases}}}]"
     codec = codec_of(body)
     for data in (bytes((2, 3, 9)), bytes((1, 3))):
         fields, _, wrong = codec.trace("f", data)
