@@ -146,3 +146,50 @@ def test_check_tells_what_to_write(old: str, new: str, message: str) -> None:
     assert old in PROTOCOL
     with pytest.raises(DefinitionError, match=message):
         load_protocol_text(PROTOCOL.replace(old, new, 1), "numbers")
+
+
+WORKED_OUT = """
+protocol: worked_out
+order: big
+station: {type: none}
+groups: {request: {from: client, head: [{const: 02}]}}
+frames:
+  ONE:   {group: request, body: [{text: O}, {field: at, type: u8}, {field: v, type: decimal, end: 0D, decimals: any}]}
+  TEN:   {group: request, body: [{text: T}, {field: at, type: u8}, {field: v, type: u32}]}
+  PAIRS: {group: request, body: [{text: P}, {field: at, type: u8}, {repeat: pairs, times: rest, of: [{field: x, type: u16}, {field: y, type: u8}]}]}
+  ITEMS: {group: request, body: [{text: I}, {count: n, type: u8, of: items}, {repeat: items, times: n, of: [{field: at, type: u8}, {field: v, type: u8}]}]}
+  DONE:  {from: server, body: [{const: 06}]}
+  NO:    {from: server, body: [{const: 15}, {field: code, type: u8}]}
+errors: {frame: NO, code: code, answer: {NO: {code: code}}, memory: {unknown: 1, range: 2, access: 3, value: 4, no_service: 5}}
+areas: {D: {unit: word, size: 100}, S: {unit: word, size: 100, type: int16}, F: {unit: dword, type: float32, size: 10}, B: {unit: byte, size: 50}}
+addresses: [{form: "{area}{start:dec}"}]
+services:
+  write:
+    - {areas: [D], when: count == 1, limit: {count: 1}, request: {ONE: {at: start, v: "value - (value >> 15) * 65536"}}, back: {value: "request.v if request.v >= 0 else request.v + 65536"}, reply: {DONE: {}}}
+    - {areas: [F], limit: {count: 1}, request: {TEN: {at: start, v: "value * 10 if value > 0 else 0"}}, back: {value: request.v // 10}, reply: {DONE: {}}}
+    - {areas: [S], server_only: yes, request: {PAIRS: {at: start}}, back: {values: request.pairs.x}, reply: {DONE: {}}}
+    - {areas: [B], variables: {max: 9}, limit: {count: 1}, request: {ITEMS: {items: {each: {at: start, v: value ^ 0xFF}}}}, back: {each: {value: v ^ 0xFF}}, reply: {DONE: {}}}
+"""
+
+
+def test_what_is_worked_out_of_elements_is_read_backwards() -> None:
+    """`value` and `values` of `back`, of one place and of each item."""
+    loop = Loop(WORKED_OUT)
+    for number in (0, 1, 0x7FFF, 0x8000, 0xFFFE):
+        assert loop.do("write", "D7", [number]).ok and loop.memory.read("D", "word", 7, 1) == [number]
+    assert loop.requests[-1] == b"\2O\x07-2\r"
+    assert loop.answer(b"\2T\3\0\0\0\x78") == b"\6"
+    assert loop.memory.read("F", "dword", 3, 1) == [int.from_bytes(pack("<f", 12.0), "little")]
+    assert loop.answer(b"\2P\5\0\7\0\0\x08\0") == b"\6" and loop.memory.read("S", "word", 5, 2) == [7, 8]
+    assert loop.do("write_variables", ["B3", "B9"], [7, 255]).ok and loop.requests[-1] == b"\2I\2\3\xf8\x09\0"
+    assert [loop.memory.read("B", "byte", at, 1) for at in (3, 9)] == [[7], [255]]
+
+
+def test_wrong_values_of_back_are_refused() -> None:
+    loop = Loop(WORKED_OUT)
+    assert loop.answer(b"\2O\x07-40000\r") == b"\6"  # 25536 is what the row makes of it
+    assert loop.answer(b"\2O\x0770000\r") == loop.answer(b"\2O\x071.5\r") == b"\x15\4"
+    assert loop.answer(b"\2P\5\xff\xff\0") == b"\x15\4"  # int16 holds no 65535
+    assert loop.answer(b"\2P\x63\0\1\0\0\1\0") == b"\x15\2"
+    assert loop.answer(b"\2I\2\3\xf8\x60\0") == b"\x15\2" and loop.memory.read("B", "byte", 3, 1) == [0]
+    assert loop.memory.read("S", "word", 5, 1) == [0]

@@ -38,7 +38,15 @@ from framekit.definition.model.frames import (
 from framekit.definition.model.procedure import Row
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Data
-from framekit.definition.model.services import NOT_COMPARED, ServiceRow, is_passed_over, only_start, told_by
+from framekit.definition.model.services import (
+    AS_NUMBERS,
+    NOT_COMPARED,
+    ServiceRow,
+    is_passed_over,
+    mentions_of,
+    only_start,
+    told_by,
+)
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, RecordOf, Value
 from framekit.definition.problems import Problem
 from framekit.definition.sources import fingerprint
@@ -47,6 +55,7 @@ from framekit.definition.sources import fingerprint
 def check_request_matching(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
     """What keeps a server from understanding the requests of this row."""
     yield from _items(row)
+    yield from _sent(row)
     yield from _lists_of_some(protocol, row)
     if row.service not in ("read", "write") or (row.serve is not None and row.serve.moves_data):
         return  # their work says itself where it takes its places from
@@ -72,9 +81,28 @@ def check_request_matching(protocol: Protocol, row: ServiceRow) -> Iterator[Prob
         return
     if not read <= _known_names(protocol, row):
         return  # what is misspelt is told elsewhere
+    if row.service == "write" and not read & SENT and mentions_of(row) & SENT:
+        what = "a server cannot tell what this write brings"
+        todo = "each: {value: …}" if _list_names(row) else "value: …"
+        yield Problem(row.at, what, f"add back: {{{todo}}} with what it means, or client_only: yes")
     for missing in _missing_names(protocol, row, read):
         what = f"a server cannot tell the {missing} that this {row.service} asks for"
         yield Problem(row.at, what, f"put it into the request, or add back: {{{missing}: …}}, or client_only: yes")
+
+
+SENT = frozenset({"data", "bits", *AS_NUMBERS})
+"""Names of what a write brings."""
+
+
+def _sent(row: ServiceRow) -> Iterator[Problem]:
+    """`back` says once what a write brings; a row of another service brings nothing to the memory by itself."""
+    back = {**row.back, **row.back_each}
+    given = sorted(SENT & back.keys())
+    for name in given if row.service != "write" else ():
+        what = f"{name} has no effect in back: a row of {row.service} writes no elements"
+        yield Problem(back[name].at, what, "leave it out")
+    for name in given[1:] if row.service == "write" else ():
+        yield Problem(back[name].at, f"back says twice what is written: {given[0]} and {name}", "leave one of them out")
 
 
 def _items(row: ServiceRow) -> Iterator[Problem]:

@@ -202,6 +202,8 @@ def _data(row: ServiceRow) -> Iterator[Problem]:
         return
     holder = [row.reply, row.gives] if row.service == "read" else [row.request, row.buffer]
     named = {name for expression in expressions_of(holder) for name in names_in(expression.root)}
+    if row.server_only:
+        named |= {*row.back, *row.back_each}
     if row.service == "read" and not named & {"data", *AS_NUMBERS} and not row.gives:
         yield Problem(row.at, "nothing says where the data of the reply stand", "add reply: {frame: {field: data}}")
     if row.service == "write" and not named & {"data", "bits", *AS_NUMBERS}:
@@ -279,14 +281,15 @@ def _limits_too_high(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
 
 
 def _dead(rows: tuple[ServiceRow, ...]) -> Iterator[Problem]:
-    """A row that takes everything a later one could get."""
-    for place, row in enumerate(rows):
-        for earlier in rows[:place]:
+    """A row of which a client takes everything that a later one could get."""
+    asked = [row for row in rows if not row.server_only]
+    for place, row in enumerate(asked):
+        for earlier in asked[:place]:
             plain = earlier.when is None and earlier.align_bits == 1 and earlier.request is not None
             areas = not earlier.areas or (row.areas and set(row.areas) <= set(earlier.areas))
             units = not earlier.units or (row.units and set(row.units) <= set(earlier.units))
             alike = bool(earlier.most_variables) == bool(row.most_variables)
-            alike = alike and (earlier.client_only, earlier.server_only) == (row.client_only, row.server_only)
+            alike = alike and earlier.client_only == row.client_only
             if plain and areas and units and alike and row.service in ("read", "write") and _names_places(earlier):
                 what = f"this row of {row.service} is never reached: one above takes all its areas and units"
                 yield Problem(row.at, what, "move it up, or add when:")
