@@ -134,6 +134,6 @@ def _values(fields: Mapping[str, Any]) -> str:
             return f'"{value.hex(" ").upper()}"'
         if isinstance(value, bool):
             return str(int(value))
-        return json.dumps(value) if isinstance(value, str) else repr(value)
+        return json.dumps(value) if isinstance(value, str) else str(value)
 
     return "{" + ", ".join(f"{name}: {plain(value)}" for name, value in fields.items()) + "}"

@@ -292,6 +292,8 @@ def shade_of(one: GuessedField) -> str:
         return "named"
     if one.name in ("start", "end", "mark"):
         return "mark"
+    if one.kind == "text" and one.about.startswith("always"):
+        return "constant"
     return "function" if one.is_mark else "value" if one.kind == "unknown" else one.kind
 
 

@@ -169,7 +169,8 @@ class GuessedField:
     """Bytes of a frame that belong together; `about`: what is known of them, in words.
 
     `is_mark`: constant bytes by which frames of this kind are known. `plus` and `unit` of a count: the frame has so
-    many bytes more than so many times that. `wire`: the type that people gave it together with its name, '' for none.
+    many bytes more than so many times that. `wire`: the type that people gave it together with its name, '' for none;
+    `keys`: what else the definition says of that type.
     """
 
     name: str
@@ -183,6 +184,7 @@ class GuessedField:
     unit: int = 1
     wire: str = ""
     order: str = "big"
+    keys: str = ""
 
 
 @dataclass(frozen=True, slots=True)

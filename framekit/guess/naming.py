@@ -17,7 +17,7 @@ from framekit.codec.support import reorder
 from framekit.definition.problems import did_you_mean, plural
 from framekit.guess.model import Evidence, FrameKind, Guess, GuessedField
 from framekit.guess.stuffing import StuffingError, plain_frame
-from framekit.guess.texts import PRINTABLE, shown_text
+from framekit.guess.texts import PRINTABLE, decimal_keys, decimal_of, shown_text
 from framekit.guess.writing import bit_names
 
 LONGEST_NAME = 60
@@ -72,6 +72,7 @@ TYPES: dict[str, NamedType] = {
     "f64": NamedType((8,), "float"),
     "bcd": NamedType(tuple(range(1, LARGEST_NUMBER + 1)), "bcd"),
     "bits": NamedType((1, 2, 4), "bits"),
+    "decimal": NamedType((), "decimal"),
     "text": NamedType((), "text"),
     "bytes": NamedType((), "bytes"),
 }
@@ -80,7 +81,7 @@ _FLOATS = {4: struct.Struct(">f"), 8: struct.Struct(">d")}
 
 def orders_of(type_: str, size: int) -> tuple[str, ...]:
     """The orders in which the bytes of a number of this type can stand; one where there is no choice."""
-    if TYPES[type_].form in ("text", "bytes") or size < 2:
+    if not TYPES[type_].sizes or size < 2:
         return ORDERS[:1]
     return ORDERS if size in (4, 8) and type_ not in ("bcd", "bits") else ORDERS[:2]
 
@@ -90,6 +91,8 @@ def number_of(type_: str, order: str, data: bytes) -> int | float | None:
     form = TYPES[type_].form
     if form in ("text", "bytes"):
         return None
+    if form == "decimal":
+        return decimal_of(data)
     data = reorder(data, order) if len(data) > 1 else data
     if form == "float":
         number: float = _FLOATS[len(data)].unpack(data)[0]
@@ -106,11 +109,13 @@ def types_of(texts: Sequence[bytes]) -> list[tuple[str, str]]:
     fitting = [
         (type_, order)
         for type_, what in TYPES.items()
-        if what.takes(size) and what.form != "text" and (what.form != "bytes" or size > 1)
+        if what.takes(size) and what.form not in ("text", "decimal") and (what.form != "bytes" or size > 1)
         for order in orders_of(type_, size)
     ]
     fitting = [one for one in fitting if one[0] != "bcd" or all(text.hex().isdecimal() for text in texts)]
     is_text = all(PRINTABLE.issuperset(text) for text in texts)
+    if is_text and size > 1 and decimal_keys(texts) is not None:
+        fitting.insert(0, ("decimal", "big"))
     return [("text", "big"), *fitting] if is_text else fitting
 
 
@@ -190,6 +195,11 @@ def _named(kind: FrameKind, texts: Sequence[bytes], naming: FieldNaming) -> Fram
         Evidence(len(texts), len(texts)), wire=naming.type, order=naming.order,
     )  # fmt: skip
     _check_type(own, texts, where)
+    if naming.type == "decimal":
+        keys = decimal_keys([text[naming.offset : naming.end] for text in texts])
+        if keys is None:
+            raise NamingError(f"{where}: these numbers have different forms – name them as text")
+        own = replace(own, keys=keys)
     fields: list[GuessedField] = []
     taken = {field.name for field in kind.fields} | {naming.name}
     for field in kind.fields:

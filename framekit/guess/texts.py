@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import groupby
@@ -12,6 +13,7 @@ from framekit.guess.model import Evidence, GuessedField
 PRINTABLE = frozenset(range(0x20, 0x7F))
 NUMBER_SIGNS = frozenset(b"0123456789.")
 LEADING_SIGNS = frozenset(b"+- ")
+_DECIMAL = re.compile(rb"(?P<pad> *)(?P<sign>[+-]?)[0-9]+(?P<fraction>\.[0-9]+)?")
 LUCK = 12.0
 """Bits of luck from which signs are text."""
 BITS = log2(256 / len(PRINTABLE))
@@ -38,6 +40,30 @@ def shown_text(text: bytes) -> str:
     """Signs in quotes, the first of them."""
     signs = "".join(chr(byte) if byte in PRINTABLE else "·" for byte in text[:LONGEST_SHOWN])
     return f"'{signs}'" + (" …" if len(text) > LONGEST_SHOWN else "")
+
+
+def decimal_of(text: bytes) -> int | float | None:
+    """The number that a text is, such as `+012.5`; None where it is none."""
+    match = _DECIMAL.fullmatch(text)
+    if match is None:
+        return None
+    return float(text) if match["fraction"] else int(text)
+
+
+def decimal_keys(texts: Sequence[bytes]) -> str | None:
+    """What the language says of numbers as text besides their size, as these all have it; None: they differ."""
+    matches = [_DECIMAL.fullmatch(text) for text in texts]
+    found = [match for match in matches if match is not None]
+    places = {len(match["fraction"] or b"") for match in found}
+    if len(found) < len(texts) or len(places) != 1:
+        return None
+    signs = {match["sign"] for match in found}
+    keys = ", sign: always" if b"" not in signs else "" if b"+" not in signs else None
+    if keys is None:
+        return None
+    keys += ", pad: 20" if any(match["pad"] for match in found) else ""
+    decimals = places.pop()
+    return keys + (f", decimals: {decimals - 1}" if decimals else "")
 
 
 def _parted(run: Sequence[GuessedField], texts: Sequence[bytes], known: float) -> Iterator[GuessedField]:

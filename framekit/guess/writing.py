@@ -192,8 +192,8 @@ def _plain(field: GuessedField) -> str:
     if field.wire == "bits":
         names = ", ".join(f"{name}: {bit}" for bit, name in enumerate(bit_names(field.name, field.size)))
         return f"{{bits: {{{names}}}, of: u{8 * field.size}{order}}}"
-    if field.wire == "bcd":
-        return f"{{field: {field.name}, type: bcd, size: {field.size}{order}}}"
+    if field.wire in ("bcd", "decimal"):
+        return f"{{field: {field.name}, type: {field.wire}, size: {field.size}{order}{field.keys}}}"
     if field.wire not in ("", "text", "bytes"):
         return f"{{field: {field.name}, type: {field.wire}{order}}}"
     if field.wire == "text" or (field.kind == "text" and not field.wire):

@@ -18,6 +18,7 @@ from framekit.definition.model.checks import ready_methods
 from framekit.guess.guess import guess
 from framekit.guess.model import Guess, HeardBytes
 from framekit.guess.naming import TYPES, FieldNaming, NamingError, named, number_of, orders_of, types_of
+from framekit.guess.texts import decimal_keys
 
 MODBUS = ready_methods()["crc16-modbus"]
 
@@ -92,7 +93,7 @@ def test_data_of_any_size_has_a_name_and_parts(meter: Guess) -> None:
         (FieldNaming("told", 7, 1, "x", "u16"), r"byte 7: 1 byte can be no u16"),
         (FieldNaming("told", 3, 4, "x", "text"), r"40 of 40 frames have something else there than a text"),
         (FieldNaming("told", 3, 4, "x", "f32", "up"), r"has no order 'up'"),
-        (FieldNaming("told", 3, 4, "x", "decimal"), r"there is no type 'decimal'"),
+        (FieldNaming("told", 3, 4, "x", "hex"), r"there is no type 'hex'"),
         (FieldNaming("told", 13, 4, "x", "f32"), r"not all frames of 'told' have bytes 13 to 16"),
         (FieldNaming("told", 1 << 40, 1, "x", "u8"), r"not all frames of 'told' have byte"),
         (FieldNaming("other", 3, 4, "x", "f32"), r"there is no kind of frames 'other'"),
@@ -146,6 +147,29 @@ def test_types_in_all_orders() -> None:
     assert number_of("i16", "little", b"\xfe\xff") == -2 and number_of("bcd", "big", b"\x12\x99") == 1299
     assert number_of("bcd", "big", b"\x1a") is None and number_of("f32", "big", b"\x7f\xc0\0\0") is None
     assert types_of([b"12", b"ab"])[0] == ("text", "big") and ("bcd", "big") not in types_of([b"\xfa\0"])
+
+
+@pytest.mark.parametrize(
+    ("form", "keys"),
+    [
+        ("%+06.1f", ", sign: always, decimals: 1"),
+        ("%6.2f", ", pad: 20, decimals: 2"),
+        ("%05d", ""),
+        ("%5d", ", pad: 20"),
+    ],
+)
+def test_a_number_as_text_is_a_number(form: str, keys: str) -> None:
+    frames = [b"\x02T " + (form % (at * 7 % 99 + at % 10 / 10)).encode() + b" C\x03" for at in range(40)]
+    found = guess([HeardBytes(None, "", frame) for frame in frames])
+    naming = FieldNaming("frame", 3, len(form % 1), "level", "decimal")
+    draft = drafted(named(found, [naming]), "meter", "line")
+    assert draft.problems == () and f"type: decimal, size: {naming.size}{keys}}}" in draft.text
+    assert types_of([frame[3 : naming.end] for frame in frames])[:2] == [("text", "big"), ("decimal", "big")]
+
+
+def test_text_that_is_no_number_of_one_form_is_no_decimal() -> None:
+    assert decimal_keys([b"1.25", b"12.5"]) is None and decimal_keys([b"+1", b"22"]) is None
+    assert decimal_keys([b"12", b"-2"]) == "" and decimal_keys([b"1a"]) is None
 
 
 def test_the_file_is_written_anew_with_each_name(meter: Guess, tmp_path: Path) -> None:

@@ -204,7 +204,7 @@ function drawChosen(what) {
 }
 
 function typeText([size, type, order]) {
-  return size === 1 || type === "text" || type === "bytes" ? type : `${type} ${order}`;
+  return size === 1 || ["text", "decimal", "bytes"].includes(type) ? type : `${type} ${order}`;
 }
 
 function pickType([size, type, order], line) {
@@ -245,7 +245,7 @@ function fillTypes() {
   const fitting = shown.types.filter(one => one[0] === size), seen = new Set(fitting.map(one => one[1]));
   select.replaceChildren();
   for (const [name, sizes] of Object.entries(types)) {
-    const fits = size ? (sizes.length ? sizes.includes(size) : name === "bytes" || seen.has("text")) : !sizes.length;
+    const fits = size ? (sizes.length ? sizes.includes(size) : name === "bytes" || seen.has(name)) : ["text", "bytes"].includes(name);
     if (fits && (name !== "bcd" || seen.has("bcd"))) option(select, name, name);
   }
   const values = [...select.options].map(one => one.value);
