@@ -42,9 +42,15 @@ class Draft:
     warnings: tuple[str, ...] = ()
 
     def put(self, path: Path) -> None:
-        """Writes both files, each whole or not at all. Raises OSError."""
+        """Writes both files, each whole or not at all; vectors only where the definition is right enough for some.
+
+        Raises OSError.
+        """
         for file, text in ((path.resolve(), self.text), (vectors_path(path).resolve(), self.vectors)):
-            replace_whole(file, text.encode(), file if file.exists() else None)
+            if text:
+                replace_whole(file, text.encode(), file if file.exists() else None)
+            else:
+                file.unlink(missing_ok=True)
 
 
 def protocol_name(path: Path) -> str:

@@ -217,9 +217,13 @@ def test_a_name_that_makes_the_definition_wrong_is_refused(
     write_definition(meter, path, "line")
     names = NamedGuess(meter, "meter", "line", path)
     before = path.read_text("utf-8")
+    wrong = FieldNaming("told", 1, 1, "if", "u8")
     with pytest.raises(NamingError, match=r"meter\.yaml:\d+:\d+: in the expression"):
-        names.give(FieldNaming("told", 1, 1, "if", "u8"))
+        names.give(wrong)
     assert path.read_text("utf-8") == before and names.guess is meter
+    assert path.with_name("meter.vectors.yaml").exists()
+    assert write_definition(named(meter, [wrong]), path, "line").problems  # what a command line is told
+    assert not path.with_name("meter.vectors.yaml").exists()
 
 
 def test_what_is_no_definition_is_told(tmp_path: Path) -> None:
