@@ -1,7 +1,7 @@
 """Unknown lines from Python: bytes of files, and what can be said of them.
 
-`heard` reads captures, hex text and pcap files of TCP or UDP; `guess` says what it can; `known_protocols` tries the
-definitions that are there. What was found becomes YAML in `draft`.
+`heard` reads captures, hex text and pcap files of TCP or UDP; `guess` says what it can; `reading_of` goes on from a
+definition. `known_lines` tries the definitions that are there. What was found becomes YAML in `draft`.
 """
 
 from __future__ import annotations
@@ -9,18 +9,14 @@ from __future__ import annotations
 import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 from framekit.codec.codec import compile_protocol
 from framekit.definition.load.protocol import load_protocol
-from framekit.definition.model.frames import flat
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.segments import Check
-from framekit.definition.problems import DefinitionError, plural
-from framekit.definition.sources import shipped_definitions
+from framekit.definition.problems import plural
 from framekit.guess.guess import guess as guess
 from framekit.guess.model import Direction
 from framekit.guess.model import Evidence as Evidence
@@ -30,14 +26,11 @@ from framekit.guess.model import Statement as Statement
 from framekit.guess.times import LineTimes as LineTimes
 from framekit.guess.times import TimeSpread as TimeSpread
 from framekit.link.events import Seen
-from framekit.link.frame_table import table_of
 from framekit.link.listener import Listener
 from framekit.service.capture import CaptureError, CaptureReader
 
 LARGEST = 16 << 20
 """Bytes of one file that are read."""
-MOST_TRIED = 4096
-"""So many bytes are tried with each definition that is there."""
 NEARLY_ALL = 0.9
 LEAST_FRAMES = 3
 
@@ -113,32 +106,7 @@ def _of_text(path: Path, head: bytes) -> list[HeardBytes]:
     return found
 
 
-# ---- protocols that are there -----------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class KnownProtocol:
-    """A definition that reads a line: frames that are good, bytes in them, of how many."""
-
-    name: str
-    frames: int
-    covered: int
-    of: int
-
-
-def explained(name: str | Path, chunks: Sequence[HeardBytes], client: Literal["in", "out"] = "out") -> KnownProtocol:
-    """How much of a line a definition reads. Raises DefinitionError."""
-    protocol = load_protocol(name)
-    good: list[bytes] = []
-
-    def monitor(seen: Seen) -> None:
-        if seen.kind == "frame":
-            good.append(seen.raw)
-
-    both = len({chunk.direction for chunk in chunks}) > 1
-    _listen(protocol, chunks, client if both else None, monitor)
-    whole = sum(len(chunk.data) for chunk in chunks)
-    return KnownProtocol(protocol.name, len(good), sum(map(len, good)), whole)
+# ---- definitions -------------------------------------------------------------------------------------------------
 
 
 def seen_by(protocol: Protocol, chunks: Sequence[HeardBytes]) -> list[Seen]:
@@ -153,7 +121,7 @@ def seen_by(protocol: Protocol, chunks: Sequence[HeardBytes]) -> list[Seen]:
     most = -1
     for way in ways:
         seen: list[Seen] = []
-        _listen(protocol, chunks, way, seen.append)
+        listen(protocol, chunks, way, seen.append)
         covered = sum(len(one.raw) for one in seen if one.kind == "frame")
         if covered > most:
             best, most = seen, covered
@@ -162,7 +130,7 @@ def seen_by(protocol: Protocol, chunks: Sequence[HeardBytes]) -> list[Seen]:
     return best
 
 
-def _listen(
+def listen(
     protocol: Protocol,
     chunks: Sequence[HeardBytes],
     client: Literal["in", "out"] | None,
@@ -176,48 +144,6 @@ def _listen(
         now = max(now, at + listener.scope.line.chars(len(chunk.data)))
         listener.receive(chunk.data, now, (), chunk.direction)
     listener.ended(now + 1_000_000_000)
-
-
-def known_protocols(chunks: Sequence[HeardBytes]) -> list[KnownProtocol]:
-    """The shipped definitions with checks that read nearly all of a line, the best first."""
-    few = _first_of(chunks, MOST_TRIED)
-    found: list[KnownProtocol] = []
-    for path in shipped_definitions():
-        if path.name.count(".") > 1:
-            continue
-        try:
-            protocol = load_protocol(path)
-            if protocol.kind == "application" or not _has_checks(protocol):
-                continue
-            ways: tuple[Literal["in", "out"], ...] = (
-                ("out", "in") if len({one.direction for one in few}) > 1 else ("out",)
-            )
-            found += [explained(path, few, way) for way in ways]
-        except (DefinitionError, ValueError):
-            continue
-    likely = [one for one in found if one.covered >= NEARLY_ALL * one.of and one.frames >= LEAST_FRAMES]
-    best: dict[str, KnownProtocol] = {}
-    for one in sorted(likely, key=lambda one: one.covered):
-        best[one.name] = one
-    return sorted(best.values(), key=lambda one: -one.covered)
-
-
-def _first_of(chunks: Sequence[HeardBytes], most: int) -> list[HeardBytes]:
-    found, size = [], 0
-    for chunk in chunks:
-        found.append(chunk)
-        size += len(chunk.data)
-        if size >= most:
-            break
-    return found
-
-
-def _has_checks(protocol: Protocol) -> bool:
-    """Whether all frames that stand on the line by themselves have a check, so that few others are taken for them."""
-    table = table_of(protocol, compile_protocol(protocol))
-    return all(
-        any(isinstance(segment, Check) for segment in flat(protocol.frames[name].segments)) for name in table.on_line
-    )
 
 
 # ---- going on ---------------------------------------------------------------------------------------------------

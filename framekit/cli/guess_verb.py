@@ -87,7 +87,8 @@ def _of_definition(arguments: argparse.Namespace, chunks: list[HeardBytes], page
 
 def _of_guess(arguments: argparse.Namespace, chunks: list[HeardBytes], page: WebPage) -> int:
     """What can be said of the bytes."""
-    from framekit.api.guess import Evidence, Statement, guess, known_protocols
+    from framekit.api.guess import Evidence, Statement, guess
+    from framekit.api.known_lines import known_protocols
 
     with ProgressLine("guess"):
         found, known = guess(chunks), known_protocols(chunks)

@@ -10,10 +10,12 @@ from pathlib import Path
 import pytest
 
 from framekit.api.differences import differences
-from framekit.api.guess import HeardError, heard, known_protocols
+from framekit.api.guess import HeardError, heard
+from framekit.api.known_lines import INDEX, index_text, known_protocols
 from framekit.cli.main import main
 from framekit.codec.checks import compute
 from framekit.definition.model.checks import ready_methods
+from framekit.definition.sources import shipped_folder
 from framekit.guess.guess import guess
 from framekit.guess.model import Direction, Guess, HeardBytes, LengthField
 
@@ -138,11 +140,27 @@ def test_connections_of_a_pcap_file_are_read(tmp_path: Path) -> None:
     assert [one[1:] for one in found] == [("out", b"ask"), ("in", b"told"), ("out", b" more"), ("out", b"!")]
 
 
-@pytest.mark.long
 def test_a_protocol_that_is_there_is_named() -> None:
-    names = [one.name for one in known_protocols(polls(10))]
-    assert "modbus-rtu" in names
-    assert known_protocols([HeardBytes(None, "", bytes(range(1, 99)))]) == []
+    assert [one.name for one in known_protocols(polls(10))] == ["ge-rtu", "modbus-rtu"]
+    assert known_protocols([HeardBytes(None, "", b"T=21.5 ")] * 9) == []
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("name", "protocol"),
+    [
+        ("pymodbus-ascii", "modbus-ascii"), ("nmea", "nmea0183"), ("ubx", "ubx"), ("osdp", "osdp"), ("shdlc", "shdlc"),
+        ("dynamixel-2", "dynamixel"), ("mewtocol", "mewtocol"),
+    ],
+)  # fmt: skip
+def test_a_program_not_written_here_is_named(name: str, protocol: str) -> None:
+    chunks = heard(Path(__file__).parents[1] / "data" / "guess" / f"{name}.pcap")
+    assert protocol in [one.name for one in known_protocols(chunks)]
+
+
+@pytest.mark.long
+def test_the_index_of_first_bytes_is_that_of_the_definitions() -> None:
+    assert (shipped_folder("frames") / INDEX).read_text("utf-8") == index_text()
 
 
 def test_a_definition_is_written_checked_and_read_back(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
