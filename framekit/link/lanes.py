@@ -72,8 +72,7 @@ class Lanes:
         if late.until and late.until <= machine.scope.now:
             self.release()
         if not late.until and (
-            not self.order
-            or not self.listens
+            not (machine.awaits_frames or (self.order and self.listens))
             or (machine.scope.now - machine.output.last_received >= STALE and machine.has_bytes())
         ):
             machine.drop_stale()
@@ -170,7 +169,7 @@ class Lanes:
         if machine.has_bytes():  # one may be arriving
             late.until = max(late.until, machine.output.last_received + more)
         if late.until <= now:
-            if not self.listens:
+            if not (self.listens or machine.awaits_frames):
                 machine.drop_stale()
             self.release()
         elif now - run.started < MOST_HOLDS * (late.within + more):

@@ -144,9 +144,12 @@ class LateReplies:
         answered_by = min(max(now, started + within), now + LONGEST)
         self.until = max(self.until, answered_by + self.time(names, within))
 
-    def came(self, frame: str) -> bool:
-        """A good frame came that nothing waits for. Tells whether it is one of the replies that are due."""
-        if frame not in self.expected.frames:
+    def came(self, frame: str, is_awaited: bool = False) -> bool:
+        """A good frame came that no step waits for. Tells whether it is one of the replies that are due.
+
+        `is_awaited`: such frames come by themselves too, so one that is not due holds nothing back.
+        """
+        if frame not in self.expected.frames or (is_awaited and not self.due):
             return False
         more = self.time(self._scope, self.within)
         if self.due == 1:

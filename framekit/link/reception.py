@@ -160,8 +160,9 @@ class Dispatcher:
 class Reception:
     """`expected` are the names of frames expected and of others; None while the runs that will wait do not wait yet.
 
-    `on_bad` gets bad frames no step waited for. `cutting`: frames are being broken off because a time limit has run
-    out; they are shown, and nothing more.
+    `awaited`: frames that come by themselves, and that `on_frame` wants whenever they do. `on_bad` gets bad frames no
+    step waited for. `cutting`: frames are being broken off because a time limit has run out; they are shown, and
+    nothing more.
     """
 
     def __init__(
@@ -173,6 +174,7 @@ class Reception:
         self.lanes = dispatcher.lanes
         self.counters = counters
         self.on_frame = on_frame
+        self.awaited: frozenset[str] = frozenset()
         self.on_bad: Callable[[BadFrame], None] | None = None
         self.cutting = False
         self._told = ToldBytes()
@@ -188,6 +190,13 @@ class Reception:
         self.machine.stream_place = lambda: receiver.stream.offset
         self.machine.drop_stale = self.drop_stale
         self.machine.count_bad = self._count_bad
+
+    def await_frames(self, names: Iterable[str]) -> None:
+        """From now on these frames are wanted whenever they come, whatever else is under way."""
+        self.awaited = frozenset(names)
+        self.machine.awaits_frames = bool(self.awaited)
+        self._known.clear()
+        self._waiting, self.machine.changed = [], True
 
     def next_arrival(self) -> bool:
         """Handles the next thing in the bytes at hand, where there are some. False: nothing comes of them yet."""
@@ -259,7 +268,7 @@ class Reception:
         if not looks:
             return None
         expected = tuple(names)
-        return expected, tuple(name for name in self._all if name not in names) if others else ()
+        return expected, tuple(name for name in self._all if name not in names and (others or name in self.awaited))
 
     def _note_progress(self, run: Run, waiting: tuple[str, ...]) -> bool:
         """The clock of a run for which a frame is arriving, or turned out not to be; whether one is."""
@@ -292,9 +301,13 @@ class Reception:
             if self.dispatcher.offer(value):
                 return
             reading = self.receiver.other_reading()
-        was_due = late.came(event.value.frame)
+        is_awaited = event.value.frame in self.awaited
+        was_due = late.came(event.value.frame, is_awaited)
         is_late = was_due and not late.by_itself
-        if is_late or not self.lanes.order or not self.dispatcher.offer_other(event.value):
+        is_taken = not is_late and bool(self.lanes.order) and self.dispatcher.offer_other(event.value)
+        if is_awaited and not is_late:
+            self._hand_over(event.value)
+        elif not is_taken:
             self.unsolicited(event.value, is_late)
         if was_due and not late.until:
             self.lanes.release()
@@ -305,7 +318,12 @@ class Reception:
         self.counters.late += is_late
         if is_late or self.lanes.order:
             self.machine.show("not_taken", "in", value.raw or b"", value.frame, reason=LATE if is_late else "")
-        if self.on_frame is not None and not is_late:
+        if not is_late:
+            self._hand_over(value)
+
+    def _hand_over(self, value: FrameValue) -> None:
+        """Gives a frame that came by itself to who wants such frames."""
+        if self.on_frame is not None:
             on_frame = self.on_frame
             self.machine.callbacks.append(lambda: on_frame(value))
 

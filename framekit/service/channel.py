@@ -108,7 +108,6 @@ class ChannelService:
         self.owner = owner
         self.counters = ChannelCounters()
         self.receiving: dict[str, list[Block]] = {}
-        self.receive_for(receiving)
         access = access.as_read_only() if self._only_shows else access
         protocol = channel.protocol
         codec = compile_protocol(protocol)
@@ -137,6 +136,7 @@ class ChannelService:
             is_stream=port.is_stream,
         )
         self.engine.reception.on_bad = self._bad
+        self.receive_for(receiving)
         self.client = client = Client(protocol, codec, self.engine) if protocol.services else None
         self.transfers = BlockTransfers(
             self.engine,
@@ -168,6 +168,7 @@ class ChannelService:
         self.receiving.clear()
         for block in blocks:
             self.receiving.setdefault(block.frame or "", []).append(block)
+        self.engine.reception.await_frames(self.receiving)
 
     def _server(self, codec: Codec, access: AddressedMemory) -> RequestHandler | None:
         protocol = self.channel.protocol

@@ -93,7 +93,8 @@ class Machine:
     `monitor` is shown everything. `on_fault` is shown everything but frames, `on_send` is told of each frame that goes
     out: with these alone no frame is read for being shown. `last_frame`: when the last good frame came or went.
     `delivered`: frames to be offered as if they had arrived. `callbacks`: to be called when everything else is done.
-    `is_open`: the line is there. `is_idle`: no byte was left to be looked at after the last event. `need_names`: the
+    `is_open`: the line is there. `is_idle`: no byte was left to be looked at after the last event. `awaits_frames`:
+    some frames are wanted whenever they come, so what has come of one is no remainder of the past. `need_names`: the
     frames that are built on names of the exchange. `shown_later`: those that can be read from their
     bytes at any time, on these names as they were; none where a step changes fields.
     """
@@ -123,6 +124,7 @@ class Machine:
         self.shown_later: Mapping[str, tuple[str, ...]] = {}
         self.is_open = False
         self.is_idle = True
+        self.awaits_frames = False
         self.changed = True
         self.stirred = True
         self.asking: Run | None = None
