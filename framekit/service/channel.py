@@ -27,7 +27,7 @@ from framekit.run.own_memory import AddressedMemory
 from framekit.run.transfer import BlockTransfers, Ended, Read, neighbours
 from framekit.service.device import DeviceService, ListeningPort, devices_of, port_for
 from framekit.service.driver import Driver, Moment
-from framekit.service.written import NamedMemory, NamedServer, begun_log
+from framekit.service.written import NamedMemory, NamedServer, begun_log, client_of
 from framekit.transport.clock import Clock
 from framekit.transport.port import Port
 
@@ -117,8 +117,8 @@ class ChannelService:
         answers = server is None and channel.role is not None and not channel.asks
         answering, memory = server, cast(MemoryAccess, access)
         if self._writes is not None:
-            memory = NamedMemory(access, self._writes, lambda: port.sender or port.name)
-            answering = server and NamedServer(server, self._writes, lambda: port.sender or port.name)
+            memory = NamedMemory(access, self._writes, partial(client_of, port))
+            answering = server and NamedServer(server, self._writes, partial(client_of, port))
         self.engine = Engine(
             protocol,
             codec,
@@ -190,8 +190,9 @@ class ChannelService:
         """Connections made to this port are answered as the channel would, and counted with it."""
         access = access.as_read_only() if self._only_shows else access
         port.answer(
-            access, self._answering, monitor, self.engine.counters, self.driver.load, self.counters.served, self._writes
-        )
+            access, self._answering, monitor, self.engine.counters, self.driver.load, self.counters.served,
+            self._writes, self.counters.failed,
+        )  # fmt: skip
 
     def start(self) -> None:
         self.driver.start()

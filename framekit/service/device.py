@@ -31,10 +31,11 @@ from framekit.run.own_memory import AddressedMemory
 from framekit.runfile.devices import Device, load_devices
 from framekit.service.driver import Driver, LineLoad
 from framekit.service.faults import FaultInjector, FaultyPort
-from framekit.service.written import NamedMemory, NamedServer, WriteLog, begun_log
+from framekit.service.written import NamedMemory, NamedServer, WriteLog, begun_log, client_of
 from framekit.transport.clock import Clock, date_at
+from framekit.transport.network import NetworkListener
 from framekit.transport.port import AcceptedPort, Port, PortEvents, PortListener, SharedPort
-from framekit.transport.schemes import make_listener, open_port, scheme_of
+from framekit.transport.schemes import make_listener, open_port, scheme_of, without_files
 from framekit.transport.simulated_line import SimulatedLine, Transmission
 from framekit.transport.wiring import wired
 
@@ -154,7 +155,7 @@ class DeviceService:
     """A device at work on one port. Its memory can be read and written from outside at any time.
 
     `store`: what it shares with the same device on other ports. `on_state` is told when the port opens or closes.
-    `on_fault` is shown all but frames, for instance what
+    `who`: who asks now, for the log of writes. `on_fault` is shown all but frames, for instance what
     could not be worked out; `watch_troubles` does the same in words. Where a protocol has no services, each frame that
     goes out counts as one.
     """
@@ -170,6 +171,7 @@ class DeviceService:
         on_fault: Monitor | None = None,
         store: DeviceStore | None = None,
         on_state: Callable[[str], None] | None = None,
+        who: Callable[[], str] | None = None,
     ) -> None:
         self.device = device
         self.store = store = DeviceStore(device, clock) if store is None else store
@@ -179,8 +181,9 @@ class DeviceService:
         server: RequestHandler = store.server
         access: MemoryAccess = store.access
         if store.writes is not None:
-            server = NamedServer(server, store.writes, lambda: port.sender or port.name)
-            access = NamedMemory(access, store.writes, lambda: port.sender or port.name)
+            asking = partial(client_of, port) if who is None else who
+            server = NamedServer(server, store.writes, asking)
+            access = NamedMemory(access, store.writes, asking)
         self.engine = Engine(
             device.protocol,
             compile_protocol(device.protocol),
@@ -328,7 +331,8 @@ MOST_STRANGERS = 256
 class Serving:
     """Serves devices, all of which hear the same line. `wrap` may put something around every port, faults say.
 
-    `line_errors` counts bad frames by their cause, bytes that were no frame, and connections refused or closed here.
+    `line_errors` counts bad frames by their cause, bytes that were no frame, and connections refused or closed here;
+    `turned_away` those of clients that are not allowed, where it is given.
     """
 
     def __init__(
@@ -340,6 +344,7 @@ class Serving:
         *,
         wrap: Callable[[Port], Port] | None = None,
         limits: ConnectionLimits = DEFAULT_LIMITS,
+        turned_away: Counter[str] | None = None,
     ) -> None:
         self.clock = clock
         self.line = line
@@ -348,6 +353,7 @@ class Serving:
         self.stores = stores_of(devices, clock)
         self.connected: dict[Port, list[DeviceService]] = {}
         self.line_errors: Counter[str] = Counter()
+        self.turned_away = self.line_errors if turned_away is None else turned_away
         self.connections = 0
         self.limits = limits
         self.listener: PortListener | None = None
@@ -404,13 +410,15 @@ class Serving:
     async def listen(self, url: str) -> PortListener:
         """Answers every connection to `url`, over UDP every sender by itself. Raises ValueError, OSError."""
         self.listener = listener = make_listener(url, self.clock, self.accept)
+        if isinstance(listener, NetworkListener):
+            listener.admits = self.admits
         await listener.start()
         return listener
 
     def accept(self, port: AcceptedPort) -> None:
         """Answers on a connection, or closes it where its client is not allowed, or where there are too many."""
-        if not self.limits.lets_in(port.host):
-            self._refuse_stranger(port)
+        if not self.admits(port.host):
+            port.close()
             return
         if not self._has_room(port):
             self.line_errors["connections refused"] += 1
@@ -426,12 +434,15 @@ class Serving:
         self._begin(port, state)
         self._set_idle_alarm()
 
-    def _refuse_stranger(self, port: AcceptedPort) -> None:
-        self.line_errors["clients not allowed"] += 1
-        if port.host not in self._strangers and len(self._strangers) < MOST_STRANGERS:
-            self._strangers.add(port.host)
-            log.warning("%s is not allowed as a client: closed; it is counted from now on", port.host)
-        port.close()
+    def admits(self, host: str) -> bool:
+        """Whether a client with that address is allowed; one that is not is counted, and logged once."""
+        if self.limits.lets_in(host):
+            return True
+        self.turned_away["clients not allowed"] += 1
+        if host not in self._strangers and len(self._strangers) < MOST_STRANGERS:
+            self._strangers.add(host)
+            log.warning("%s is not allowed as a client: closed; it is counted from now on", host)
+        return False
 
     def _has_room(self, port: AcceptedPort) -> bool:
         """Whether one more may be served. A sender of datagrams never ends by itself: it takes an older one's place."""
@@ -475,6 +486,7 @@ class Serving:
                     on_fault=partial(self._count_fault, number),
                     store=store,
                     on_state=on_state if number == 0 else None,
+                    who=partial(client_of, port),
                 )
             )
         self.connected[port] = services
@@ -548,13 +560,13 @@ class ListeningPort(Port):
         self.listener = make_listener(channel.port, clock, self._accept)
         self.channel = channel
         self.clock = clock
-        self.name = channel.port.partition("?")[0]
+        self.name = without_files(channel.port)
         self.settings = None
         self.serving: Serving | None = None
 
     def answer(
         self, access: AddressedMemory, server: RequestHandler | None, monitor: Monitor | None, counters: LinkCounters,
-        load: LineLoad, services: ServiceCounters, writes: WriteLog | None,
+        load: LineLoad, services: ServiceCounters, writes: WriteLog | None, turned_away: Counter[str],
     ) -> None:  # fmt: skip
         """From now on connections are answered from this memory by this server, and counted and logged here."""
         channel = self.channel
@@ -567,7 +579,11 @@ class ListeningPort(Port):
             writes=writes,
         )  # fmt: skip
         watch = None if monitor is None else lambda port, number, seen: monitor(seen)
-        self.serving = Serving([store], self.clock, channel.line, watch, limits=channel.limits)
+        self.serving = serving = Serving(
+            [store], self.clock, channel.line, watch, limits=channel.limits, turned_away=turned_away
+        )
+        if isinstance(self.listener, NetworkListener):
+            self.listener.admits = serving.admits
 
     def _accept(self, port: AcceptedPort) -> None:
         assert self.serving is not None

@@ -44,6 +44,7 @@ from framekit.service.run_loop import RunLoop
 from framekit.service.sinks import SinkHost, SinkService
 from framekit.service.state import StateFile, StateKeeper
 from framekit.transport.clock import Clock, date_at
+from framekit.transport.schemes import without_files
 
 log = logging.getLogger(__name__)
 
@@ -595,7 +596,7 @@ def _channel_status(service: RunService, at_work: ChannelService, now: int) -> C
     reasons.update(beside)
     return ChannelStatus(
         number=channel.number,
-        port=channel.port,
+        port=without_files(channel.port),
         driver=USER_DEFINED if protocol.frames_alone else protocol.name,
         role=channel.role,
         station=channel.own,

@@ -15,6 +15,7 @@ from framekit.link.events import MemoryAccess, RequestHandler, Served
 from framekit.link.packing import PackingError, numbers_of, values_of
 from framekit.link.services.areas import AreaUnit
 from framekit.link.values import FrameValue, Names
+from framekit.transport.port import AcceptedPort, Port
 
 log = logging.getLogger("framekit.written")
 
@@ -64,6 +65,12 @@ def _shown(unit: AreaUnit, data: bytes, count: int) -> str:
 def begun_log(name: str, protocol: Protocol) -> WriteLog | None:
     """What tells the log; None where that is off."""
     return WriteLog(name, protocol) if log.isEnabledFor(logging.INFO) else None
+
+
+def client_of(port: Port) -> str:
+    """Who is on the other side of a port now, as the log names it."""
+    identity = port.identity if isinstance(port, AcceptedPort) else ""
+    return f"{port.sender or port.name}{f' ({identity})' if identity else ''}"
 
 
 class NamedServer:

@@ -14,10 +14,11 @@ import os
 import socket
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, Protocol, cast
 
+from framekit.definition.problems import printable
 from framekit.transport.clock import MOST, PIECE, AsyncioClock, Turns
 from framekit.transport.port import Accepted, AcceptedPort, Port, PortEvents
 
@@ -295,7 +296,10 @@ class Closable(Protocol):
 
 
 class NetworkListener(ABC):
-    """Listens at `host`; `accepted` gets a port, not yet opened, for each who comes. `number` 0 asks for a free one."""
+    """Listens at `host`; `accepted` gets a port, not yet opened, for each who comes. `number` 0 asks for a free one.
+
+    `admits`: whether a client with that address may come in, for those where coming in costs something.
+    """
 
     scheme: str
     reached_by: str
@@ -309,6 +313,7 @@ class NetworkListener(ABC):
         self._socket: socket.socket | None = None
         self._opening: asyncio.Task[None] | None = None
         self._at_work: Closable | None = None
+        self.admits: Callable[[str], bool] = lambda host: True
         self._is_at(number)
 
     def _is_at(self, number: int) -> None:
@@ -362,6 +367,12 @@ class TcpListener(NetworkListener):
         return AcceptedConnection(TcpAcceptedPort(self.host, self.clock), self.accepted)
 
 
+def name_in(certificate: Mapping[str, Any]) -> str:
+    """The common name of a certificate that has been checked, on one line; empty where there is none."""
+    parts = (part for group in certificate.get("subject", ()) for part in group)
+    return printable(next((value for name, value in parts if name == "commonName"), ""))
+
+
 class AcceptedConnection(Connection):
     """Is its port's connection from the start, and offers the port when it is made. `scheme`: the kind of the port."""
 
@@ -377,6 +388,7 @@ class AcceptedConnection(Connection):
         self.port.sender = f"{bracketed(host)}:{number}"
         self.port.name = f"{self.scheme}://{self.port.sender}"
         self.accepted_port.host = str(host)
+        self.accepted_port.identity = name_in(transport.get_extra_info("peercert") or {})
         super().connection_made(transport)
         self.port.clock.turns.take(NEWCOMER, self._offer)
 

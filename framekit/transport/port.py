@@ -113,11 +113,13 @@ class Port(ABC):
 class AcceptedPort(Port):
     """The port of one connection that came to a listener; it can't be opened again. What comes before waits for that.
 
-    `host`: the address of the other side. `ends_itself`: whether the other side tells when it has finished.
+    `host`: the address of the other side; `identity`: the name in its certificate, where it had to show one.
+    `ends_itself`: whether the other side tells when it has finished.
     """
 
     opens_again = False
     host = ""
+    identity = ""
     ends_itself = True
 
 

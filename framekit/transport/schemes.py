@@ -247,6 +247,12 @@ def real(url: str, clock: Clock) -> AsyncioClock:
     return clock
 
 
+def without_files(url: str) -> str:
+    """A port's name without the files that it names, for people."""
+    kind = scheme_of(url)
+    return url if kind is None or kind.placed is None else url.partition("?")[0]
+
+
 def host_of(url: str) -> str:
     """The host that a port connects to; empty where it names none."""
     kind = scheme_of(url)

@@ -222,7 +222,7 @@ class TlsListener(NetworkListener):
                 log.warning("%s accepts nothing for now: %s", self.name, error)
                 await asyncio.sleep(ACCEPTS_AGAIN)
                 continue
-            if len(self._handshakes) >= MOST_HANDSHAKES:
+            if len(self._handshakes) >= MOST_HANDSHAKES or not self.admits(str(address[0])):
                 connected.close()
                 continue
             handshake = loop.create_task(self._shake_hands(connected, f"{bracketed(address[0])}:{address[1]}"))

@@ -95,6 +95,8 @@ def test_a_channel_of_a_run_has_allowed_clients(clients: str, tmp_path: Path) ->
         while states.get(timeout=60) != "open":
             pass
         assert bool(answer_at(f"tcp://127.0.0.1:{number}")) == (clients != "10.0.0.0/8")
+        reasons = run.status().channels[0].reasons
+    assert reasons == ({"clients not allowed": 1} if clients == "10.0.0.0/8" else {})
 
 
 def test_addresses_and_networks() -> None:

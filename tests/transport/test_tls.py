@@ -237,6 +237,28 @@ def test_a_device_is_served_and_read_over_tls(files: Certificates, capsys: pytes
         assert "the certificate of the other side is not good" in capsys.readouterr().err
 
 
+def test_strangers_are_closed_before_a_handshake(files: Certificates, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.WARNING, "framekit")
+    with framekit.serve("modbus-tcp", f"tls://127.0.0.1:0{files.listening()}", allow="10.0.0.0/8") as server:
+        assert main(["read", "modbus-tcp", "--port", f"{server.port}?ca={files.ca}", "--station", "1", "40001"]) == 3
+        assert server._server.line_errors["clients not allowed"] >= 1
+    assert "127.0.0.1 is not allowed as a client" in caplog.text
+    assert "no handshake" not in caplog.text
+
+
+def test_the_log_of_writes_names_who_the_certificate_names(
+    files: Certificates, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO, "framekit.written")
+    place = f"tls://127.0.0.1:0{files.listening(f'clients={files.ca}')}"
+    with framekit.serve(["modbus-tcp"], place, station=[1, 2]) as server:
+        client = f"{server.port}?ca={files.ca}&cert={files.client}&key={files.client_key}"
+        assert main(["write", "modbus-tcp", "--port", client, "--station", "2", "40001", "5"]) == 0
+    (told,) = [record.getMessage() for record in caplog.records if record.name == "framekit.written"]
+    assert told.startswith("modbus-tcp 2: 40001: 0 → 5, written by 127.0.0.1:")
+    assert told.endswith(" (client)")
+
+
 def test_a_run_names_the_files_beside_it(files: Certificates, tmp_path: Path) -> None:
     for file in (files.ca, files.server, files.key):
         (tmp_path / file.name).write_bytes(file.read_bytes())
@@ -253,6 +275,8 @@ def test_a_run_names_the_files_beside_it(files: Certificates, tmp_path: Path) ->
         with framekit.Run(run_file) as run_at_work:
             run_at_work.memory.watch("M7", lambda values: came.put(values[0]))
             assert came.get(timeout=60) == 4711
+            shown = run_at_work.status().channels
+            assert [one.port for one in shown] == [server.port, "tls://127.0.0.1:0"]  # without the files
     run_file.write_text(run_file.read_text("utf-8").replace("?ca=", "?cu="), "utf-8")
     with pytest.raises(framekit.DefinitionError, match="a tls: port has no 'cu'"):
         framekit.Run(run_file)
