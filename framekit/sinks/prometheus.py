@@ -8,9 +8,9 @@ import socket
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from framekit import __version__
 from framekit.definition.keys import key
 from framekit.run.model import Point
 from framekit.run.points import PointValue
@@ -131,7 +131,7 @@ class PrometheusServer(Sink):
 def _of_program() -> Metric:
     from prometheus_client.core import GaugeMetricFamily
 
-    rows = [((__version__, platform.python_version()), 1.0)]
+    rows = [((version("framekit"), platform.python_version()), 1.0)]
     return _family(GaugeMetricFamily, "framekit_info", "What carries the run out.", ("version", "python"), rows)
 
 

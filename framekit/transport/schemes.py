@@ -77,15 +77,17 @@ def _listen_tcp(url: str, clock: AsyncioClock, accepted: Accepted) -> PortListen
 
 
 def _open_tls(url: str, settings: LineFormat | None, clock: AsyncioClock, wiring: LineSettings) -> Port:
-    from framekit.transport.tls_port import TlsPort
+    from framekit.transport.tls_port import TlsPort, parted
 
-    return TlsPort(url, clock, wiring.connect_within)
+    place, given = parted(url)
+    return TlsPort(*host_and_port(place), given, clock, wiring.connect_within)
 
 
 def _listen_tls(url: str, clock: AsyncioClock, accepted: Accepted) -> PortListener:
-    from framekit.transport.tls_port import TlsListener
+    from framekit.transport.tls_port import TlsListener, parted
 
-    return TlsListener(url, clock, accepted)
+    place, given = parted(url)
+    return TlsListener(*host_and_port(place), given, clock, accepted)
 
 
 def _tls_in(url: str, folder: Path) -> str:

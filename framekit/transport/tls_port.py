@@ -13,6 +13,7 @@ import logging
 import os
 import socket
 import ssl
+from collections.abc import Mapping
 from pathlib import Path
 from urllib.parse import parse_qsl, quote, urlencode
 
@@ -28,7 +29,6 @@ from framekit.transport.network import (
     bracketed,
 )
 from framekit.transport.port import Accepted
-from framekit.transport.schemes import host_and_port
 
 log = logging.getLogger(__name__)
 
@@ -86,18 +86,16 @@ def placed(url: str, folder: Path) -> str:
     return f"{place}?{urlencode(given, quote_via=quote, safe='/')}" if given else place
 
 
-def _of_one_side(url: str, known: tuple[str, ...], what: str) -> tuple[str, int, dict[str, str]]:
-    place, given = parted(url)
+def _check_side(given: Mapping[str, str], known: tuple[str, ...], what: str) -> None:
     wrong = next((name for name in given if name not in known), None)
     if wrong is not None:
         raise ValueError(f"'{wrong}' is nothing for a tls: port that {what} – known are {', '.join(known)}")
-    return *host_and_port(place), given
 
 
 # ---- certificates -----------------------------------------------------------------------------------------------
 
 
-def client_context(given: dict[str, str]) -> ssl.SSLContext:
+def client_context(given: Mapping[str, str]) -> ssl.SSLContext:
     """What a client needs for its handshakes. Raises OSError, with the name of the file that cannot be used."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
@@ -110,7 +108,7 @@ def client_context(given: dict[str, str]) -> ssl.SSLContext:
     return context
 
 
-def server_context(given: dict[str, str]) -> ssl.SSLContext:
+def server_context(given: Mapping[str, str]) -> ssl.SSLContext:
     """What a server needs for its handshakes. Raises OSError, with the name of the file that cannot be used."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
@@ -130,7 +128,7 @@ def _trust(context: ssl.SSLContext, file: str) -> None:
         raise OSError(f"{file}: {error.strerror or error}") from None
 
 
-def _show(context: ssl.SSLContext, given: dict[str, str]) -> None:
+def _show(context: ssl.SSLContext, given: Mapping[str, str]) -> None:
     cert, key = given["cert"], given.get("key")
     for file in (cert, key):
         if file is not None and not os.access(file, os.R_OK):
@@ -165,10 +163,16 @@ def why(error: Exception) -> str:
 
 
 class TlsPort(TcpPort):
-    """A connection to a server whose certificate is signed by one that is trusted, and names the host."""
+    """A connection to a server whose certificate is signed by one that is trusted, and names the host.
 
-    def __init__(self, url: str, clock: AsyncioClock, connect_within: int | None = None) -> None:
-        host, number, self._given = _of_one_side(url, OF_CLIENTS, "connects")
+    Raises ValueError for what is `given` and is nothing for this side.
+    """
+
+    def __init__(
+        self, host: str, number: int, given: Mapping[str, str], clock: AsyncioClock, connect_within: int | None = None
+    ) -> None:  # fmt: skip
+        _check_side(given, OF_CLIENTS, "connects")
+        self._given = given
         super().__init__(host, number, clock, connect_within)
         self.name = f"tls://{bracketed(host)}:{number}"
 
@@ -191,13 +195,19 @@ class TlsPort(TcpPort):
 
 
 class TlsListener(NetworkListener):
-    """Accepts connections, and offers those whose handshake ends well; why another one did not is logged."""
+    """Accepts connections, and offers those whose handshake ends well; why another one did not is logged.
+
+    Raises ValueError for what is `given` and is nothing for this side, and where there is no certificate.
+    """
 
     scheme, reached_by, kind = "tls", "tls", socket.SOCK_STREAM
 
-    def __init__(self, url: str, clock: AsyncioClock, accepted: Accepted) -> None:
-        host, number, self._given = _of_one_side(url, OF_SERVERS, "listens")
-        if "cert" not in self._given:
+    def __init__(
+        self, host: str, number: int, given: Mapping[str, str], clock: AsyncioClock, accepted: Accepted
+    ) -> None:  # fmt: skip
+        _check_side(given, OF_SERVERS, "listens")
+        self._given = given
+        if "cert" not in given:
             raise ValueError(f"a tls: port that listens needs a certificate and its key – write {SERVER_FORM}")
         super().__init__(host, number, clock, accepted)
         self._context: ssl.SSLContext | None = None

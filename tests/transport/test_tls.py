@@ -272,8 +272,9 @@ def test_a_run_names_the_files_beside_it(files: Certificates, tmp_path: Path) ->
             "utf-8",
         )
         came = queue.SimpleQueue[int]()
-        with framekit.Run(run_file) as run_at_work:
-            run_at_work.memory.watch("M7", lambda values: came.put(values[0]))
+        run_at_work = framekit.Run(run_file)
+        run_at_work.memory.watch("M7", lambda values: came.put(values[0]))
+        with run_at_work:
             assert came.get(timeout=60) == 4711
             shown = run_at_work.status().channels
             assert [one.port for one in shown] == [server.port, "tls://127.0.0.1:0"]  # without the files
