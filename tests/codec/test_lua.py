@@ -11,13 +11,27 @@ from pathlib import Path
 
 import pytest
 from segment_cases import CASES, Case
+from shipped import vectors_of
 from strategies import base_context
-from tshark_world import Trial, compare, needs_tshark, packets_of, run, serial_capture, trial
+from tshark_world import (
+    SECOND,
+    Packet,
+    Trial,
+    compare,
+    needs_tshark,
+    packets_of,
+    run,
+    serial_capture,
+    tcp_capture,
+    trial,
+)
 
 from framekit.codec.lua.generate import generate_dissector
 from framekit.codec.lua.source import comment, string, utf8
-from framekit.definition.load import load_protocol_text
+from framekit.definition.load import load_protocol, load_protocol_text
 from framekit.definition.sources import shipped_definitions
+from framekit.service.capture import GLOBAL_HEADER, PcapRecords
+from framekit.transport.port import LineEvent
 
 QUICK = ("ccm", "mldp", "modbus-rtu")
 VECTORS = [path.name.removesuffix(".vectors.yaml") for path in shipped_definitions("*.vectors.yaml")]
@@ -110,6 +124,78 @@ def test_what_cannot_be_said_is_shown_as_bytes(tmp_path: Path) -> None:
     assert (plain.frames, plain.experts) == (["plain"], [])
     assert (signed.frames, signed.experts, signed.value("fk_secured.a")) == (["signed"], ["unverified"], "7")
     assert (sealed.frames, sealed.experts, sealed.fields) == ([], ["unsaid"], [])
+
+
+# ---- streams ------------------------------------------------------------------------------------------------
+
+
+def told(packets: list[Packet], prefix: str) -> list[tuple[list[str], dict[str, str]]]:
+    """The frames of each packet, and the fields that tell of other packets."""
+    names = ("request_in", "response_in", "time")
+    return [
+        (one.frames, {name: value for name in names if (value := one.value(f"{prefix}.{name}")) is not None})
+        for one in packets
+    ]
+
+
+@needs_tshark
+def test_frames_in_segments_of_tcp_and_the_request_of_a_reply(tmp_path: Path) -> None:
+    ask, answer, ask_2, answer_2, ask_3, answer_3 = (
+        one.wire.exact[:1] + bytes((number // 2,)) + one.wire.exact[2:]
+        for number, one in enumerate(vectors_of("modbus-tcp").frames[:6])
+        if one.wire.exact is not None
+    )
+    script, capture = tmp_path / "modbus.lua", tmp_path / "modbus.pcap"
+    script.write_text(generate_dissector(load_protocol("modbus-tcp")).source)
+    segments = [
+        ("client", ask[:3]), ("client", ask[3:8]), ("client", ask[8:]), ("server", answer),
+        ("client", ask_2 + ask_3[:5]), ("client", ask_3[5:]), ("server", answer_3[:6]),
+        ("server", answer_3[6:] + answer_2),
+    ]  # fmt: skip
+    tcp_capture(capture, 502, segments)
+    found = packets_of(run(script, capture, "-2", "-T", "pdml"), "fk_modbus_tcp")
+    assert told(found, "fk_modbus_tcp") == [
+        ([], {}),
+        ([], {}),
+        (["request_adu"], {"response_in": "4"}),
+        (["reply_adu"], {"request_in": "3", "time": "0.010000000"}),
+        (["request_adu"], {"response_in": "8"}),
+        (["request_adu"], {"response_in": "8"}),
+        ([], {}),
+        (["reply_adu", "reply_adu"], {"request_in": "6", "time": "0.020000000"}),
+    ]
+    both = [one.value for one in found[7].fields if one.name.endswith("request_in")]
+    assert both == ["6", "5"], "each reply has the request whose transaction it repeats"
+
+
+@needs_tshark
+def test_a_serial_line_in_pieces_and_who_sends_what(tmp_path: Path) -> None:
+    write = bytes.fromhex("11 06 00 01 00 03 9A 9B")  # its reply is the same bytes
+    read, values = bytes.fromhex("11 03 00 6B 00 03 76 87"), bytes.fromhex("11 03 06 02 2B 00 00 00 64 C8 BA")
+    script, capture = tmp_path / "rtu.lua", tmp_path / "rtu.pcap"
+    script.write_text(generate_dissector(load_protocol("modbus-rtu")).source)
+    pieces = [
+        ("out", 0, read[:5]), ("out", 3, read[5:]), ("in", 20, values[:1]), ("in", 22, values[1:]),
+        ("out", 40, write), ("in", 60, write), ("out", 3000, read[:4]), ("out", 6000, read),
+        ("in", 6020, b"\xff" + values),
+    ]  # fmt: skip
+    records = PcapRecords(0)
+    lines = [LineEvent("data", SECOND + at * 1_000_000, way, data) for way, at, data in pieces]
+    capture.write_bytes(GLOBAL_HEADER + b"".join(map(records.of, lines)))
+    found = packets_of(run(script, capture, "-2", "-T", "pdml"), "fk_modbus_rtu")
+    assert told(found, "fk_modbus_rtu") == [
+        ([], {}),
+        (["request_adu"], {"response_in": "4"}),
+        ([], {}),
+        (["reply_adu"], {"request_in": "2", "time": "0.019000000"}),
+        (["request_adu"], {"response_in": "6"}),
+        (["reply_adu"], {"request_in": "5", "time": "0.020000000"}),
+        ([], {}),
+        (["request_adu"], {"response_in": "9"}),
+        (["reply_adu"], {"request_in": "8", "time": "0.020000000"}),
+    ]
+    assert [one.experts for one in found] == [["part"], [], ["part"], [], [], [], ["check"], [], ["noise"]]
+    assert found[0].messages == ["The frame goes on in packet 2"]
 
 
 # ---- text of a file is never code -------------------------------------------------------------------------------

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from io import StringIO
 from pathlib import Path
+from struct import pack
 from typing import Any
 from xml.etree.ElementTree import Element, iterparse
 
@@ -150,7 +151,7 @@ def trial(name: str, folder: Path, damage: bool = True) -> Trial:
     for number, (given, frames) in enumerate(groups_of(name, protocol)):
         damaged = [_damaged(frame, place) for place, frame in enumerate(frames)] if damage else []
         every = [*frames, *damaged, frames[0]]  # a good one shows that nothing of the last damaged one is still to come
-        compare(protocol, base_context(protocol) | given, every, folder / f"{number}", found)
+        compare(protocol, base_context(protocol) | given, every, folder / f"{number}", found, len(frames))
         found.vectors += len(frames)
     return found
 
@@ -161,8 +162,10 @@ def _damaged(frame: bytes, seed: int) -> bytes:
     return frame[:place] + bytes((frame[place] ^ 1 << seed % 8,)) + frame[place + 1 :]
 
 
-def compare(protocol: Protocol, context: Mapping[str, Any], frames: list[bytes], place: Path, found: Trial) -> None:
-    """One capture, one run of tshark: its fields beside the values of framekit."""
+def compare(
+    protocol: Protocol, context: Mapping[str, Any], frames: list[bytes], place: Path, found: Trial, good: int = 0
+) -> None:
+    """One capture, one run of tshark: its fields beside the values of framekit; the first `good` ones are vectors."""
     place.mkdir(parents=True, exist_ok=True)
     script, capture, prefix = place / "dissector.lua", place / "frames.pcap", prefix_of(protocol)
     script.write_text(generate_dissector(protocol, context).source, encoding="utf-8")
@@ -173,7 +176,7 @@ def compare(protocol: Protocol, context: Mapping[str, Any], frames: list[bytes],
     packets = packets_of(pdml, prefix)
     assert len(packets) == len(frames)
     codec = compile_protocol(protocol)
-    for data, packet in zip(frames, packets, strict=True):
+    for number, (data, packet) in enumerate(zip(frames, packets, strict=True)):
         fits, faults = fitting(codec, protocol.frames, data, candidates(protocol), context)
         differ = found.differences
         shown = f"{protocol.name} {data.hex(' ')}:"
@@ -184,6 +187,8 @@ def compare(protocol: Protocol, context: Mapping[str, Any], frames: list[bytes],
             best = nearest(faults)
             differ += [f"{shown} {problem}" for problem in _told(packet, best)]
             found.checks += best is not None and best[1].cause == "check"
+        elif fits[0].refusal is not None and number >= good > 0 and packet.frames != [fits[0].frame]:
+            found.bad += 1  # in a stream a damaged one that would be refused alone may be something else
         elif packet.frames != [fits[0].frame]:
             differ.append(f"{shown} {fits[0].frame}, tshark shows {packet.frames} {packet.experts} {packet.messages}")
         else:
@@ -267,3 +272,26 @@ def _escaped(value: str) -> str:
     words = {"\r": "r", "\n": "n", "\t": "t", "\a": "a", "\b": "b", "\v": "v", "\f": "f", "\\": "\\", '"': '"'}
     signs = (f"\\{words[one]}" if one in words else one if one.isprintable() else f"\\x{ord(one):02x}" for one in value)
     return "".join(signs)
+
+
+# ---- captures of TCP --------------------------------------------------------------------------------------------
+
+RAW_IP = 101
+CLIENT_PORT = 40_000
+
+
+def tcp_capture(path: Path, port: int, segments: Sequence[tuple[str, bytes]], step: int = SECOND // 100) -> None:
+    """A capture of one connection: segments of the `client` and the `server`, `step` nanoseconds apart."""
+    sent = {"client": 1, "server": 1}
+    ports = {"client": (CLIENT_PORT, port), "server": (port, CLIENT_PORT)}
+    ends = {"client": bytes((10, 0, 0, 1)), "server": bytes((10, 0, 0, 2))}
+    data = [pack("<IHHiIII", 0xA1B23C4D, 2, 4, 0, 0, 0xFFFF, RAW_IP)]
+    for number, (sender, content) in enumerate(segments):
+        receiver = "server" if sender == "client" else "client"
+        tcp = pack(">HHIIBBHHH", *ports[sender], sent[sender], sent[receiver], 5 << 4, 0x18, 8192, 0, 0)
+        sent[sender] += len(content)
+        size = 20 + len(tcp) + len(content)
+        ip = pack(">BBHHHBBH4s4s", 0x45, 0, size, number, 0, 64, 6, 0, ends[sender], ends[receiver])
+        seconds, rest = divmod((number + 1) * step, SECOND)
+        data += [pack("<IIII", seconds, rest, size, size), ip, tcp, content]
+    path.write_bytes(b"".join(data))

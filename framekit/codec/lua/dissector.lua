@@ -246,7 +246,7 @@ end
 
 -- What begins at a place of some bytes: a piece, or nil and how many bytes are wanted.
 local function look(names, raw, start)
-  local want, wrong
+  local want, wrong, refused, other
   for _, name in ipairs(names) do
     local frame = R.frames[name]
     local size, more = R.measure(frame, raw, start, #raw)
@@ -255,9 +255,9 @@ local function look(names, raw, start)
       local n = R.read(frame, raw:sub(start + 1))
       if n.limited then
         return { kind = "unsaid", limited = { frame = frame, limited = n.limited }, size = size }
-      elseif not R.fault_of(n) and not n.unknown then
+      elseif not R.fault_of(n) and not n.unknown and not frame.refuse then
         n.frame = frame
-        return { kind = "frame", n = n, size = size, refusal = frame.refuse }
+        return { kind = "frame", n = n, size = size }
       end
     elseif type(size) == "number" and size > 0 then
       local n = R.read(frame, raw:sub(start + 1, start + size))
@@ -265,8 +265,12 @@ local function look(names, raw, start)
       n.frame = frame
       if n.limited then
         return { kind = "unsaid", limited = { frame = frame, limited = n.limited }, size = size }
+      elseif not fault and not frame.refuse and not n.unknown then
+        return { kind = "frame", n = n, size = size }
+      elseif not fault and not frame.refuse then
+        other = other or { kind = "frame", n = n, size = size }
       elseif not fault or (fault.refuse and fault.cause ~= "check") then
-        return { kind = "frame", n = n, size = size, refusal = fault and fault.refuse or frame.refuse }
+        refused = refused or { kind = "frame", n = n, size = size, refusal = fault and fault.refuse or frame.refuse }
       elseif not wrong and fault.cause == "check" and not n.notes.first then
         wrong = { kind = "bad", near = n, size = size }
       end
@@ -277,16 +281,17 @@ local function look(names, raw, start)
   if want then
     return nil, want
   end
-  return wrong
+  return other or refused or wrong
 end
 
 -- The pieces of some bytes, and how many more the last one wants, which is not among them.
-local function pieces_of(names, raw, start)
-  local n, refusal = R.fit(names, start == 0 and raw or raw:sub(start + 1))
-  if n then
-    return { { kind = "frame", n = n, size = #raw - start, refusal = refusal } }
+local function pieces_of(names, raw)
+  local n, refusal, limited = R.fit(names, raw)
+  if n and not refusal then
+    return { { kind = "frame", n = n, size = #raw } }
   end
-  local found, noise, place, looked = {}, start, start, 0
+  local near = not n and refusal or nil
+  local found, noise, place, looked = {}, 0, 0, 0
   local function put(piece)
     if noise < place then
       found[#found + 1] = { kind = "noise", size = place - noise }
@@ -296,6 +301,19 @@ local function pieces_of(names, raw, start)
   while place < #raw do
     local piece, want = look(names, raw, place)
     looked = looked + 1
+    if place == 0 and n and not piece and not want then
+      return { { kind = "frame", n = n, size = #raw, refusal = refusal } }
+    end
+    if piece and piece.kind == "bad" then -- a good frame may begin in what looks like a bad one
+      for inside = place + 1, place + piece.size - 1 do
+        local other = looked <= MOST_PLACES and look(names, raw, inside)
+        looked = looked + 1
+        if other and other.kind == "frame" and not other.refusal then
+          piece, place = other, inside
+          break
+        end
+      end
+    end
     if looked > MOST_PLACES then
       place = #raw
       break
@@ -312,12 +330,11 @@ local function pieces_of(names, raw, start)
       place = place + 1
     end
   end
-  if noise == start and #raw > start then -- nothing at all
-    local _, near, limited = R.fit(names, raw:sub(start + 1))
+  if noise == 0 then -- nothing at all
     if limited then
-      return { { kind = "unsaid", limited = limited, size = #raw - start } }
+      return { { kind = "unsaid", limited = limited, size = #raw } }
     end
-    return { { kind = "bad", near = near, size = #raw - start } }
+    return { { kind = "bad", near = near, size = #raw } }
   elseif noise < #raw then
     found[#found + 1] = { kind = "noise", size = #raw - noise }
   end
@@ -459,7 +476,7 @@ local function tcp(tvb, pinfo, tree)
   talk.before[mark] = talk.before[mark] or talk.state
   R.state = talk.before[mark]
   local raw = tvb:raw()
-  local found, want, place = pieces_of(candidates(side), raw, 0)
+  local found, want, place = pieces_of(candidates(side), raw)
   local names, at = {}, 0
   for index, piece in ipairs(found) do
     local item, name = add_piece(piece, tvb, pinfo, tree, at)
@@ -477,8 +494,7 @@ local function tcp(tvb, pinfo, tree)
   note_columns(pinfo, names)
   if want then
     pinfo.desegment_offset = place
-    pinfo.desegment_len = want
-    return place
+    pinfo.desegment_len = DESEGMENT_ONE_MORE_SEGMENT -- `want` is the least that is wanted
   end
   return tvb:len()
 end
@@ -520,7 +536,7 @@ end
 local function serial_pieces(talk, way, raw)
   local side = side_of(talk, way)
   if side or proto.prefs.side == 2 then
-    local found, want, place = pieces_of(candidates(side or "any"), raw, 0)
+    local found, want, place = pieces_of(candidates(side or "any"), raw)
     local is_good = found[1] and found[1].kind == "frame"
     if is_good or want or proto.prefs.side ~= 1 then
       return found, want, place
@@ -530,14 +546,14 @@ local function serial_pieces(talk, way, raw)
   local other = way == "in" and "out" or "in"
   if client and not server then
     talk.learned[way], talk.learned[other] = "client", "server"
-    return pieces_of(P.client, raw, 0)
+    return pieces_of(P.client, raw)
   elseif server and not client then
     talk.learned[way], talk.learned[other] = "server", "client"
-    return pieces_of(P.server, raw, 0)
+    return pieces_of(P.server, raw)
   elseif client and server and talk.last and talk.last.way == other and talk.last.side == "client" then
-    return pieces_of(P.server, raw, 0)
+    return pieces_of(P.server, raw)
   end
-  return pieces_of(P.any, raw, 0)
+  return pieces_of(P.any, raw)
 end
 
 local function serial_packet(talk, way, raw, pinfo)
@@ -594,8 +610,12 @@ local function serial(tvb, pinfo, tree, way)
     local text = packet.ended or packet.goes_on and "The frame goes on in packet " .. string.format("%.0f", packet.goes_on)
     local piece = { kind = "part", size = tvb:len() - start, text = text }
     if packet.ended then
-      local _, near = R.fit(P.any, packet.all:sub(packet.rest + 1))
-      piece = { kind = "bad", near = near, size = piece.size }
+      local n, other = R.fit(P.any, packet.all:sub(packet.rest + 1))
+      if n then
+        piece = { kind = "frame", n = n, size = piece.size, refusal = other }
+      else
+        piece = { kind = "bad", near = other, size = piece.size }
+      end
     end
     local _, name = add_piece(piece, tvb, pinfo, tree, start)
     names[#names + 1] = name
@@ -611,7 +631,7 @@ function proto.dissector(tvb, pinfo, tree)
   local way = framekit_serial.way[pinfo.number]
   if way then
     return serial(tvb, pinfo, tree, way)
-  elseif pinfo.port_type == _EPAN.PT_TCP then
+  elseif pinfo.port_type == 2 then -- TCP
     return tcp(tvb, pinfo, tree)
   end
   return serial(tvb, pinfo, tree, "in")
