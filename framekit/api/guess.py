@@ -23,7 +23,7 @@ from framekit.guess.model import Evidence as Evidence
 from framekit.guess.model import Guess as Guess
 from framekit.guess.model import HeardBytes as HeardBytes
 from framekit.guess.model import Statement as Statement
-from framekit.guess.times import LineTimes as LineTimes
+from framekit.guess.times import GuessedTimes as GuessedTimes
 from framekit.guess.times import TimeSpread as TimeSpread
 from framekit.link.events import Seen
 from framekit.link.listener import Listener

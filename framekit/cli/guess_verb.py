@@ -25,7 +25,7 @@ from framekit.cli.web_option import WebPage, add_web
 from framekit.definition.problems import plural
 
 if TYPE_CHECKING:
-    from framekit.api.guess import Guess, HeardBytes, LineTimes, TimeSpread
+    from framekit.api.guess import Guess, GuessedTimes, HeardBytes, TimeSpread
     from framekit.web.hex_session import HexBoard
 
 FILES_HELP = "captures (pcap, JSON lines), pcap files of TCP or UDP, or hex text: a line for each frame"
@@ -223,7 +223,7 @@ def data_of(found: Guess) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def times_data(times: LineTimes) -> dict[str, Any]:
+def times_data(times: GuessedTimes) -> dict[str, Any]:
     """Times in ns, for programs."""
 
     def spread(one: TimeSpread | None) -> dict[str, int] | None:

@@ -27,7 +27,7 @@ from framekit.guess.model import (
 from framekit.guess.pieces import LARGEST_SIGNAL
 from framekit.guess.rules import rules_of
 from framekit.guess.stuffing import StuffingError, plain_frame
-from framekit.guess.times import LineTimes, TimedFrame, shown, times_of
+from framekit.guess.times import GuessedTimes, TimedFrame, shown, times_of
 from framekit.guess.writing import named_apart
 
 MOST_FRAMINGS = 4
@@ -258,7 +258,7 @@ def _timed(frames: Sequence[HeardFrame], kinds: Sequence[FrameKind], two_ways: b
     return found
 
 
-def _of_times(times: LineTimes) -> Iterator[Statement]:
+def _of_times(times: GuessedTimes) -> Iterator[Statement]:
     for answers in times.answers:
         if not answers.told:
             continue

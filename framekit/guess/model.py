@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 from framekit.definition.model.checks import CheckMethod
-from framekit.guess.times import LineTimes
+from framekit.guess.times import GuessedTimes
 
 Direction = Literal["in", "out", ""]
 """Which way bytes went; '' where one wire has both, or nothing tells it."""
@@ -210,5 +210,5 @@ class Guess:
     noise: int = 0
     check: CheckGuess | None = None
     kinds: list[FrameKind] = field(default_factory=list)
-    times: LineTimes = field(default_factory=LineTimes)
+    times: GuessedTimes = field(default_factory=GuessedTimes)
     statements: list[Statement] = field(default_factory=list)

@@ -99,7 +99,7 @@ class PollPeriod:
 
 
 @dataclass(frozen=True, slots=True)
-class LineTimes:
+class GuessedTimes:
     """All of that."""
 
     answers: tuple[AnswerTimes, ...] = ()
@@ -120,13 +120,13 @@ class LineTimes:
         return least if least > self.slowest else None
 
 
-def times_of(frames: Sequence[TimedFrame]) -> LineTimes:
+def times_of(frames: Sequence[TimedFrame]) -> GuessedTimes:
     """The times of frames in their order, those that were damaged among them."""
     asked = [number for number, frame in enumerate(frames) if frame.side == "client"]
     has_replies = any(frame.side == "server" for frame in frames)
     answers = tuple(_answers(frames, asked)) if has_replies else ()
     unanswered = _unanswered(frames, asked) if has_replies else None
-    return LineTimes(answers, unanswered, tuple(_periods(frames, asked if has_replies else range(len(frames)))))
+    return GuessedTimes(answers, unanswered, tuple(_periods(frames, asked if has_replies else range(len(frames)))))
 
 
 def _spread(times: Sequence[int]) -> TimeSpread | None:

@@ -12,7 +12,7 @@ from itertools import pairwise
 from framekit.definition.model.checks import CheckMethod
 from framekit.guess.checks import FLETCHER
 from framekit.guess.model import FrameKind, Framing, Guess, GuessedField, HeardFrame, Stuffing
-from framekit.guess.times import LineTimes
+from framekit.guess.times import GuessedTimes
 
 TOLD_KINDS = ("unknown", "counter", "copy", "text", "named")
 """Fields with a comment that says what is known of them."""
@@ -43,7 +43,7 @@ MOST_RETRIES = 10
 """What `standard` waits for a reply, and what it may wait and repeat."""
 
 
-def _params(times: LineTimes) -> Iterator[str]:
+def _params(times: GuessedTimes) -> Iterator[str]:
     """How long a client waits and how often it repeats, as far as that was seen."""
     rows = []
     if times.longest_timeout is not None:

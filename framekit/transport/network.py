@@ -228,6 +228,15 @@ def _why(error: Exception) -> str:
     return os.strerror(number) if number > 0 else getattr(error, "strerror", None) or str(error)
 
 
+def host_and_port(url: str) -> tuple[str, int]:
+    """`HOST:PORT` behind a scheme, with brackets around an IPv6 address. Raises ValueError."""
+    text = url.partition("://")[2]
+    host, colon, number = text.rstrip("/").rpartition(":")
+    if not colon or not number.isdigit() or not 0 <= int(number) <= 65535:
+        raise ValueError(f"'{text}' is not HOST:PORT")
+    return host.strip("[]") or "127.0.0.1", int(number)
+
+
 def bracketed(host: str) -> str:
     """A host as it stands before a port number."""
     return f"[{host}]" if ":" in host else host

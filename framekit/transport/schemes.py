@@ -65,13 +65,13 @@ def _open_serial(url: str, settings: LineFormat | None, clock: AsyncioClock, wir
 
 
 def _open_tcp(url: str, settings: LineFormat | None, clock: AsyncioClock, wiring: LineSettings) -> Port:
-    from framekit.transport.network import TcpPort
+    from framekit.transport.network import TcpPort, host_and_port
 
     return TcpPort(*host_and_port(url), clock, wiring.connect_within)
 
 
 def _listen_tcp(url: str, clock: AsyncioClock, accepted: Accepted) -> PortListener:
-    from framekit.transport.network import TcpListener
+    from framekit.transport.network import TcpListener, host_and_port
 
     return TcpListener(*host_and_port(url), clock, accepted)
 
@@ -97,13 +97,13 @@ def _tls_in(url: str, folder: Path) -> str:
 
 
 def _open_udp(url: str, settings: LineFormat | None, clock: AsyncioClock, wiring: LineSettings) -> Port:
-    from framekit.transport.network import UdpPort
+    from framekit.transport.network import UdpPort, host_and_port
 
     return UdpPort(*host_and_port(url), clock, listens=scheme_name(url) == "udp-listen")
 
 
 def _listen_udp(url: str, clock: AsyncioClock, accepted: Accepted) -> PortListener:
-    from framekit.transport.network import UdpListener
+    from framekit.transport.network import UdpListener, host_and_port
 
     return UdpListener(*host_and_port(url), clock, accepted)
 
@@ -260,15 +260,6 @@ def host_of(url: str) -> str:
     kind = scheme_of(url)
     found = re.match(r"(?:\[([^\]]+)\]|([^:/]+))(?::\d+)?", url.partition("://")[2])
     return "" if kind is None or not kind.names_host or found is None else found[1] or found[2]
-
-
-def host_and_port(url: str) -> tuple[str, int]:
-    """`HOST:PORT` behind a scheme, with brackets around an IPv6 address. Raises ValueError."""
-    text = url.partition("://")[2]
-    host, colon, number = text.rstrip("/").rpartition(":")
-    if not colon or not number.isdigit() or not 0 <= int(number) <= 65535:
-        raise ValueError(f"'{text}' is not HOST:PORT")
-    return host.strip("[]") or "127.0.0.1", int(number)
 
 
 _HOST_AND_PORT = re.compile(r"[A-Za-z0-9.-]+:\d+")

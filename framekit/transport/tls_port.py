@@ -27,6 +27,7 @@ from framekit.transport.network import (
     TcpAcceptedPort,
     TcpPort,
     bracketed,
+    host_and_port,
 )
 from framekit.transport.port import Accepted
 

@@ -12,10 +12,10 @@ from framekit.definition.times import LineFormat, LineSettings
 from framekit.link.events import CharacterFault
 from framekit.transport import serial_port
 from framekit.transport.clock import MOST, AsyncioClock, VirtualClock
-from framekit.transport.network import TcpListener, TcpPort
+from framekit.transport.network import TcpListener, TcpPort, host_and_port
 from framekit.transport.port import AcceptedPort, Port
 from framekit.transport.pty_port import PtyPair
-from framekit.transport.schemes import host_and_port, open_port
+from framekit.transport.schemes import open_port
 from framekit.transport.serial_port import SerialPort, open_device
 
 
