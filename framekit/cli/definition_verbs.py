@@ -687,9 +687,11 @@ def _generate_c(arguments: argparse.Namespace) -> int:
         print(printable(f"{_place(problem)}: frame '{frame}' is left out: {problem.what}"))
     for frame, name, problem in made.to_give:
         print(printable(f"{_place(problem)}: '{name}' of frame '{frame}' has no default in C: {problem.what}"))
+    for frame, problem in made.not_built:
+        print(printable(f"{_place(problem)}: frame '{frame}' is read and not built: {problem.what}"))
     for frame, problem in made.not_measured:
         print(printable(f"{_place(problem)}: frame '{frame}' is not looked for in streams: {problem.what}"))
-    return 1 if arguments.strict and made.left_out else 0
+    return 1 if arguments.strict and (made.left_out or made.not_built) else 0
 
 
 # ---- check and test -----------------------------------------------------------------------------------------

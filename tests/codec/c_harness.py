@@ -22,6 +22,7 @@ from framekit.codec.c.source import identifier
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import EncodeError, FrameError
 from framekit.codec.samples import Sampler
+from framekit.definition.kinds.base import constant_number
 from framekit.definition.model.protocol import Protocol
 
 GCC = shutil.which("gcc")
@@ -52,6 +53,8 @@ class CProtocol:
         assert GCC is not None
         self.definition = definition
         self.codec = compile_protocol(definition)
+        fixed = {one.name: constant_number(one.is_) for one in definition.params.values()}
+        self.context = {**self.codec.defaults, **{name: one for name, one in fixed.items() if one is not None}}
         self.generated = generate(definition, most)
         made = self.generated
         (folder / f"{made.name}.h").write_text(made.header)
@@ -76,13 +79,13 @@ class CProtocol:
 
     def expected(self, frame: str, data: bytes) -> str:
         try:
-            values = self.codec.decode(frame, data)
+            values = self.codec.decode(frame, data, self.context)
         except FrameError as error:
             return f"! {error.cause} {error.offset} {-1 if error.refuse is None else error.refuse}"
         return " ".join(["=", *tokens(values, self.generated.structs[frame], self.generated)])
 
     def samples(self, frame: str, count: int = 8) -> list[bytes]:
-        return [one.data for one in Sampler(self.codec, self.codec.defaults).samples(frame, count)]
+        return [one.data for one in Sampler(self.codec, self.context).samples(frame, count)]
 
 
 def mutated(random_: random.Random, data: bytes, count: int) -> Iterator[bytes]:
@@ -187,11 +190,12 @@ def _main(made: Generated) -> str:
             out.add("(void)v;")
             _show(out, struct, "v->", made)
         out.add("")
-        with out.block(f"static void take_{name}(struct {prefix}_{name} *v)"):
+        out.add(f"void take_{name}(struct {prefix}_{name} *v);")
+        with out.block(f"void take_{name}(struct {prefix}_{name} *v)"):
             out.add("(void)v;")
             _scan(out, struct, "v->", made)
         out.add("")
-    not_measured = dict(made.not_measured)
+    not_measured, not_built = dict(made.not_measured), dict(made.not_built)
     with out.block("static void answer(char *line)"):
         out.add("static uint8_t data[70000];", "char *what = strtok(line, \" \"), *frame = strtok(NULL, \" \");",
                 "if (what == NULL || frame == NULL) {", "    puts(\"no line\");", "    return;", "}")  # fmt: skip
@@ -213,6 +217,8 @@ def _main(made: Generated) -> str:
                     out.add("memcpy(copy, data, size);", "copy = realloc(copy, size > 0 ? size : 1);")
                     out.add(f'printf("%ld\\n", (long){prefix}_measure_{name}(copy, size{context}));')
                     out.add("free(copy);", "return;")
+            if frame in not_built:
+                continue
             with out.block(f'if (strcmp(what, "e") == 0 && strcmp(frame, "{name}") == 0)'):
                 out.add(f"static struct {prefix}_{name} v;", "int32_t size;", "size_t i, room = next_number();")
                 out.add("uint8_t *to = malloc(room + 1);", "to = realloc(to, room > 0 ? room : 1);", "stored = 0;")
@@ -531,7 +537,7 @@ def encoded_alike(c: CProtocol, frame: str, asked: list[Mapping[str, Any]]) -> l
             continue
         lines.append(" ".join([f"e {name} 70000", *words]))
         try:
-            wanted.append((values, "+ " + c.codec.encode(frame, values).hex()))
+            wanted.append((values, "+ " + c.codec.encode(frame, values, c.context).hex()))
         except EncodeError as error:
             if "missing" in str(error) or "is computed as" in str(
                 error
@@ -624,9 +630,12 @@ def encode_trial(c: CProtocol, seed: int, samples: int = 6, changes: int = 8) ->
     for frame in _ordered(c.generated):  # those that such a frame may stand in, too
         if only & set(_inside(c.generated.structs[frame])):
             only.add(frame)
+    not_built = dict(c.generated.not_built)
     for frame in c.generated.frames:
+        if frame in not_built:
+            continue
         asked: list[Mapping[str, Any]] = []
-        for sample in Sampler(c.codec, c.codec.defaults).samples(frame, samples):
+        for sample in Sampler(c.codec, c.context).samples(frame, samples):
             asked.append(sample.read)
             if frame not in only:
                 asked.append(sample.values)
@@ -652,7 +661,7 @@ def measure_trial(c: CProtocol, seed: int, samples: int = 4, changes: int = 3) -
     found = []
     answers = c.ask([f"m {identifier(frame)} x{data.hex()}" for frame, data in pairs])
     for (frame, data), answer in zip(pairs, answers, strict=True):
-        size = c.codec.measure(frame, data)
+        size = c.codec.measure(frame, data, ctx=c.context)
         wanted = {c.codec.QUIET: "-2147483646", c.codec.LOST: "-2147483647"}.get(size, str(size))
         if answer != wanted:
             found.append(f"{frame} {data.hex(' ').upper()}: Python {wanted}, C {answer}")

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 from c_harness import GCC, CProtocol, differences, encode_trial, measure_trial, stream_trial, trial
+from shipped import APPLICATIONS, PROTOCOLS
 
 from framekit.codec.c.generate import generate
 from framekit.codec.c.source import CannotSayError, CNames, comment, identifier, string
 from framekit.definition.load import load_protocol, load_protocol_text
-from framekit.definition.sources import shipped_definitions
 
 needs_gcc = pytest.mark.skipif(GCC is None, reason="gcc is missing")
 QUICK = ("ccm", "dynamixel", "modbus-rtu")
@@ -45,9 +45,9 @@ def test_shipped_frames_are_read_and_built_as_by_python(name: str, tmp_path: Pat
 
 @needs_gcc
 @pytest.mark.long
-@pytest.mark.parametrize("path", shipped_definitions(), ids=lambda path: path.stem)
-def test_all_shipped_frames_are_read_and_built_as_by_python(path: Path, tmp_path: Path) -> None:
-    definition = load_protocol(str(path))
+@pytest.mark.parametrize("name", [*PROTOCOLS, *APPLICATIONS])
+def test_all_shipped_frames_are_read_and_built_as_by_python(name: str, tmp_path: Path) -> None:
+    definition = load_protocol(name)
     if not generate(definition).frames:
         pytest.skip("no frames")
     c = CProtocol(definition, tmp_path)

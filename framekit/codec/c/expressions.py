@@ -39,7 +39,11 @@ Kind = Literal["number", "bytes", "none", "record", "list", "other"]
 class Val:
     """A value in C. `text`: an int64_t, or a struct framekit_bytes; `there`: the condition under which it is not
     nothing, '' if it always is something; `known`: that under which it has been read; `constant`: its value, if that is
-    always the same; `fold`: it is compared in small or capital letters. `inside`: the names in a record."""
+    always the same; `fold`: it is compared in small or capital letters.
+
+    `inside`: the names in a record; `item`: those in an item of a list, whose texts hold `@` where its number stands;
+    `at_item`: an entry of an item. `wire`: text of its bytes on the wire, of its items, or whether it is there.
+    """
 
     kind: Kind
     text: str = ""
@@ -47,6 +51,8 @@ class Val:
     high: int = MOST
     there: str = ""
     known: str = ""
+    item: CScope | None = None
+    at_item: str = ""
     constant: int | bytes | None = None
     fold: str = ""
     inside: CScope | None = None
@@ -54,6 +60,7 @@ class Val:
     least_size: int = 0
     most_size: int | None = None
     is_flag: bool = False
+    is_text: bool = True
 
 
 @dataclass(slots=True)
@@ -124,7 +131,7 @@ class CExpressionWriter:
             case Text(value=text):
                 return constant(text.encode("latin-1", "replace"))
             case Bytes(value=data):
-                return constant(data)
+                return replace(constant(data), is_text=False)
             case Name(name=name):
                 found = self.scope.find(name)
                 return self._read(self.outside.given(node) if found is None else found)
@@ -157,7 +164,9 @@ class CExpressionWriter:
             text = f"({value.known} ? {value.text} : {self.bad()})"
         else:
             text = f"({value.known} ? {value.text} : {self.bad_bytes()})"
-        return replace(value, text=text, known="", low=min(value.low, 0), high=max(value.high, 0), least_size=0)
+        there = f"({value.known} ? {value.there} : {self.bad()} != 0)" if value.there else ""
+        low, high = min(value.low, 0), max(value.high, 0)
+        return replace(value, text=text, there=there, known="", low=low, high=high, least_size=0)
 
     def bad(self) -> str:
         return f"{self.outside.helper('bad')}(&bad)"
@@ -286,6 +295,10 @@ class CExpressionWriter:
             return f"({there}{first.text} == {second.text})" if there else f"{first.text} == {second.text}"
         if first.kind == "bytes" and second.kind == "bytes":
             fold = first.fold or second.fold
+            plain, folded = (first, second) if second.fold else (second, first)
+            if fold and plain.constant is None and not plain.fold and plain.text in folded.text:
+                helper = self.outside.helper("is_lower" if fold == "lower" else "is_upper")
+                return f"({there}{helper}({plain.text}))"
             if fold:
                 if {first.fold, second.fold} == {"lower", "upper"}:
                     raise CannotSayError(node.at, "small letters compared with capitals")
@@ -294,6 +307,8 @@ class CExpressionWriter:
                         raise CannotSayError(node.at, "lower() or upper() on one side, and no constant on the other")
                     if not one.fold and isinstance(one.constant, bytes):
                         shown = one.constant.decode("latin-1")
+                        if not shown.isascii():
+                            raise CannotSayError(node.at, "letters beyond ASCII compared without their case")
                         if shown != (shown.lower() if fold == "lower" else shown.upper()):
                             return "false"
                 helper = self.outside.helper("same_letters")
@@ -325,6 +340,8 @@ class CExpressionWriter:
 
     def _attribute(self, node: Node, outer: Node, name: str) -> Val:
         value = self.node(outer)
+        if value.kind == "list" and value.item is not None and name in value.item.entries:
+            return replace(value, item=None, at_item=value.item.entries[name].text)
         if value.kind == "record" and value.inside is not None:
             found = value.inside.entries.get(name)
             if found is None:
@@ -343,12 +360,30 @@ class CExpressionWriter:
             if found is None:
                 raise CannotSayError(node.at, "a table in this form")
             return found
+        if value.kind == "list" and value.item is not None:
+            return self._item(value, value.item, index)
         if value.kind != "bytes":
             raise CannotSayError(node.at, "an item of a list in an expression")
         (place,) = self.numbers(index)
+        if not value.is_text:
+            value = self._bytes(outer)
+            byte = self.outside.helper("byte_at")
+            return Val("number", f"{byte}({self.bytes(value)}, {place.text}, &bad)", 0, 255)
         at = self.outside.helper("letter_at")
         value = self._bytes(outer)
         return Val("bytes", f"{at}({self.bytes(value)}, {place.text}, &bad)", fold=value.fold, most_size=1)
+
+    def _item(self, value: Val, item: CScope, index: Node) -> Val:
+        """One item of a list, which may have fewer."""
+        (place,) = self.numbers(index)
+        if place.low < 0:
+            raise CannotSayError(index.at, "an item counted from the end of a list")
+        inside = CScope()
+        is_there = f"{f'{value.there} && ' if value.there else ''}(size_t){place.text} < {value.wire}"
+        for name, one in item.entries.items():
+            text = one.text.replace("@", f"{place.text}")
+            inside.entries[name] = replace(one, text=text, there=one.there.replace("@", place.text), known=is_there)
+        return Val("record", "", inside=inside)
 
     def _slice(self, node: Slice) -> Val:
         value = self._bytes(node.value)
@@ -360,7 +395,7 @@ class CExpressionWriter:
             most = min(ends[1].high if most is None else most, max(ends[1].high - ends[0].low, 0))
         part = self.outside.helper("part")
         text = f"{part}({self.bytes(value)}, {ends[0].text}, {ends[1].text})"
-        return Val("bytes", text, fold=value.fold, most_size=most)
+        return Val("bytes", text, fold=value.fold, most_size=most, is_text=value.is_text)
 
     # ---- operators ----------------------------------------------------------------------------------------
 
@@ -488,6 +523,14 @@ class CExpressionWriter:
                 return Val(
                     "number", f"(int64_t){helper}({self.bytes(shown)}, {self.bytes(letters)})", 0, 1, is_flag=True
                 )
+            case "same":
+                value = self.node(arguments[0])
+                if value.kind == "list" and value.at_item:
+                    start = value.at_item.replace("@", "0")
+                    step = f"sizeof({value.text}.items[0])"
+                    call = f"{self.outside.helper('same_items')}(&{start}, {value.wire}, {step})"
+                    text = f"({value.there} ? (int64_t){call} : {self.bad()})" if value.there else f"(int64_t){call}"
+                    return Val("number", text, 0, 1, is_flag=True)
             case "get":
                 key, default = self.node(arguments[1]), self.node(arguments[2])
                 found = self.outside.lookup(arguments[0], key, default)
@@ -528,7 +571,12 @@ class CExpressionWriter:
         high = base**value.most_size - 1 if value.most_size is not None and value.most_size < 64 else MOST + 1
         if high > MOST:
             raise CannotSayError(node.at, "a number of more than 64 bits in a text")
-        return Val("number", f"{self.outside.helper('text_number')}({self.bytes(value)}, {base}, &bad)", 0, high)
+        return Val(
+            "number",
+            f"{self.outside.helper('text_number')}({self.bytes(value)}, {base}, {number(high)}, &bad)",
+            0,
+            high,
+        )
 
 
 _FOLD: dict[str, Callable[[int, int], int]] = {

@@ -21,6 +21,7 @@ from framekit.codec.c.writer import WriteWriter
 from framekit.codec.evaluate import start_values
 from framekit.codec.python.choices import Leaf, Switch, in_order, tree_of
 from framekit.definition.expression import Name, Node
+from framekit.definition.kinds.base import constant_number
 from framekit.definition.model.frames import Frame, StaticSizes, everything, flat
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Bits, Field, Inner, Segments
@@ -47,6 +48,7 @@ class Generated:
     left_out: tuple[tuple[str, Problem], ...]
     to_give: tuple[tuple[str, str, Problem], ...]
     not_measured: tuple[tuple[str, Problem], ...]
+    not_built: tuple[tuple[str, Problem], ...]
     structs: dict[str, CStruct]
     prefix: str
     in_streams: tuple[str, ...]
@@ -84,6 +86,7 @@ class CFile:
         self.inner_structs: dict[tuple[str, ...], str] = {}
         self.never_resyncs = protocol.receiver.resync == "never"
         self.not_measured: dict[str, Problem] = {}
+        self.not_built: dict[str, Problem] = {}
         self.firsts: dict[tuple[str, ...], str] = {}
         self.given_only: dict[tuple[str, str], Problem] = {}
 
@@ -122,6 +125,12 @@ class CFile:
             return Val("other", name)
         parameter, state = self.protocol.params.get(name), self.protocol.state.get(name)
         text = f"context->{identifier(name)}"
+        if (
+            parameter is not None
+            and parameter.is_ is not None
+            and (fixed := constant_number(parameter.is_)) is not None
+        ):
+            return constant(fixed)
         if parameter is not None and parameter.type in ("number", "flag") and parameter.is_ is None:
             low, high = (0, 1) if parameter.type == "flag" else parameter.limits or (-(1 << 31), (1 << 31) - 1)
             value = Val("number", f"(int64_t){text}", low, high)
@@ -138,10 +147,14 @@ class CFile:
         elif state is not None and state.keys is None and state.type in ("text", "bytes"):
             value = Val("bytes", text, there=f"context->has_{identifier(name)}" if state.announced else "")
         elif parameter is not None and parameter.type in ("bytes", "choice", "text") and not parameter.secret:
-            value = Val("bytes", text)
+            longest = max(map(len, parameter.choices), default=0) if parameter.type == "choice" else None
+            value = Val("bytes", text, most_size=longest)
         else:
             what = "parameter" if parameter else "state variable" if state else "name"
             raise CannotSayError(node.at, f"the {what} '{name}', which C is not given")
+        if value.kind == "bytes":
+            holder = parameter or state
+            value = replace(value, is_text=holder is not None and holder.type != "bytes")
         if name not in self.start_values and not value.there:
             value = replace(value, there=f"context->has_{identifier(name)}")
         self.asked[name] = value
@@ -151,8 +164,8 @@ class CFile:
         """An entry of a table: a number or a text, by a number or a text."""
         if not isinstance(node, Name) or node.name not in self.protocol.tables or key.kind not in ("number", "bytes"):
             return None
-        if key.fold or key.there:
-            raise CannotSayError(node.at, f"an entry of '{node.name}' by what may be nothing")
+        if key.fold:
+            raise CannotSayError(node.at, f"an entry of '{node.name}' by letters of one case")
         table = self.protocol.tables[node.name]
         by_text = key.kind == "bytes"
         function, low, high, is_text = self._table(node, table, by_text)
@@ -160,6 +173,7 @@ class CFile:
         if isinstance(key.constant, bytes):
             key_text = f"{self.helper('view')}((const uint8_t *){string(key.constant)}, {len(key.constant)})"
         there = f"{function}_has({key_text})"
+        there = f"({key.there} && {there})" if key.there else there
         kind: Any = "bytes" if is_text else "number"
         if default is not None:
             text = f"{function}({key_text}, NULL)"
@@ -173,7 +187,11 @@ class CFile:
                 size = len(default.constant)
                 shown = f"{self.helper('view')}((const uint8_t *){string(default.constant)}, {size})"
             return Val(kind, f"({there} ? {text} : {shown})", low, high, wire=there)
-        return Val(kind, f"{function}({key_text}, &bad)", min(low, 0), max(high, 0), wire=there)
+        entry = f"{function}({key_text}, &bad)"
+        if key.there:
+            nothing = f"{self.helper('bad_bytes' if is_text else 'bad')}(&bad)"
+            entry = f"({key.there} ? {entry} : {nothing})"
+        return Val(kind, entry, min(low, 0), max(high, 0), wire=there)
 
     def _table(self, node: Name, table: Table, by_text: bool) -> tuple[str, int, int, bool]:
         rows: list[tuple[str, str]] = []
@@ -419,14 +437,26 @@ class _Writing:
                 writer = ReadWriter(file, segments, file.structs[frame.name])
                 name = f"{file.prefix}_fk_read_{identifier(frame.name)}"
                 file.functions[name] = writer.write(name, frame)
-                builder = WriteWriter(file, frame, segments, file.structs[frame.name])
-                name = f"{file.prefix}_fk_write_{identifier(frame.name)}"
-                file.functions[name] = builder.write(name, frame)
             except CannotSayError as error:
                 found[frame.name] = error.problem
                 continue
+            self._build(frame, segments)
             self._measure(frame, segments)
         return found
+
+    def _build(self, frame: Frame, segments: Segments) -> None:
+        """How the frame is built; what cannot be is told, and read all the same."""
+        file = self.file
+        name = f"{file.prefix}_fk_write_{identifier(frame.name)}"
+        try:
+            for segment in everything(frame.segments):
+                for inside in segment.frames_inside:
+                    if inside in file.not_built:
+                        raise CannotSayError(segment.at, f"the frame '{inside}' inside is not built")
+            builder = WriteWriter(file, frame, segments, file.structs[frame.name])
+            file.functions[name] = builder.write(name, frame)
+        except CannotSayError as error:
+            file.not_built[frame.name] = error.problem
 
     def _measure(self, frame: Frame, segments: Segments) -> None:
         """How long the frame is in a stream; what cannot be found there is told, and read all the same."""
@@ -499,8 +529,9 @@ class _Writing:
         names = tuple(one.name for one in self.frames)
         to_give = tuple((frame, name, problem) for (frame, name), problem in file.given_only.items())
         told = tuple(file.not_measured.items())
+        built = tuple(file.not_built.items())
         return Generated(
-            file.prefix, header, source, names, tuple(left.items()), to_give, told, file.structs, file.prefix,
+            file.prefix, header, source, names, tuple(left.items()), to_give, told, built, file.structs, file.prefix,
             tuple(one.name for one in found),
         )  # fmt: skip
 
@@ -544,10 +575,9 @@ class _Writing:
                 f"enum framekit_reason {prefix}_decode_{identifier(frame.name)}(const uint8_t *data, size_t size"
                 f"{file.context}, {struct} *frame, struct framekit_fault *fault);"
             )
-            out.add(
-                f"int32_t {prefix}_encode_{identifier(frame.name)}(const {struct} *frame{file.context}, uint8_t *to,"
-                " size_t room);"
-            )
+            if frame.name not in file.not_built:
+                encode = f"int32_t {prefix}_encode_{identifier(frame.name)}"
+                out.add(f"{encode}(const {struct} *frame{file.context}, uint8_t *to, size_t room);")
             if frame.name not in file.not_measured:
                 name = f"{prefix}_measure_{identifier(frame.name)}"
                 out.add(f"int32_t {name}(const uint8_t *data, size_t size{file.context});")
@@ -670,6 +700,8 @@ class _Writing:
             out.add("fk_told(&notes, fault == NULL ? &found : fault);")
             out.add("return fault == NULL ? found.reason : fault->reason;")
         out.add("")
+        if frame.name in file.not_built:
+            return
         with out.block(
             f"int32_t {prefix}_encode_{name}(const struct {file.frame_enum(frame.name)} *frame{file.context},"
             " uint8_t *to, size_t room)"

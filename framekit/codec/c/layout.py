@@ -64,6 +64,7 @@ class CMember:
     item: CMember | None = None
     frames: tuple[str, ...] = ()
     always_valued: bool = False
+    most_size: int | None = None
     flag: str = ""
 
     @property
@@ -173,12 +174,21 @@ class Layouts:
 
     @staticmethod
     def _value(segment: Value, value: Val, struct: CStruct, conditional: bool) -> None:
+        if value.fold and value.most_size is not None and value.most_size <= 64:
+            member = CMember(segment.name, "bytes", "", segment.at, capacity=value.most_size, room="room")
+            _add(struct, segment.name, member, True)
+            return
         if value.fold or value.kind not in ("number", "bytes"):
             raise CannotSayError(segment.at, f"the value '{segment.name}' is no number, text or bytes of the frame")
         if isinstance(value.constant, bytes):
             raise CannotSayError(segment.at, f"the value '{segment.name}' is a constant text")
         kind: MemberKind = "number" if value.kind == "number" else "bytes"
-        _add(struct, segment.name, CMember(segment.name, kind, "", segment.at, value.low, value.high), True)
+        _add(
+            struct,
+            segment.name,
+            CMember(segment.name, kind, "", segment.at, value.low, value.high, is_text=value.is_text),
+            True,
+        )
 
 
 def _read(value: Value) -> set[str]:
@@ -208,6 +218,8 @@ def _add(struct: CStruct, name: str, member: CMember, has: bool) -> CMember:
                 raise CannotSayError(member.at, f"'{name}' is a number of more than 64 bits in one of its cases")
         elif there.kind == member.kind == "bytes":
             there.is_text = there.is_text and member.is_text
+            sizes = there.most_size, member.most_size
+            there.most_size = None if None in sizes else max(one for one in sizes if one is not None)
             if member.room:
                 struct.rooms[there.cname + "_room"] = max(member.capacity, struct.rooms.get(there.cname + "_room", 0))
                 there.room = there.cname + "_room"
@@ -236,8 +248,10 @@ class _Laying:
     def __init__(self, layouts: Layouts, most: int) -> None:
         self.layouts = layouts
         self.most = most
+        self.limits: dict[str, int] = {}
 
     def all(self, segments: Segments, struct: CStruct, conditional: bool) -> None:
+        self.limits |= {one.name: one.limits[1] for one in flat(segments) if isinstance(one, Length) and one.limits}
         struct.reserved |= {identifier(name) for one in flat(segments) for name in one.value_names}
         for segment in segments:
             self.one(segment, struct, conditional or segment.when is not None)
@@ -304,7 +318,8 @@ class _Laying:
     def _member(self, name: str, type_: FieldType, segment: Field | Repeat) -> CMember:
         at = segment.at
         if type_.kind in ("ascii", "bytes"):
-            return CMember(name, "bytes", "", at, is_text=type_.kind == "ascii")
+            size = type_.size if isinstance(type_.size, int) else self.limits.get(str(type_.size))
+            return CMember(name, "bytes", "", at, is_text=type_.kind == "ascii", most_size=size)
         if type_.kind in ("float", "hex_float"):
             size = (type_.fixed_size or 0) // (2 if type_.kind == "hex_float" else 1)
             return CMember(name, "float", "", at, size=size)
@@ -407,11 +422,16 @@ def val_of(member: CMember, text: str, there: str = "") -> Val:
         case "number" if not member.places and member.high <= INT64[1]:
             return Val("number", f"(int64_t){text}", member.low, member.high, there)
         case "bytes":
-            return Val("bytes", text, there=there)
+            return Val("bytes", text, there=there, most_size=member.most_size, is_text=member.is_text)
         case "record":
             assert member.inside is not None
             return Val("record", text, there=there, inside=scope_of(member.inside, f"{text}."), wire="true")
-        case "list" | "values":
+        case "list":
+            assert member.inside is not None
+            item = scope_of(member.inside, f"{text}.items[@].")
+            item.entries = {name: one for name, one in item.entries.items() if one.kind == "bytes"}
+            return Val("list", text, there=there, wire=f"{text}.count", item=item)
+        case "values":
             return Val("list", text, there=there, wire=f"{text}.count")
         case "inner":
             return Val("record", text, there=there, wire="")

@@ -478,13 +478,17 @@ def _read(m: CMeasureWriter, segment: Any, scope: CScope, raw: str, size: str) -
         view = m.file.helper("view")
         local = m.local("struct framekit_bytes", f"{segment.name}_value", "{ NULL, 0 }")
         m.add(f"{local} = {view}({raw}, (size_t)({size}));")
-        if type_.pad is not None or (type_.end is not None and type_.size is not None):
-            raise CannotSayError(segment.at, "a text that is filled up, of which sizes depend")
-        scope.entries[segment.name] = Val("bytes", local)
+        if type_.end is not None and type_.size is not None:
+            m.add(f"{local}.size = {m.file.helper('before')}({local}, {string(type_.end)}, {len(type_.end)});")
+        if type_.pad is not None:
+            tests = " || ".join(f"{local}.data[{local}.size - 1] == {byte}" for byte in sorted({*type_.pad}))
+            m.add(f"while ({local}.size > 0 && ({tests})) {{", f"    {local}.size--;", "}")
+        is_text = type_.kind == "ascii"
+        scope.entries[segment.name] = Val("bytes", local, is_text=is_text)
         if m.depth:
             there = m.local("bool", f"{segment.name}_there", "false")
             m.add(f"{there} = true;")
-            scope.entries[segment.name] = Val("bytes", local, there=there)
+            scope.entries[segment.name] = Val("bytes", local, there=there, is_text=is_text)
         return
     wire, failing = m.read_number(type_, raw, size, segment)
     if failing:
@@ -582,7 +586,7 @@ def _data(m: CMeasureWriter, segment: Data, scope: CScope, after: Pairs) -> None
     m.want_until_stop(after)
     local = m.local("struct framekit_bytes", f"{segment.name}_value", "{ NULL, 0 }")
     m.add(f"{local} = {m.file.helper('view')}(data + at, (size_t)({size}));", "at = stop;")
-    scope.entries[segment.name] = Val("bytes", local)
+    scope.entries[segment.name] = Val("bytes", local, is_text=False)
 
 
 def _value(m: CMeasureWriter, segment: Value, scope: CScope, after: Pairs) -> None:

@@ -635,6 +635,10 @@ def _value(r: ReadWriter, segment: Value, here: Here, behind: Behind) -> None:
     r.add(f"{r.inn}.from = {r.at};")
     value = r.writer(scope).value(segment.read)
     text = r.writer(scope).bytes(value) if value.kind == "bytes" else f"({member.ctype}){value.text}"
+    if value.fold:
+        upper = "true" if value.fold == "upper" else "false"
+        folded = r.file.helper("folded")
+        text = f"{folded}({text}, {upper}, {path}{member.room}, {member.capacity}, &notes->no_room)"
     there = value.there or "true"
     fails = "&bad" in text or "&bad" in there
     if fails:

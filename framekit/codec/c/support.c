@@ -418,7 +418,7 @@ static struct framekit_bytes fk_letter_at(struct framekit_bytes of, int64_t plac
 }
 
 /*: text_number needs bad */
-static int64_t fk_text_number(struct framekit_bytes text, int base, bool *bad)
+static int64_t fk_text_number(struct framekit_bytes text, int base, int64_t most, bool *bad)
 {
     int64_t value = 0;
     size_t i;
@@ -433,7 +433,7 @@ static int64_t fk_text_number(struct framekit_bytes text, int base, bool *bad)
         } else if ((sign | 0x20) >= 'a' && (sign | 0x20) <= 'z') {
             digit = (sign | 0x20) - 'a' + 10;
         }
-        if (digit >= base) {
+        if (digit >= base || value > (most - digit) / base) {
             return fk_bad(bad);
         }
         value = value * base + digit;
@@ -1068,4 +1068,79 @@ static bool fk_fits(int64_t value, int64_t size, int base, bool is_signed)
         left /= (uint64_t)base;
     }
     return left == 0 && (size > 0 || base == 256 || value != 0);
+}
+
+/*: same_items */
+/* Whether texts are all equal, each so many bytes behind the one before. */
+static bool fk_same_items(const struct framekit_bytes *first, size_t count, size_t step)
+{
+    size_t i;
+    for (i = 1; i < count; i++) {
+        const struct framekit_bytes *one = (const void *)((const char *)first + i * step);
+        if (one->size != first->size || (one->size > 0 && memcmp(one->data, first->data, one->size) != 0)) {
+            return false;
+        }
+    }
+    return true;
+}
+
+/*: is_upper */
+/* Whether a text has no small letters. */
+static bool fk_is_upper(struct framekit_bytes text)
+{
+    size_t i;
+    for (i = 0; i < text.size; i++) {
+        uint8_t sign = text.data[i];
+        if ((sign >= 'a' && sign <= 'z') || sign == 0xB5 || (sign >= 0xDF && sign != 0xF7)) {
+            return false;
+        }
+    }
+    return true;
+}
+
+/*: is_lower */
+/* Whether a text has no capital letters. */
+static bool fk_is_lower(struct framekit_bytes text)
+{
+    size_t i;
+    for (i = 0; i < text.size; i++) {
+        uint8_t sign = text.data[i];
+        if ((sign >= 'A' && sign <= 'Z') || (sign >= 0xC0 && sign <= 0xDE && sign != 0xD7)) {
+            return false;
+        }
+    }
+    return true;
+}
+
+/*: folded needs view */
+/* A text in capital or small letters; the few that have no such letter in one byte do not fit. */
+static struct framekit_bytes fk_folded(struct framekit_bytes text, bool upper, uint8_t *to, size_t room, bool *no_room)
+{
+    size_t i;
+    if (text.size > room) {
+        *no_room = true;
+        return fk_view(to, 0);
+    }
+    for (i = 0; i < text.size; i++) {
+        uint8_t sign = text.data[i];
+        if (upper && ((sign >= 'a' && sign <= 'z') || (sign >= 0xE0 && sign != 0xF7 && sign != 0xFF))) {
+            sign = (uint8_t)(sign - 32);
+        } else if (upper && (sign == 0xB5 || sign == 0xDF || sign == 0xFF)) {
+            *no_room = true;
+        } else if (!upper && ((sign >= 'A' && sign <= 'Z') || (sign >= 0xC0 && sign <= 0xDE && sign != 0xD7))) {
+            sign = (uint8_t)(sign + 32);
+        }
+        to[i] = sign;
+    }
+    return fk_view(to, text.size);
+}
+
+/*: byte_at needs bad */
+static int64_t fk_byte_at(struct framekit_bytes of, int64_t place, bool *bad)
+{
+    int64_t size = (int64_t)of.size;
+    if (place < 0) {
+        place += size;
+    }
+    return place < 0 || place >= size ? fk_bad(bad) : of.data[place];
 }

@@ -386,7 +386,7 @@ def _take_data(w: WriteWriter, segment: Data, taken: Taken) -> None:
         w.fail_if(f"{local}.size % 2 != 0", "digits")
     if segment.pad is not None and segment.name in w.asked_by_name | w.tracked:
         raise CannotSayError(segment.at, "data that are filled up, of which something else depends")
-    taken.scope.entries[segment.name] = Val("bytes", local, there=there)
+    taken.scope.entries[segment.name] = Val("bytes", local, there=there, is_text=False)
 
 
 def _bits(w: WriteWriter, segment: Bits, taken: Taken) -> list[Task]:
@@ -527,9 +527,9 @@ def _value(w: WriteWriter, segment: Value, taken: Taken) -> list[Task]:
             if value.kind == "none":
                 w.add(f"{there} = false;")
             else:
-                if value.kind != ("bytes" if is_text else "number") or value.fold:
+                if value.kind != ("bytes" if is_text else "number"):
                     raise CannotSayError(segment.at, f"the value '{segment.name}' is built as another kind")
-                text = w.writer(source.scope).bytes(value) if is_text else value.text
+                text = _folded(w, value, segment) if is_text else value.text
                 if value.there:
                     nothing = f"{w.file.helper('view')}(NULL, 0)" if is_text else "0"
                     text = f"({value.there} ? {text} : {nothing})"
@@ -561,6 +561,19 @@ def _value(w: WriteWriter, segment: Value, taken: Taken) -> list[Task]:
     return [*tasks, Task((), w.waits(segment.read) | {segment.name}, agree)]
 
 
+def _folded(w: WriteWriter, value: Val, segment: Segment) -> str:
+    """The text of a struct framekit_bytes; letters of one case are put into room of their own."""
+    text = w.writer(CScope()).bytes(value)
+    if not value.fold:
+        return text
+    if value.most_size is None or value.most_size > 64:
+        raise CannotSayError(segment.at, "letters of one case of a text of any size")
+    room = w.fresh("folded")
+    w.locals.append(f"uint8_t {room}[{value.most_size or 1}];")
+    upper = "true" if value.fold == "upper" else "false"
+    return f"{w.file.helper('folded')}({text}, {upper}, {room}, sizeof {room}, &bad)"
+
+
 def _bound_value(w: WriteWriter, member: CMember, local: str) -> None:
     with w.block(f"if ({local} < {number(member.low)} || {local} > {number(min(member.high, MOST))})"):
         w.fail("value")
@@ -570,7 +583,7 @@ def _bound_value(w: WriteWriter, member: CMember, local: str) -> None:
 def _differs_kept(w: WriteWriter, member: CMember, local: str, value: Val, segment: Segment) -> str:
     """The condition that a value is another; it is worked out here, as it may fail."""
     if member.kind == "bytes":
-        text = f"!{w.file.helper('same_bytes')}({local}, {w.writer(CScope()).bytes(value)})"
+        text = f"!{w.file.helper('same_bytes')}({local}, {_folded(w, value, segment)})"
     else:
         text = f"{local} != {value.text}"
     if value.there:
