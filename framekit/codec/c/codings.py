@@ -17,6 +17,7 @@ def open_wrap(
 ) -> bool:
     """Puts the content of the wire bytes of `opened` into the room; whether it may be that they hold none."""
     coding = segment.coding
+    r.embedded = r.embedded_in(segment)
     raw = f"{opened}.raw, {opened}.raw_size"
     if isinstance(coding, Plain):
         r.add(f"{opened}.data = {opened}.raw;", f"{opened}.end = {opened}.raw_size;")
@@ -58,8 +59,13 @@ def _hex(r: Any, coding: Hex, fixed: int | None) -> tuple[str, str, Call]:
 
 def _doubled(r: Any, coding: Doubled, fixed: int | None) -> tuple[str, str, Call]:
     function = r.file.helper("open_doubled")
-    how = f"{coding.escape}, NULL, 0, 0, 0, 0"
-    return "map_escaped", how, lambda raw, room, size, out: f"{function}({raw}, {coding.escape}, {room}, {size}, {out})"
+    some = r.embedded
+    how = f"{coding.escape}, NULL, 0, 0, 0, 0, {some}"
+    return (
+        "map_escaped",
+        how,
+        lambda raw, room, size, out: f"{function}({raw}, {coding.escape}, {some}, {room}, {size}, {out})",
+    )
 
 
 def _cobs(r: Any, coding: Cobs, fixed: int | None) -> tuple[str, str, Call]:
@@ -70,7 +76,7 @@ def _cobs(r: Any, coding: Cobs, fixed: int | None) -> tuple[str, str, Call]:
 def _inserted(r: Any, coding: Inserted, fixed: int | None) -> tuple[str, str, Call]:
     function = r.file.helper("open_inserted")
     pieces = f"{string(coding.after)}, {len(coding.after)}, {string(coding.insert)}, {len(coding.insert)}"
-    how = f"0, (const uint8_t *){string(coding.after)}, {len(coding.after)}, {len(coding.insert)}, 0, 0"
+    how = f"0, (const uint8_t *){string(coding.after)}, {len(coding.after)}, {len(coding.insert)}, 0, 0, NULL, 0"
     return "map_inserted", how, lambda raw, room, size, out: f"{function}({raw}, {pieces}, {room}, {size}, {out})"
 
 
@@ -123,7 +129,7 @@ def _escaped(r: Any, coding: Escaped, fixed: int | None) -> tuple[str, str, Call
             code.add("to[(*got)++] = byte;", "at++;")
         code.add("return FRAMEKIT_OK;")
     r.file.function(name, code)
-    how = f"{coding.escape}, NULL, 0, 0, 0, 0"
+    how = f"{coding.escape}, NULL, 0, 0, 0, 0, NULL, 0"
     return "map_escaped", how, lambda raw, room, size, out: f"{name}({raw}, {room}, {size}, {out})"
 
 
@@ -159,7 +165,7 @@ def _blocks(r: Any, coding: Blocks, fixed: int | None) -> tuple[str, str, Call]:
             code.add("memcpy(to + *got, raw + at, block);", "*got += block;", f"at += block + {check.size};")
         code.add("return found;")
     r.file.function(name, code)
-    how = f"0, NULL, 0, 0, {coding.size}, {check.size}"
+    how = f"0, NULL, 0, 0, {coding.size}, {check.size}, NULL, 0"
     return "map_blocks", how, lambda raw, room, size, out: f"{name}({raw}, {room}, {size}, {out})"
 
 

@@ -10,12 +10,12 @@ from typing import Protocol
 from framekit.codec.c.checks import CheckFunctions
 from framekit.codec.c.expressions import CExpressionWriter, CFacts, CScope, Val
 from framekit.codec.c.layout import CStruct, Layouts
-from framekit.codec.c.source import CannotSayError, CSource, identifier
+from framekit.codec.c.source import CannotSayError, CSource, identifier, string
 from framekit.codec.python.facts import is_followed, names_asked_for
 from framekit.codec.python.function import covered_names, on_the_wire
 from framekit.definition.expression import Call, Expression, Name, walk
 from framekit.definition.model.frames import StaticSizes, everything, expressions_of
-from framekit.definition.model.segments import Check, FieldType, Inner, Length, Segment, Segments
+from framekit.definition.model.segments import Check, Const, FieldType, Inner, Length, Segment, Segments, Wrap
 from framekit.definition.problems import Problem
 
 
@@ -125,6 +125,23 @@ class CFunctionWriter:
             self.file.helper("spans")
             self.spans[name] = self.local("struct fk_span", f"{name.strip('_')}_span", "{ NULL, 0, 0, false }")
         return self.spans[name]
+
+    embedded = "NULL, 0"
+    """What may stand in the content of the wrap that is written: the table of it and how many there are."""
+
+    def embedded_in(self, wrap: Wrap) -> str:
+        """The table of the frames that may stand anywhere in a wrap, and how many there are."""
+        rows = []
+        for name in wrap.inside:
+            segments = self.file.layouts.frames[name].segments
+            data = b"".join(one.data for one in segments if isinstance(one, Const))
+            if all(isinstance(one, Const) for one in segments) and len(data) > 1 and data[0] == wrap.escape:
+                rows.append(f"{{ {string(data)}, {len(data)} }}")
+        if not rows:
+            return "NULL, 0"
+        table = self.fresh("embedded")
+        self.locals.append(f"static const struct fk_stop {table}[] = {{ {', '.join(rows)} }};")
+        return f"{table}, {len(rows)}"
 
     @contextmanager
     def block(self, header: str, behind: str = "") -> Iterator[None]:

@@ -463,6 +463,10 @@ class _Writing:
         file = self.file
         name = f"{file.prefix}_fk_measure_{identifier(frame.name)}"
         try:
+            if frame.inside:
+                raise CannotSayError(frame.at, "frames that may interrupt it")
+            if frame.mark in ("first", "last"):
+                raise CannotSayError(frame.at, "a byte of nine bits that marks it")
             writer = CMeasureWriter(file, frame, segments, file.structs[frame.name])
             file.functions[name] = writer.write(name)
         except CannotSayError as error:

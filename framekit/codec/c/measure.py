@@ -746,23 +746,42 @@ def _wrap(m: CMeasureWriter, segment: Wrap, scope: CScope, after: Pairs) -> None
 
 def _doubled(m: CMeasureWriter, segment: Wrap, scope: CScope, after: Pairs, fixed: int | None) -> None:
     assert segment.escape is not None
-    if fixed is not None or segment.inside:
-        raise CannotSayError(segment.at, "content of fixed size with a doubled byte, or with frames inside")
     behind = m.least(after)
-    found = m.local("size_t", "found_place")
     m.settle()
+    if fixed is not None:
+        _fixed_doubled(m, segment, scope, after, fixed)
+        return
+    some = m.embedded_in(segment)
+    found = m.local("size_t", "found_place")
     helper = m.file.helper("end_of_region")
-    with m.block(f"if (at > end || !{helper}(data, (size_t)at, size, {segment.escape}, &{found}))"):
+    with m.block(f"if (at > end || !{helper}(data, (size_t)at, size, {segment.escape}, {some}, &{found}))"):
         m.not_found(max(behind - 1, 1))
     m.add(f"at = (int64_t){found};")
-    symbol = b""
+    if symbol := _symbol_behind(segment, after):
+        m.add(f"if (data[at + 1] != {symbol[1]}) {{", f"    return {LOST};", "}")
+    _content(m, segment, scope, after)
+
+
+def _fixed_doubled(m: CMeasureWriter, segment: Wrap, scope: CScope, after: Pairs, fixed: int) -> None:
+    """Content of so many bytes, of which one is doubled."""
+    behind, found = m.least(after), m.local("size_t", "found_place")
+    helper = m.file.helper("end_of_stuffed")
+    with m.block(f"switch ({helper}(data, (size_t)at, size, {segment.escape}, {fixed}, &{found}))"):
+        m.add("case 0:", "    break;", "case 1:", f"    return {-1 - behind};", "default:", f"    return {LOST};")
+    m.add(f"at = (int64_t){found};")
+    for place, byte in enumerate(_symbol_behind(segment, after)):
+        m.add(f"if (at + {place} < end && data[at + {place}] != {byte}) {{", f"    return {LOST};", "}")
+    _content(m, segment, scope, after)
+
+
+def _symbol_behind(segment: Wrap, after: Pairs) -> bytes:
+    """The escape byte and its follower behind a wrap; empty if something else may stand there, or is to be refused."""
+    found = b""
     for one, _ in after:
         if not isinstance(one, Const) or one.when is not None or one.refuse is not None:
             break
-        symbol += one.data
-    if len(symbol) > 1 and symbol[0] == segment.escape:
-        m.add(f"if (data[at + 1] != {symbol[1]}) {{", f"    return {LOST};", "}")
-    _content(m, segment, scope, after)
+        found += one.data
+    return found[:2] if len(found) > 1 and found[0] == segment.escape else b""
 
 
 def _content(m: CMeasureWriter, segment: Wrap, scope: CScope, after: Pairs) -> None:

@@ -1076,18 +1076,16 @@ def _limits(r: ReadWriter, segment: Wrap, scope: CScope) -> None:
 def _end_of_doubled(r: ReadWriter, segment: Wrap, fixed: int | None, behind: Behind) -> str:
     """The size of a region in which an escape byte is doubled: it shows its end itself, or takes the rest."""
     assert segment.escape is not None
-    if segment.inside:
-        raise CannotSayError(segment.at, "frames inside the content of a wrap")
+    some = r.embedded_in(segment)
     stop = r.local("size_t", "wrap_end")
     if fixed is not None:
-        call = (
-            f"{r.file.helper('end_of_stuffed')}({r.inn}.data, {r.at}, {r.inn}.end, {segment.escape}, {fixed}, &{stop})"
-        )
+        where = f"{r.inn}.data, {r.at}, {r.inn}.end, {segment.escape}"
+        call = f"{r.file.helper('end_of_stuffed')}({where}, {fixed}, &{stop}) == 0"
     elif any(r.static.present(one).fixed != 0 for one, _ in behind):
-        call = f"{r.file.helper('end_of_region')}({r.inn}.data, {r.at}, {r.inn}.end, {segment.escape}, &{stop})"
+        call = f"{r.file.helper('end_of_region')}({r.inn}.data, {r.at}, {r.inn}.end, {segment.escape}, {some}, &{stop})"
     else:
         return _rest(r, behind)
-    with r.block(f"if (!{call})"):
+    with r.block(f"if (!({call}))"):
         r.add(r.note("short", r.at), r.leave())
     return f"(int64_t)({stop} - {r.at})"
 

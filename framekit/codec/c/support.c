@@ -24,11 +24,19 @@ struct fk_notes {
     size_t check_place;
 };
 
+/* Bytes that are looked for. */
+struct fk_stop {
+    const char *data;
+    size_t size;
+};
+
 /* What has to be known of a wrap to find where a byte of its content stands. */
 struct fk_coding {
     uint8_t escape;
     const uint8_t *after;
     size_t after_size, insert_size, block, width;
+    const struct fk_stop *embedded;
+    size_t embedded_count;
 };
 
 /* Bytes that are read: those of a frame, or the content of a wrap, whose places `map` finds in what is around it. */
@@ -599,11 +607,6 @@ static size_t fk_map_short(const struct fk_in *n, size_t place)
 }
 
 /*: find_stop needs reader */
-struct fk_stop {
-    const char *data;
-    size_t size;
-};
-
 /* The first place of one of some pieces; none that begins behind an earlier one counts. */
 static bool fk_find_stop(const uint8_t *data, size_t at, size_t end, const struct fk_stop *stops, size_t count,
                          size_t longest, size_t *place)
@@ -634,51 +637,81 @@ static size_t fk_before(struct framekit_bytes text, const void *what, size_t siz
     return text.size;
 }
 
-/*: end_of_region */
-/* The place of the first escape byte that is not doubled. */
-static bool fk_end_of_region(const uint8_t *data, size_t at, size_t end, uint8_t escape, size_t *place)
+/*: end_of_region needs reader */
+/* The place of the first escape byte that is not doubled, and with which nothing begins that is embedded. */
+static bool fk_end_of_region(const uint8_t *data, size_t at, size_t end, uint8_t escape,
+                             const struct fk_stop *embedded, size_t count, size_t *place)
 {
+    size_t i;
     while (at + 1 < end) {
         if (data[at] != escape) {
             at++;
         } else if (data[at + 1] == escape) {
             at += 2;
         } else {
-            *place = at;
-            return true;
+            for (i = 0; i < count && (uint8_t)embedded[i].data[1] != data[at + 1]; i++) {
+            }
+            if (i == count) {
+                *place = at;
+                return true;
+            }
+            at += embedded[i].size;
         }
     }
     return false;
 }
 
+/*: embedded_at needs reader */
+/* The size of what is embedded here; 0 for nothing. */
+static size_t fk_embedded_at(const uint8_t *raw, size_t size, size_t at, const struct fk_stop *embedded, size_t count)
+{
+    size_t i;
+    for (i = 0; i < count; i++) {
+        if (at + embedded[i].size <= size && memcmp(raw + at, embedded[i].data, embedded[i].size) == 0) {
+            return embedded[i].size;
+        }
+    }
+    return 0;
+}
+
 /*: end_of_stuffed */
-/* The place behind so many bytes of content. */
-static bool fk_end_of_stuffed(const uint8_t *data, size_t at, size_t end, uint8_t escape, size_t size, size_t *place)
+/* The place behind so many bytes of content; 1 if there are fewer, 2 where the escape byte is not doubled. */
+static int fk_end_of_stuffed(const uint8_t *data, size_t at, size_t end, uint8_t escape, size_t size, size_t *place)
 {
     for (; size > 0; size--) {
         if (at >= end) {
-            return false;
+            return 1;
         }
         if (data[at] == escape) {
             at++;
-            if (at >= end || data[at] != escape) {
-                return false;
+            if (at >= end) {
+                return 1;
+            }
+            if (data[at] != escape) {
+                return 2;
             }
         }
         at++;
     }
     *place = at;
-    return true;
+    return 0;
 }
 
-/*: map_escaped needs reader */
+/*: map_escaped needs reader embedded_at */
 static size_t fk_map_escaped(const struct fk_in *n, size_t place)
 {
-    size_t at = 0;
-    for (; place > 0 && at < n->raw_size; place--) {
-        at += n->raw[at] == n->how->escape ? 2 : 1;
+    size_t at = 0, size;
+    for (;;) {
+        size = fk_embedded_at(n->raw, n->raw_size, at, n->how->embedded, n->how->embedded_count);
+        if (size == 0) {
+            if (place == 0 || at >= n->raw_size) {
+                return at < n->raw_size ? at : n->raw_size;
+            }
+            size = n->raw[at] == n->how->escape ? 2 : 1;
+            place--;
+        }
+        at += size;
     }
-    return at < n->raw_size ? at : n->raw_size;
 }
 
 /*: map_cobs needs reader */
@@ -753,13 +786,19 @@ static enum framekit_reason fk_open_hex(const uint8_t *raw, size_t size, uint8_t
     return FRAMEKIT_OK;
 }
 
-/*: open_doubled */
-static enum framekit_reason fk_open_doubled(const uint8_t *raw, size_t size, uint8_t escape, uint8_t *to, size_t room,
+/*: open_doubled needs embedded_at */
+static enum framekit_reason fk_open_doubled(const uint8_t *raw, size_t size, uint8_t escape,
+                                            const struct fk_stop *embedded, size_t count, uint8_t *to, size_t room,
                                             size_t *got, size_t *bad)
 {
-    size_t i;
+    size_t i, skipped;
     *got = 0;
     for (i = 0; i < size; i++) {
+        skipped = fk_embedded_at(raw, size, i, embedded, count);
+        if (skipped > 0) {
+            i += skipped - 1;
+            continue;
+        }
         if (*got >= room) {
             return FRAMEKIT_NO_ROOM;
         }

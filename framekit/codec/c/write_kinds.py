@@ -1098,8 +1098,6 @@ def _put_inner(w: WriteWriter, segment: Inner, taken: Taken) -> None:
 
 
 def _put_wrap(w: WriteWriter, segment: Wrap, taken: Taken) -> None:
-    if segment.inside:
-        raise CannotSayError(segment.at, "frames inside the content of a wrap")
     begin = w.local("size_t", "wrap_begin")
     w.add(f"{begin} = {w.inn}.at;")
     if isinstance(segment.coding, Plain):
