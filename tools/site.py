@@ -35,7 +35,8 @@ SECTIONS: dict[str, list[str]] = {
         "docs/conversion.md", "docs/text-numbers.md", "docs/sharing.md",
     ],
     "Reference": [
-        "docs/reference.md", "docs/segments.md", "docs/cli.md", "docs/generate-c.md", "docs/python-api.md", "docs/error-codes.md",
+        "docs/reference.md", "docs/segments.md", "docs/cli.md", "docs/generate-c.md", "docs/python-api.md",
+        "docs/error-codes.md",
     ],
     "How it works": ["docs/architecture.md", "docs/receiver.md", "docs/performance.md", "docs/extending.md"],
     "Protocols": sorted(str(page.relative_to(ROOT)) for page in ROOT.glob("docs/protocols/*.md")),
