@@ -492,6 +492,10 @@ def _items(
         kind = dict(drawn.random.choice([one for one in TYPES if one.get("size") != "§"]))
         segment["of"] = kind.pop("type")
         segment |= kind
+        if times != 1 and drawn.apart.random() < 0.3:
+            segment |= drawn.apart.choice([{"separator": "2C"}, {"align": 8, "between": "yes"}])
+            if "separator" in segment and drawn.apart.random() < 0.6:
+                segment = {"repeat": name, "times": times, "separator": "2C", "of": "decimal", "end": "3B"}
         values[name] = [drawn.random.randrange(9) for _ in range(many)]
         scope.sized.append(name)
         return segment

@@ -343,7 +343,7 @@ class _Record:
             items.append(item)
             previous = Filling(fields.plan, item, self.maker.names, self.filling())
             previous.words = words
-        return items
+        return [item[model.PLAIN] for item in items] if repeat.single else items
 
     def _times(self, repeat: model.Repeat) -> int | None:
         if isinstance(repeat.times, int):

@@ -86,11 +86,11 @@ class PlainValues:
                 return _bytes(value)
             case Length() | Count():
                 return _number(value)
-            case Repeat(of=of):
+            case Repeat():
                 items = value if isinstance(value, list) else [value]
-                if not isinstance(of, tuple):
-                    return [_typed(of, item) for item in items]
-                known = by_value_name(of)
+                if (plain := segment.plain_type) is not None:
+                    return [_typed(plain, item) for item in items]
+                known = by_value_name(segment.members)
                 return [self._read(known, _mapping(item)) for item in items]
             case Segment(is_record=True):
                 return self._read(by_value_name(segment.members), _mapping(value))
@@ -119,7 +119,7 @@ class PlainValues:
         match segment:
             case Field() if isinstance(value, int):
                 return format_time(value)
-            case Repeat(of=of) if isinstance(of, tuple) and isinstance(value, list):
+            case Repeat(record=of) if of is not None and isinstance(value, list):
                 special = _special(of)
                 return [self._written(special, item) for item in value]
             case Segment(is_record=True) if isinstance(value, dict):
@@ -274,7 +274,7 @@ def _levels(protocol: Protocol, segments: tuple[Segment, ...], given: Any) -> It
         match known.get(name):
             case Segment(is_record=True, members=of):
                 yield from _levels(protocol, of, value)
-            case Repeat(of=of) if isinstance(of, tuple):
+            case Repeat(record=of) if of is not None:
                 for item in value if isinstance(value, list) else [value]:
                     yield from _levels(protocol, of, item)
             case Inner() if isinstance(value, Mapping):

@@ -540,7 +540,7 @@ class _Record:
                 record.words = {model.INDEX: place, model.LAST: place == times - 1, model.PREVIOUS: previous}
                 record.make()
             records.append(record)
-        return [dict(record.given) for record in records]
+        return [record.given[model.PLAIN] if repeat.single else dict(record.given) for record in records]
 
     def _times(self, repeat: model.Repeat) -> int:
         counts = [part for part in self.all if isinstance(part, model.Count) and part.of == repeat.name]

@@ -506,8 +506,8 @@ def _of_segment(segment: Segment) -> Shape:
         case Segment(is_record=True):
             return Shape(kind="record", parts=_parts(segment.members))
         case Repeat():
-            of = segment.of
-            item = _of_type(of) if isinstance(of, FieldType) else Shape(kind="record", parts=_parts(of))
+            of = segment.plain_type
+            item = Shape(kind="record", parts=_parts(segment.members)) if of is None else _of_type(of)
             return Shape(kind="list", item=item)
     return ANY
 

@@ -293,6 +293,14 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
              "  separator: 2F\n  of: [{bits: {more: 7, v: 0-6}, of: u8, is: {more: not last}}]\n- const: ETX",
              {"list": [{"v": 5}, {"v": 2}]}, "85 2F 02 03", {"list": [{"more": 1, "v": 5}, {"more": 0, "v": 2}]},
              {"85 2E 02 03": "constant"}),
+        Case("plain values with bytes between them", "- repeat: list\n  times: rest\n  separator: 20\n  of: dec\n  size: 3\n- const: ETX",
+             {"list": [12, 7, 300]}, "30 31 32 20 30 30 37 20 33 30 30 03", {},
+             {"30 31 32 21 30 30 37 03": "constant", "30 31 41 20 30 30 37 03": "digits", "30 31 32 20 03": "short"}),
+        Case("plain decimals with bytes between them", "- repeat: list\n  times: rest\n  separator: 2C\n  of: decimal\n"
+             "  end: [2C, 0D]\n- const: 0D", {"list": [12, -7, 3]}, "31 32 2C 2D 37 2C 33 0D", {}, {"31 32 2C 2C 33 0D": "digits"}),
+        Case("plain values that are filled up each", "- {count: n, type: u8, of: list}\n- repeat: list\n  times: n\n  align: 4\n"
+             "  fill: 20\n  of: dec\n  size: 3", {"list": [12, 7]}, "02 30 31 32 20 30 30 37 20", {"n": 2},
+             {"02 30 31 41 20 30 30 37 20": "digits"}),
         Case("a fixed number of values", "- {repeat: list, times: 3, of: u8}", {"list": [1, 2, 3]}, "01 02 03"),
         Case("values up to the end", "- {repeat: list, times: rest, of: u16, order: little}", {"list": [1, 2]}, "01 00 02 00"),
         Case("values behind a number of another order", "- {field: a, type: u16, order: little}\n"

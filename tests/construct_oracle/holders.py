@@ -20,6 +20,7 @@ from framekit.definition.expression import Expression
 from framekit.definition.model.segments import (
     INDEX,
     LAST,
+    PLAIN,
     PREVIOUS,
     Choose,
     FieldType,
@@ -173,7 +174,8 @@ class RepeatConstruct(ValueSegment):
             self._read_values(reading, stream, context, place)
             return
         items: list[Any] = []
-        reading.store(context, self.name, items, place)
+        if not self.segment.single:
+            reading.store(context, self.name, items, place)
         times = self._times(reading, context, place)
         with reading.within(self._room(reading, stream, context, place)), reading.as_it_stands(stream):
             start = stream.tell()
@@ -197,6 +199,8 @@ class RepeatConstruct(ValueSegment):
                     break
                 if self.segment.until is None and times is None:
                     inner._words[LAST] = stream.tell() >= reading.region.end
+        if self.segment.single and all(PLAIN in item for item in items):
+            reading.store(context, self.name, [item[PLAIN] for item in items], place)
 
     def _pass_fill(self, start: int, reading: Reading, stream: BytesIO, place: Place) -> None:
         """What fills an item up is not looked at."""
@@ -247,6 +251,8 @@ class RepeatConstruct(ValueSegment):
             return [of_type(of, item, f"{name}[{place}]", filling) for place, item in enumerate(given)]
         assert self.fields is not None
         plan = self.fields.plan
+        if self.segment.single:
+            given = [{PLAIN: item} for item in given]
         items = [
             _inner_filling(plan, item, filling, f"{name}[{place}]", (name, place)) for place, item in enumerate(given)
         ]

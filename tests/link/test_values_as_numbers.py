@@ -139,6 +139,8 @@ def test_numbers_and_memory() -> None:
         ("{VALUE: {v: value}}", "{VALUE: {v: data}}", "a number is wanted here, 'data' is bytes – write value, which is the element as a number"),
         ("{VALUE: {v: value}}", "{VALUE: {v: values}}", "a number is wanted here, 'values' is a list"),
         ("{VALUES: {list: values}}", "{VALUES: {list: data}}", "'data' is bytes, and 'list' of 'VALUES' is a list – write values, or data: list with a size"),
+        ("{LIST: {items: {each: {v: value}}}}", "{LIST: {items: values}}", "'values' are numbers, and the items of 'items' of 'LIST' are records – write of: TYPE in the list, beside separator"),
+        ("{VALUES: {list: values}}", "{VALUES: {list: {each: {v: value}}}}", "each: makes records, and the items of 'list' of 'VALUES' are plain values – write values"),
         ("{VALUE: {v: value}}", "{VALUE: {v: start}}", "nothing says where the data of the reply stand"),
     ],
 )  # fmt: skip
@@ -146,6 +148,46 @@ def test_check_tells_what_to_write(old: str, new: str, message: str) -> None:
     assert old in PROTOCOL
     with pytest.raises(DefinitionError, match=message):
         load_protocol_text(PROTOCOL.replace(old, new, 1), "numbers")
+
+
+SEPARATED = """
+protocol: separated
+order: big
+station: {type: none}
+groups: {request: {from: client, tail: [{const: 0D}]}}
+layouts: {listed: [{repeat: list, times: rest, align: 4, between: yes, fill: 20, of: dec, size: 3}]}
+frames:
+  READ:   {group: request, body: [{text: R}, {field: at, type: decimal, end: 20}, {field: n, type: decimal, end: [0D]}]}
+  WRITE:  {group: request, body: [{text: W}, {field: at, type: decimal, end: 20}, {repeat: list, times: rest, separator: 20, of: decimal, end: [20, 0D]}]}
+  ASK:    {group: request, body: [{text: A}, {field: at, type: decimal, end: 20}, {field: n, type: decimal, end: [0D]}]}
+  PUT:    {group: request, body: [{text: P}, {field: at, type: decimal, end: 20}, {include: listed}]}
+  VALUES: {from: server, body: [{repeat: list, times: rest, separator: 20, of: dec, size: 5}, {const: 0D 0A}]}
+  LISTED: {from: server, body: [{text: L}, {include: listed}, {const: 0D 0A}]}
+  DONE:   {from: server, body: [{const: 06}]}
+  NO:     {from: server, body: [{const: 15}, {field: code, type: u8}]}
+errors: {frame: NO, code: code, answer: {NO: {code: code}}, memory: {unknown: 1, range: 2, access: 3, value: 4, no_service: 5}}
+areas: {D: {unit: word, size: 100}, S: {unit: byte, size: 100}}
+addresses: [{form: "{area}{start:dec}"}]
+services:
+  read:
+    - {areas: [D], limit: {count: 9}, request: {READ: {at: start, n: count}}, reply: {VALUES: {list: values}}}
+    - {areas: [S], limit: {count: 9}, request: {ASK: {at: start, n: count}}, reply: {LISTED: {list: values}}}
+  write:
+    - {areas: [D], limit: {count: 9}, request: {WRITE: {at: start, list: values}}, reply: {DONE: {}}}
+    - {areas: [S], limit: {count: 9}, request: {PUT: {at: start, list: values}}, reply: {DONE: {}}}
+"""
+
+
+def test_values_with_bytes_between_them() -> None:
+    loop, random = Loop(SEPARATED), Random(4)
+    values = [random.randrange(65536) for _ in range(12)]
+    assert loop.do("write", "D5", values).ok and loop.do("read", "D5", count=12).values == values
+    assert loop.requests[0] == b"W5 " + b" ".join(b"%d" % one for one in values[:9]) + b"\r"
+    assert loop.log[2][1] == b" ".join(b"%05d" % one for one in values[:9]) + b"\r\n"
+    assert loop.do("write", "S5", [1, 200, 30]).ok and loop.do("read", "S5", count=3).values == [1, 200, 30]
+    assert loop.log[-2][0] == b"P5 001 200 030\r" and loop.log[-1][1] == b"L001 200 030\r\n"
+    assert loop.answer(b"W5 70000\r") == b"\x15\4" and loop.memory.read("D", "word", 5, 1) == values[:1]
+    assert loop.answer(b"W98 1 2 3\r") == b"\x15\2" and loop.answer(b"P5 300\r") == b"\x15\4"
 
 
 WORKED_OUT = """

@@ -345,6 +345,8 @@ class _Laying:
         return number_range(segment, type_)
 
     def _repeat(self, segment: Repeat, struct: CStruct, maybe: bool) -> None:
+        if segment.single:
+            raise CannotSayError(segment.at, f"'{segment.name}' is a list of plain values with bytes between them")
         least = (
             segment.of.sizes.least if isinstance(segment.of, FieldType) else self.layouts.static.all(segment.of).least
         )

@@ -26,7 +26,9 @@ from framekit.definition.model.segments import (
     INDEX,
     ITEM_WORDS,
     LAST,
+    PLAIN,
     PREVIOUS,
+    Const,
     Count,
     FieldType,
     ItemEnd,
@@ -99,6 +101,7 @@ class RepeatKind(SegmentKind[Repeat]):
         option += ", until=True" if segment.until is not None else ""
         option += f", align={segment.align}" if segment.align > 1 else ""
         option += ", between=True" if segment.between else ""
+        option += f", single={quoted(PLAIN)}" if segment.single else ""
         with d.out.block(f"for {item} in n.items({name}, {times}{option}):"):
             outside, d.in_item = d.in_item, True
             d.list(segment.of, inside, ())
@@ -127,7 +130,10 @@ class RepeatKind(SegmentKind[Repeat]):
 
     def describe(self, segment: Repeat) -> str:
         of = segment.of
+        of = of if segment.plain_type is None else segment.plain_type
         inside = type_text(of) if isinstance(of, FieldType) else f"({summary(of)})"
+        if segment.single and isinstance(first := segment.members[0], Const):
+            inside += f" with {first.data.hex(' ').upper()} between"
         if segment.align > 1:
             inside += f" each at a multiple of {segment.align}"
         if segment.until is not None:
@@ -202,13 +208,14 @@ def _rule(w: RuleWriter, repeat: Repeat, always: bool, lengths: Lengths) -> str:
         limits = forms.Range(repeat.times, repeat.times)
     else:
         limits = lengths.get(repeat.name, forms.Range(None, None))
-    if isinstance(repeat.of, FieldType):
-        kind = forms.rule_type(repeat.of)
-        size = repeat.of.fixed_size if kind in ("text", "bytes") else None
-        item = forms.Range(None, size) if kind != "number" else forms.wire_range(repeat.of)
-        fits = forms.refusing(w.module, repeat.of)
+    of = repeat.plain_type
+    if of is not None:
+        kind = forms.rule_type(of)
+        size = of.fixed_size if kind in ("text", "bytes") else None
+        item = forms.Range(None, size) if kind != "number" else forms.wire_range(of)
+        fits = forms.refusing(w.module, of)
         return w.rule("list", limits, always, inside=f'{{"": {w.rule(kind, item, False, fits=fits)}}}')
-    return w.rule("list", limits, always, inside=w.mapping(repeat.of))
+    return w.rule("list", limits, always, inside=w.mapping(repeat.members))
 
 
 def _put(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) -> None:
@@ -290,6 +297,8 @@ def _put_records(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) ->
     for word in words:
         inside.entries[word] = _word_entry(word, texts[word], repeat)
     with w.out.block(f"for {place}, {item} in enumerate({there}):"), w.apart():
+        if repeat.single:
+            w.add(f"{item} = {{{quoted(PLAIN)}: {item}}}")
         fill = f"{wire} += {bytes_literal(bytes((repeat.fill,)))} * (-len({wire}) % {repeat.align})"
         if repeat.between:
             w.add(fill)
@@ -297,7 +306,8 @@ def _put_records(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) ->
             w.add(f"{before} = len({wire})")
         w.values(repeat.of, inside, inner)
         w.flush()
-        w.check_names(inner)
+        if not repeat.single:
+            w.check_names(inner)
         w.add(f"{wire} += {w.region(repeat.of, inside, w.names.fresh('part'))}")
         if before:
             where = (*path[:-1], "]")
@@ -306,7 +316,8 @@ def _put_records(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) ->
         if repeat.align > 1 and not repeat.between:
             w.add(fill)
         if whole:
-            w.add(f"{complete}.append({_values_text(repeat.of, inside)})")
+            values = inside.entries[PLAIN].text if repeat.single else _values_text(repeat.of, inside)
+            w.add(f"{complete}.append({values})")
     w.wires[repeat.name] = wire
     inside.close()
     text = w.or_nothing(repeat.name, complete, repeat.when, scope) if complete else items
@@ -467,7 +478,8 @@ def _read_records(r: BufferReader, item: Item, repeat: Repeat, of: Segments, aft
         if repeat.until is not None:
             function.mismatch_if(f"{r.at} > len({r.buffer})")
         function.flush()
-        function.add(f"{found}.append({fields.text(function.out)})")
+        values = inside.entries[PLAIN].text if repeat.single else fields.text(function.out)
+        function.add(f"{found}.append({values})")
         if repeat.until is not None:
             with function.out.block(f"if {inside.entries[LAST].text}:"):
                 function.add("break")
@@ -560,7 +572,7 @@ def _measure_records(m: MeasureWriter, repeat: Repeat, of: Segments, scope: Scop
         if fill and not repeat.between:
             m.add(fill)
         if found is not None:
-            m.add(f"{found}.append({_item_text(inside, found)})")
+            m.add(f"{found}.append({inside.entries[PLAIN].text if repeat.single else _item_text(inside, found)})")
         if repeat.until is not None:
             with m.out.block(f"if {ends}:"):
                 m.add("break")

@@ -460,6 +460,8 @@ def _list(w: SegmentWriter, s: Repeat, scope: Scope) -> Entries:
             **entries, "kind": '"values"', "type": w.type(s.of, s.at), "item_size": str(s.of.fixed_size),
             "f": w._shows(s, s.name, use),
         }  # fmt: skip
+    if s.single:
+        raise NotSaidError(s.at, f"'{s.name}' is a list of plain values with bytes between them")
     return {**entries, "of": w.listed(s.of, inside_of(scope, s.name))}
 
 

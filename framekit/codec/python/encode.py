@@ -168,11 +168,13 @@ def texts_inside(segments: Iterable[Segment]) -> dict[tuple[str, ...], str]:
 
     def look(segments: Iterable[Segment], path: tuple[str, ...], is_inside: bool) -> None:
         for segment in segments:
-            of = segment.of if isinstance(segment, Repeat) else segment.number_type
+            of = segment.plain_type if isinstance(segment, Repeat) else segment.number_type
             here = (*path, segment.name or "")
             is_open = is_inside or isinstance(segment, Repeat)
             if isinstance(of, FieldType) and of.stops and (is_open or of.has_long_stops):
                 found[here] = found.get(here, ()) + of.stops
+            if isinstance(segment, Repeat) and segment.single:
+                continue
             if segment.inner_record is not None:
                 look(segment.inner_record, here, True)
             for block in segment.blocks if segment.inner_record is None else ():

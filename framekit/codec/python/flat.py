@@ -452,8 +452,8 @@ class Parameters:
             case Data(name=name, pad=pad):
                 default = LEFT_OUT if not is_certain else None if pad is None else 'b""'
                 yield Keyword("", name, 0, default, "bytes", segment.doc)
-            case Repeat(name=name, of=of):
-                item = _type(of) if isinstance(of, FieldType) else "Any"
+            case Repeat(name=name, plain_type=of):
+                item = "Any" if of is None else _type(of)
                 default = None if is_certain else LEFT_OUT
                 yield Keyword("", name, 0, default, f"list[{item}] | tuple[{item}, ...]", segment.doc)
             case Segment(is_record=True):

@@ -489,7 +489,7 @@ def read_back(data: bytes, values: Any, decode: Callable[..., Any], ctx: Any, te
 
 def is_read_back(given: Any, found: Any, path: Any) -> bool:
     """Whether what is given at a path is what has been found there; also where nothing is given."""
-    if isinstance(given, (list, tuple)) and isinstance(found, list) and path:
+    if isinstance(given, (list, tuple)) and isinstance(found, list):
         return len(given) == len(found) and all(map(is_read_back, given, found, [path] * len(given)))
     if not path:
         if isinstance(given, str) or isinstance(found, (str, list)):

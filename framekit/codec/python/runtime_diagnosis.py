@@ -294,15 +294,18 @@ class Diagnosis:
         until: bool = False,
         align: int = 1,
         between: bool = False,
+        single: str = "",
     ) -> Iterator[ItemPlace]:
         """Every item of a list of records; `times` None: as many as fit before the last `behind` bytes.
 
         `until`: the items tell themselves which is the last one (`ends`). `align`: each begins at a multiple of so many
-        bytes of the list; `between`: nothing fills the last one up.
+        bytes of the list; `between`: nothing fills the last one up. `single`: the items are the values of this field;
+        there is no list where one of them is wrong.
         """
         start = self.begin(name)
         items: list[dict[str, Any]] = []
-        self.scopes[-1][name] = items
+        if not single:
+            self.scopes[-1][name] = items
         outer = self.path
         count = None if times is None else self.ask(times, "length", name)
         if count is not None and count < 0:
@@ -329,6 +332,8 @@ class Diagnosis:
                 self.take(name, -(self.at - start) % align)
         self.end = whole
         self.bounds[name] = (self.data, start, self.at)
+        if single and all(single in one for one in items):
+            self.scopes[-1][name] = [one[single] for one in items]
 
     def ends(self, item: ItemPlace, until: Ask) -> None:
         """Whether the item that was read is the last one of its list."""

@@ -18,6 +18,7 @@ from framekit.definition.expression import Expression, Name, Real, Text, names_i
 from framekit.definition.kinds.base import Segment, constant_number
 from framekit.definition.model.frames import (
     Frame,
+    Layout,
     expressions_of,
     field_names,
     flat,
@@ -26,7 +27,7 @@ from framekit.definition.model.frames import (
 )
 from framekit.definition.model.procedure import Step
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.segments import Field
+from framekit.definition.model.segments import Field, Repeat
 from framekit.definition.model.services import (
     AS_NUMBERS,
     COUNTED_STRING,
@@ -37,7 +38,7 @@ from framekit.definition.model.services import (
     ServiceRow,
     mentions_of,
 )
-from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ReadAs
+from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ReadAs, Value
 from framekit.definition.problems import Position, Problem, did_you_mean, listed
 
 
@@ -211,17 +212,33 @@ def _data(row: ServiceRow) -> Iterator[Problem]:
 
 
 def _lists(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
-    """`data` is bytes: a list of numbers or records cannot take it."""
-    for made in (row.request, *(reply.frame for reply in row.reply)):
-        frame = protocol.frames.get(made.frame) if isinstance(made, FrameOf) else None
-        if frame is None or not isinstance(made, FrameOf):
-            continue
-        lists = {name for part in flat(frame.segments) if part.is_list for name in part.value_names}
-        for name in lists & made.fields.keys():
-            value = made.fields[name]
-            if isinstance(value, Expression) and isinstance(value.root, Name) and value.root.name == "data":
-                what = f"'data' is bytes, and '{name}' of '{frame.name}' is a list"
-                yield Problem(value.root.at, what, f"write values, or data: {name} with a size in place of the list")
+    """`data` is bytes, `values` are numbers, and each: makes records: a list takes one of them."""
+    sent = [row.request, row.buffer, *((reply.frame, reply.buffer) for reply in row.reply)]
+    made: list[tuple[FrameOf | LayoutOf, str, Frame | Layout | None]] = []
+    made += [(one, one.frame, protocol.frames.get(one.frame)) for one in parts_of(sent, FrameOf)]
+    made += [(one, one.layout, protocol.layouts.get(one.layout)) for one in parts_of(sent, LayoutOf)]
+    for holder, called, frame in made:
+        for part in flat(() if frame is None else frame.segments):
+            value = holder.fields.get(part.name or "") if isinstance(part, Repeat) else None
+            if isinstance(part, Repeat) and value is not None:
+                yield from _list_given(row, part, f"'{part.name}' of '{called}'", value)
+
+
+def _list_given(row: ServiceRow, part: Repeat, called: str, value: Value) -> Iterator[Problem]:
+    """What is wrong with what a list is given."""
+    root = value.root if isinstance(value, Expression) else None
+    name = root.name if isinstance(root, Name) else ""
+    if name == "data":
+        todo = "write values" if part.record is None else "write {each: {…}}"
+        what = f"'data' is bytes, and {called} is a list"
+        yield Problem(value.at, what, f"{todo}, or data: {part.name} with a size in place of the list")
+    elif name == "values" and part.record is not None and row.service in ("read", "write"):
+        what = f"'values' are numbers, and the items of {called} are records"
+        todo = "write of: TYPE in the list, beside separator: or align:, in place of fields of an item"
+        yield Problem(value.at, what, todo)
+    elif isinstance(value, EachOf) and part.record is None:
+        what = f"each: makes records, and the items of {called} are plain values"
+        yield Problem(value.at, what, "write values, or of: [{field: NAME, type: …}] in the list")
 
 
 def _sides(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:

@@ -39,7 +39,7 @@ from framekit.definition.model.frames import WIRE, Frame, certain, expressions_o
 from framekit.definition.model.procedure import Action, Row, Sequence, Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import Parameter, StateVariable
-from framekit.definition.model.segments import INDEX, LAST, PREVIOUS
+from framekit.definition.model.segments import INDEX, LAST, PREVIOUS, Repeat
 from framekit.definition.model.services import ServiceRow
 from framekit.definition.model.values import FrameOf, Table, Value
 from framekit.definition.problems import Position, Problem, did_you_mean, plural
@@ -101,7 +101,7 @@ def held_in(segments: Iterable[Segment]) -> dict[str, _Held]:
     """The records and lists of records by name; those of one name in several cases together."""
     found: dict[str, _Held] = {}
     for one in flat(segments):
-        if one.inner_record is not None and one.name is not None:
+        if one.inner_record is not None and one.name is not None and not (isinstance(one, Repeat) and one.single):
             before = found.get(one.name)
             members = one.members if before is None else (*before.members, *one.members)
             found[one.name] = _Held(one.name, members, one.is_record)

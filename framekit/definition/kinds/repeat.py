@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
-from framekit.definition.expression import Compare, Expression, Name, Number, both
+from framekit.definition.expression import Compare, Expression, Name, Number, both, names_in
 from framekit.definition.keys import (
     BYTE,
     BYTES,
@@ -38,12 +38,25 @@ from framekit.definition.kinds.base import (
     sizes_of,
 )
 from framekit.definition.kinds.const import Const
+from framekit.definition.kinds.field import Field
 from framekit.definition.kinds.inner import Nested
 from framekit.definition.problems import Problem, plural
-from framekit.definition.tree import Mapping, Node, Sequence
-from framekit.definition.wire_types import EVERY_BYTE, SIZE, TEXT_KEYS, FieldType, Size, Sizes, load_size, load_type
+from framekit.definition.tree import Mapping, Node, Scalar, Sequence
+from framekit.definition.wire_types import (
+    ENDS,
+    EVERY_BYTE,
+    SIZE,
+    TEXT_KEYS,
+    FieldType,
+    Size,
+    Sizes,
+    load_size,
+    load_type,
+)
 
 INDEX, LAST, PREVIOUS = "item.index", "item.last", "item.previous"
+PLAIN = "value"
+"""The field in an item of a list of plain values, where something else belongs to the item: a separator, filling."""
 ITEM_WORDS = {"index": INDEX, "last": LAST, "previous": PREVIOUS}
 """What is written in the items of a list, and the name that it stands for."""
 
@@ -51,6 +64,8 @@ ITEM_WORDS = {"index": INDEX, "last": LAST, "previous": PREVIOUS}
 def _items(reading: KeyReading) -> Segments | FieldType:
     node, until, separator = (reading.keys.get(name) for name in ("of", "until", "separator"))
     if isinstance(node, Sequence):
+        if (end := reading.keys.get("end")) is not None:
+            raise reading.reader.broken(end.at, "end: ends plain values, and these items are fields", "leave it out")
         found: Segments = reading.loader.load(node)
         if separator is not None:
             found = (_separator(reading, separator), *found)
@@ -60,10 +75,24 @@ def _items(reading: KeyReading) -> Segments | FieldType:
     if until is not None:
         what = "until asks for fields of an item, and these items are plain values"
         raise reading.reader.broken(until.at, what, "write of: [{field: NAME, type: …}]")
-    if separator is not None:
-        what = "a separator asks for fields of an item, and these items are plain values"
-        raise reading.reader.broken(separator.at, what, "write of: [{field: NAME, type: …}]")
-    return load_type(reading.space, reading.keys, node, texts=True)
+    type_ = load_type(reading.space, reading.keys, node, texts=True)
+    if not _is_single(reading):
+        if (end := reading.keys.get("end")) is not None:
+            raise reading.reader.broken(
+                end.at, "end: ends items that have a separator", "add separator:, or give a size"
+            )
+        return type_
+    if isinstance(type_.size, Expression) and PLAIN in names_in(type_.size.root):
+        what = f"the size of an item reads '{PLAIN}', which is the item itself here"
+        raise reading.reader.broken(type_.size.at, what, "give the other field another name")
+    item = Field(at=reading.keys.at, name=PLAIN, type=type_)
+    return (item,) if separator is None else (_separator(reading, separator), item)
+
+
+def _is_single(reading: KeyReading) -> bool:
+    """Whether the items are plain values with something else in each: what stands before it, or fills it up."""
+    node, more = reading.keys.get("of"), (reading.keys.get(name) for name in ("separator", "align"))
+    return isinstance(node, Scalar) and any(one is not None for one in more)
 
 
 def _separator(reading: KeyReading, node: Node) -> Const:
@@ -96,6 +125,7 @@ _ITEMS = {
     "order": here("number_order"),
     "case": here("digit_case"),
     **{name: schema for name, schema in TEXT_KEYS.items() if name != "empty"},  # each takes some bytes
+    "end": ENDS,
     "separator": {**BYTES.schema, "description": "Bytes that stand between two items, not behind the last one."},
     "until": {**ref("expression"), "description": "The list ends after the item for which this is true."},
 }
@@ -122,7 +152,8 @@ class Repeat(Segment):
     """A list: of records when `of` is segments, of plain values when it is a type.
 
     `times` is None where the items themselves tell which is the last one. With `align` each item begins at a multiple
-    of so many bytes of the list; what fills up is not looked at.
+    of so many bytes of the list; what fills up is not looked at. `single`: the items are plain values, each of which is
+    the field PLAIN of its segments.
     """
 
     KEY: ClassVar[str] = "repeat"
@@ -132,6 +163,7 @@ class Repeat(Segment):
     name: str = key("repeat", IDENTIFIER, "Name of the list.")
     times: Size | None = key("times", SIZE, "Number of items; an expression; or rest, as many as fit.", default=None)
     of: Segments | FieldType = keys(_ITEMS, _items)
+    single: bool = keys({}, _is_single, default=False)
     align: int = key("align", ALIGN, "Each item begins at a multiple of so many bytes of the list.", default=1)
     between: bool = key("between", FLAG, "Nothing is filled up behind the last item.", default=False)
     fill: int = key("fill", BYTE, "What is sent to fill up; default 00.", default=0)
@@ -147,6 +179,19 @@ class Repeat(Segment):
     @property
     def is_list(self) -> bool:
         return True
+
+    @property
+    def plain_type(self) -> FieldType | None:
+        """The type of the items, where they are plain values."""
+        if isinstance(self.of, FieldType):
+            return self.of
+        last = self.of[-1] if self.single else None
+        return last.type if isinstance(last, Field) else None
+
+    @property
+    def record(self) -> Segments | None:
+        """The segments of an item, where the items are records."""
+        return None if self.single else self.inner_record
 
     @property
     def until(self) -> Expression | None:
@@ -227,9 +272,6 @@ class Repeat(Segment):
             for set_, key_ in ((self.between, "between"), (self.fill, "fill")):
                 if set_:
                     yield Problem(self.at, f"{key_} of '{self.name}' has no effect without align", "add align: N")
-        elif isinstance(self.of, FieldType):
-            what = f"the items of '{self.name}' are plain values, which align does not fill up"
-            yield Problem(self.at, what, "write of: [{field: NAME, type: …}]")
         elif size is not None and size % self.align == 0:
             what = f"every item of '{self.name}' takes {plural(size, 'byte')}, so align: {self.align} has no effect"
             yield Problem(self.at, what, "leave it out")

@@ -15,7 +15,17 @@ from framekit.definition.kinds.counted import Count, Length
 from framekit.definition.kinds.data import Data
 from framekit.definition.kinds.field import Field, Long
 from framekit.definition.kinds.inner import Inner, Nested
-from framekit.definition.kinds.repeat import INDEX, ITEM_WORDS, LAST, PREVIOUS, IncludeKeys, ItemEnd, Record, Repeat
+from framekit.definition.kinds.repeat import (
+    INDEX,
+    ITEM_WORDS,
+    LAST,
+    PLAIN,
+    PREVIOUS,
+    IncludeKeys,
+    ItemEnd,
+    Record,
+    Repeat,
+)
 from framekit.definition.kinds.value import Require, Value
 from framekit.definition.kinds.wrap import Wrap
 from framekit.definition.load.reader import MOST_BYTES
@@ -27,8 +37,8 @@ add_kind(
 )  # fmt: skip
 
 __all__ = [
-    "ANY", "INDEX", "ITEM_WORDS", "LAST", "MOST_BYTES", "NOTHING", "PREVIOUS", "Bits", "BitsPart", "Check", "Choose",
-    "Const", "Count", "Data", "Field", "FieldType", "Fill", "Inner", "ItemEnd", "Length", "Long", "Nested", "Optional",
-    "Order", "Record", "Repeat", "Require", "Segment", "Segments", "Size", "Sizes", "Skip", "Value", "Wrap", "either",
-    "exactly", "lack_default", "of_any_frame", "sizes_of",
+    "ANY", "INDEX", "ITEM_WORDS", "LAST", "MOST_BYTES", "NOTHING", "PLAIN", "PREVIOUS", "Bits", "BitsPart", "Check",
+    "Choose", "Const", "Count", "Data", "Field", "FieldType", "Fill", "Inner", "ItemEnd", "Length", "Long", "Nested",
+    "Optional", "Order", "Record", "Repeat", "Require", "Segment", "Segments", "Size", "Sizes", "Skip", "Value",
+    "Wrap", "either", "exactly", "lack_default", "of_any_frame", "sizes_of",
 ]  # fmt: skip
