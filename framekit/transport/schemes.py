@@ -77,6 +77,7 @@ def _listen_tcp(url: str, clock: AsyncioClock, accepted: Accepted) -> PortListen
 
 
 def _open_tls(url: str, settings: LineFormat | None, clock: AsyncioClock, wiring: LineSettings) -> Port:
+    from framekit.transport.network import host_and_port
     from framekit.transport.tls_port import TlsPort, parted
 
     place, given = parted(url)
@@ -84,6 +85,7 @@ def _open_tls(url: str, settings: LineFormat | None, clock: AsyncioClock, wiring
 
 
 def _listen_tls(url: str, clock: AsyncioClock, accepted: Accepted) -> PortListener:
+    from framekit.transport.network import host_and_port
     from framekit.transport.tls_port import TlsListener, parted
 
     place, given = parted(url)
