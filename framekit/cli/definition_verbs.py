@@ -635,7 +635,7 @@ def run_generate(arguments: argparse.Namespace) -> int:
 
 def _not_said(problem: Problem, frames: tuple[str, ...]) -> str:
     """What a dissector does not say, with the frames that have it."""
-    some = f" – in {', '.join(frames[:3])}{', …' if len(frames) > 3 else ''}" if frames else ""
+    some = f" ({', '.join(frames[:3])}{', …' if len(frames) > 3 else ''})" if frames else ""
     return printable(told(problem) + some)
 
 

@@ -103,6 +103,10 @@ def carry_out(command: str, capsys: pytest.CaptureFixture[str]) -> list[str]:
         return (output.out + output.err).splitlines()
     if words[0] == "cat":
         return Path(words[1]).read_text("utf-8").splitlines()
+    if words[0] == "tshark":
+        if shutil.which("tshark") is None:
+            pytest.skip("tshark is not installed")
+        return subprocess.run(words, capture_output=True, text=True, check=True).stdout.splitlines()
     if words[0] == "gcc" or words[0].startswith("./"):
         if shutil.which("gcc") is None:
             pytest.skip("gcc is missing")

@@ -197,7 +197,7 @@ local function add_piece(piece, tvb, pinfo, tree, start, raw)
     raw = tvb:raw(start, piece.size)
   end
   local range = from(start, piece.size)
-  local item = tree:add(proto, range)
+  local item = tree:add(proto, range, P.label)
   local n = piece.n
   if piece.kind == "frame" then
     item:append_text(", " .. utf8_of(n.frame.name))

@@ -108,7 +108,7 @@ class _DissectorWriter:
     def _frame(self, frame: Frame) -> str:
         writer = SegmentWriter(self.module, frame, self.expressions, self.checks, self.fields)
         whole = writer.whole()
-        for problem in [*self.expressions.problems, *(problem for problem, _ in writer.unverified)]:
+        for problem in [*self.expressions.problems, *writer.unverified]:
             self.left_out.setdefault(problem, []).append(frame.name)
         self.expressions.problems.clear()  # of what is announced and repeated nothing is left out
         segments = writer.segments

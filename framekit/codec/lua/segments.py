@@ -7,6 +7,7 @@ asked of the writer of careful functions of the Python codec, so that both mean 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from typing import Any
 
 from framekit.codec.kinds.check import in_one_buffer
@@ -52,6 +53,7 @@ from framekit.definition.model.segments import (
     Wrap,
     exactly,
 )
+from framekit.definition.problems import Problem
 
 Entries = dict[str, str | None]
 WIDEST_CHECK = 32
@@ -105,7 +107,7 @@ class SegmentWriter:
         self.fields = fields
         self.scope = Scope()
         self.diagnosis.declare(self.segments, self.scope)
-        self.unverified: list[tuple[Any, str]] = []
+        self.unverified: list[Problem] = []
 
     # ---- parts of a frame ---------------------------------------------------------------------------------
 
@@ -420,7 +422,7 @@ def _check(w: SegmentWriter, s: Check, scope: Scope) -> Entries:
             problem = w.expressions.problems.pop()
             raise NotSaidError(problem.at, problem.what)
     except NotSaidError as error:
-        w.unverified.append((error.problem, w.frame.name))
+        w.unverified.append(replace(error.problem, todo="it is shown, and not verified"))
         entries |= {"unverified": string(error.problem.what), "covered": None, "method": None}
     return entries
 

@@ -20,7 +20,7 @@ class NotSaidError(Exception):
 
     def __init__(self, at: Position, why: str) -> None:
         super().__init__(why)
-        self.problem = Problem(at, why)
+        self.problem = Problem(at, why, "where it is reached, the frame is shown as bytes")
 
 
 def string(value: str | bytes) -> str:
