@@ -51,10 +51,9 @@ def rules_of(
         which = f"that begin with {head.hex(' ').upper()}"
         others.append(_rule(bad, texts, framing, check, which))
         other_numbers.update(bad)
-    if others:
-        distinct = {text for number, text in texts.items() if number not in other_numbers}
-        held = sum(holds(check, text) for text in distinct)
-        check = replace(check, evidence=Evidence(held, len(distinct), check.evidence.chance))
+    distinct = {text for number, text in texts.items() if number not in other_numbers}
+    held = sum(holds(check, text) for text in distinct)
+    check = replace(check, evidence=Evidence(held, len(distinct), check.evidence.chance))
     return [FrameRule(check, good), *others]
 
 
