@@ -27,7 +27,6 @@ from framekit.transport.network import (
     TcpAcceptedPort,
     TcpPort,
     bracketed,
-    host_and_port,
 )
 from framekit.transport.port import Accepted
 
