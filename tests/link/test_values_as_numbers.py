@@ -190,6 +190,50 @@ def test_values_with_bytes_between_them() -> None:
     assert loop.answer(b"W98 1 2 3\r") == b"\x15\2" and loop.answer(b"P5 300\r") == b"\x15\4"
 
 
+FORMS = """
+protocol: forms
+order: big
+station: {type: none}
+groups: {request: {from: client, tail: [{const: 0D}]}}
+frames:
+  READ:   {group: request, body: [{text: R}, {field: place, type: ascii, end: [0D]}]}
+  WRITE:  {group: request, body: [{text: W}, {field: place, type: ascii, end: 20}, {field: v, type: decimal, decimals: any, end: [0D]}]}
+  ASK:    {group: request, body: [{text: A}, {field: at, type: dec, size: 2}]}
+  SET:    {group: request, body: [{text: S}, {field: at, type: dec, size: 2}, {field: v, type: decimal, end: [0D]}]}
+  MANY:   {group: request, body: [{text: M}, {repeat: places, times: rest, separator: 2C, of: [{field: place, type: ascii, end: [2C, 0D]}]}]}
+  VALUE:  {from: server, body: [{field: v, type: decimal, decimals: any, end: [0D]}, {const: 0D 0A}]}
+  VALUES: {from: server, body: [{text: V}, {repeat: list, times: rest, separator: 2C, of: [{field: v, type: decimal, decimals: any, end: [2C, 0D]}]}, {const: 0D 0A}]}
+  DONE:   {from: server, body: [{const: 06}]}
+  NO:     {from: server, body: [{const: 15}, {field: code, type: u8}]}
+errors: {frame: NO, code: code, answer: {NO: {code: code}}, memory: {unknown: 1, range: 2, access: 3, value: 4, no_service: 5}}
+areas: {D: {unit: word, size: 100}, T: {unit: word, size: 50}}
+addresses:
+  - {form: "D{start:dec}", area: D, wire: yes}
+  - {form: "D{start:dec}.S", area: D, unit: word, type: int16, wire: yes}
+  - {form: "D{start:dec}.F", area: D, unit: dword, counts: word, type: float32, wire: yes}
+  - {form: "T{start:dec}", area: T, unit: word, type: int16}
+services:
+  read:
+    - {areas: [D], server_only: yes, request: {READ: {place: text}}, back: {count: 1}, reply: {VALUE: {v: value}}}
+    - {areas: [D], server_only: yes, variables: {max: 9}, request: {MANY: {places: {each: {place: text}}}}, back: {each: {count: 1}}, reply: {VALUES: {list: {each: {v: value}}}}}
+    - {areas: [T], limit: {count: 1}, request: {ASK: {at: start}}, reply: {VALUE: {v: value}}}
+  write:
+    - {areas: [D], server_only: yes, request: {WRITE: {place: text, v: value}}, reply: {DONE: {}}}
+    - {areas: [T], limit: {count: 1}, request: {SET: {at: start, v: value}}, reply: {DONE: {}}}
+"""
+
+
+def test_a_server_takes_and_gives_numbers_as_the_form_of_the_address_says() -> None:
+    loop = Loop(FORMS)
+    assert loop.answer(b"WD7.S -2\r") == b"\6" and loop.memory.read("D", "word", 7, 1) == [0xFFFE]
+    assert loop.answer(b"RD7.S\r") == b"-2\r\n" and loop.answer(b"RD7\r") == b"65534\r\n"
+    assert loop.answer(b"WD8.F 12.5\r") == b"\6" and loop.answer(b"RD8.F\r") == b"12.5\r\n"
+    assert loop.answer(b"MD7,D7.S,D8.F\r") == b"V65534,-2,12.5\r\n"
+    assert loop.answer(b"WD7.S 40000\r") == b"\x15\4" and loop.answer(b"WD7 -40000\r") == b"\x15\4"
+    assert loop.do("write", "T3", [0xFFFD]).ok and loop.requests[-1] == b"S03-3\r"  # every address of T says int16
+    assert loop.do("read", "T3").values == [0xFFFD] and loop.log[-1][1] == b"-3\r\n"
+
+
 WORKED_OUT = """
 protocol: worked_out
 order: big

@@ -348,6 +348,14 @@ def only_start(forms: Iterable[AddressForm], areas: Collection[str]) -> int | No
     return next(iter(starts)) if len(starts) == 1 else None
 
 
+def held_type(forms: Iterable[AddressForm], area: Area, unit: str) -> str | None:
+    """What places of an area usually hold in this unit: what all addresses of them say, else what the area says."""
+    own = area.type if unit == area.unit else None
+    naming = (form for form in forms if form.may_name([area.name]))
+    types = {form.type or own for form in naming if form.units_table is not None or (form.unit or area.unit) == unit}
+    return next(iter(types)) if len(types) == 1 else own
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limit:
     """The most one request can carry."""

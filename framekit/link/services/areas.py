@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.services import Area
+from framekit.definition.model.services import Area, held_type
 from framekit.link.addresses import Address, AddressGrammar, code_of
 from framekit.link.frame_table import ProtocolCodec
 from framekit.link.packing import cut_memory
@@ -67,11 +67,11 @@ class AreaUnit:
 
     def __init__(
         self, model: Area | None, device: DeviceMemory, memory: str, unit: str, offset: int = 0,
-        build: Callable[[Names], bytes] | None = None, *, read_only: bool = False,
+        build: Callable[[Names], bytes] | None = None, *, read_only: bool = False, type_: str | None = None,
     ) -> None:  # fmt: skip
         self.read_only = read_only
         self.name = None if model is None else model.name
-        self.type = None if model is None or unit != model.unit else model.type
+        self.type = type_
         self.area = model
         self.memory = memory
         self.unit = unit
@@ -207,6 +207,7 @@ class DeviceAreas:
         written: Written | None = None,
     ) -> None:
         self.areas = protocol.areas
+        self._forms = protocol.addresses
         self.read_only = read_only
         self.written = written
         self.codec = codec
@@ -244,7 +245,8 @@ class DeviceAreas:
         self, model: Area | None, memory: str, unit: str, offset: int = 0,
         build: Callable[[Names], bytes] | None = None,
     ) -> AreaUnit:  # fmt: skip
-        made = AreaUnit(model, self.memory, memory, unit, offset, build, read_only=self.read_only)
+        type_ = None if model is None else held_type(self._forms, model, unit)
+        made = AreaUnit(model, self.memory, memory, unit, offset, build, read_only=self.read_only, type_=type_)
         return made if self.written is None else ToldUnit(made, self.written)
 
     def _builder(self, area: Area) -> Callable[[Names], bytes]:

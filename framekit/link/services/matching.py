@@ -79,13 +79,17 @@ class RefusedMatchError(Exception):
 
 @dataclass(slots=True)
 class MatchTarget:
-    """Elements that a request asks for, and the data it brings for them, in memory's form. The names are its own."""
+    """Elements that a request asks for, and the data it brings for them, in memory's form. The names are its own.
+
+    `type`: what such a place usually holds.
+    """
 
     unit: AreaUnit
     start: int
     count: int
     memory: bytes | None
     names: Names
+    type: str | None
 
 
 @dataclass(slots=True)
@@ -423,7 +427,8 @@ class RowWriter:
 
     def _note_target(self, level: WriterLevel, place: str, names: str) -> None:
         start, count = level.values["start"], level.values["count"]
-        self.out.add(f"reading.targets.append(Target({place}, {start}, {count}, {level.memory}, {names}))")
+        type_ = self._type(level, place)
+        self.out.add(f"reading.targets.append(Target({place}, {start}, {count}, {level.memory}, {names}, {type_}))")
 
     def _target(self, level: WriterLevel) -> str | None:
         """Writes what place the names of a level mean: the variable with its `AreaUnit`, None if they mean none."""
@@ -486,6 +491,7 @@ class RowWriter:
         self.out.add(f"{address} = address_named(str({level.values['text']}))")
         level.parts = self.variable()
         self.out.add(f"{level.parts} = {address}.parts")
+        level.type = f"{address}.type"
         if "start" in level.values:
             self.unfit_if(f"{level.values['start']} != {address}.start")
         else:
@@ -565,7 +571,9 @@ class RowWriter:
             self.let(level, "data", f"{packer}.to_data({level.memory}, {start}, {count})")
         elif numbers is not None:
             level.memory = self.variable()
-            self.out.add(f"{level.memory} = numbers_there({numbers}, {count}, {place})")
+            self.out.add(
+                f"{level.memory} = numbers_there({numbers}, {count}, {place}.unit, {self._type(level, place)})"
+            )
         else:
             return
         if self.inline and "bits" not in self.mentioned:
@@ -575,6 +583,11 @@ class RowWriter:
         elif unit is None:
             otherwise = values.get("bits", "None")
             self.let(level, "bits", f"values_of({level.memory}, 'bit', {count}) if {place}.bits == 1 else {otherwise}")
+
+    @staticmethod
+    def _type(level: WriterLevel, place: str) -> str:
+        """What its elements usually hold: as the address in the request says, else as all addresses of the place."""
+        return level.type or f"{place}.type"
 
     def _numbers_sent(self, level: WriterLevel) -> str | None:
         """The list of the elements that a write brings as numbers, where it does."""
@@ -599,8 +612,8 @@ class RowWriter:
             data = "b''" if place is None else self._read(place)
             level.values["data"] = data
             if place is not None and self.mentioned & AS_NUMBERS:
-                count = level.values["count"]
-                numbers = self.let(level, "values", f"numbers_of({level.memory}, {place}.unit, {place}.type, {count})")
+                count, type_ = level.values["count"], self._type(level, place)
+                numbers = self.let(level, "values", f"numbers_of({level.memory}, {place}.unit, {type_}, {count})")
                 if "value" in self.mentioned:
                     self.let(level, "value", f"the_only({numbers})")
             if "bytes" in self.mentioned:
@@ -690,11 +703,11 @@ def layout_read(decode: Callable[..., dict[str, Any]], data: Any, names: Names, 
         raise DamagedBufferError(error if isinstance(error, ValueError) else ValueError(explain(error))) from None
 
 
-def numbers_there(numbers: Any, count: int, there: AreaUnit) -> bytes:
+def numbers_there(numbers: Any, count: int, unit: str, type_: str | None) -> bytes:
     """Numbers of a request in memory's form. Raises PackingError."""
     if not isinstance(numbers, list) or len(numbers) != count:
         raise PackingError(f"{count} values are wanted, not {len(numbers) if isinstance(numbers, list) else numbers!r}")
-    return memory_of_numbers(numbers, there.unit, there.type)
+    return memory_of_numbers(numbers, unit, type_)
 
 
 def the_only(numbers: list[Any]) -> Any:

@@ -115,9 +115,7 @@ class Overheard:
             if reading is None or reading.problem is not None:
                 continue
             pieces = tuple(
-                Piece(
-                    Address(target.unit.name or "", target.unit.unit, target.start, type=target.unit.type), target.count
-                )
+                Piece(Address(target.unit.name or "", target.unit.unit, target.start, type=target.type), target.count)
                 for target in reading.targets
             )
             return _OpenRequest(matching.facts, station, reading, pieces)

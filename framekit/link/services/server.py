@@ -161,7 +161,7 @@ class ServedRow:
         for target in reading.targets:
             memory = target.unit.read(target.start, target.count, reading.names)
             if self.tells_numbers:
-                numbers = numbers_of(memory, target.unit.unit, target.unit.type, target.count)
+                numbers = numbers_of(memory, target.unit.unit, target.type, target.count)
                 target.names.update(values=numbers, value=numbers[0])
             found.append(self.facts.packers[target.unit.unit].to_data(memory, target.start, target.count))
         return found

@@ -28,7 +28,7 @@ class WriterLevel:
 
     `parts`: the variable with the other things that an address says, where the request names it as text. `history`:
     variables in the order in which names got them. `item`: the variable with the fields of a list's item, `memory` that
-    with the data in memory's form.
+    with the data in memory's form, `type` what gives the type that the address says.
     `parameters`: names that are parameters of the function.
     """
 
@@ -40,6 +40,7 @@ class WriterLevel:
         self.padded = False
         self.parts: str | None = None
         self.memory = "None"
+        self.type = ""
         self.item = "None"
 
     def put(self, name: str, variable: str) -> None:
