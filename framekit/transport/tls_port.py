@@ -173,6 +173,7 @@ class TlsPort(TcpPort):
     ) -> None:  # fmt: skip
         _check_side(given, OF_CLIENTS, "connects")
         self._given = given
+        self._has_heard = False
         super().__init__(host, number, clock, connect_within)
         self.name = f"tls://{bracketed(host)}:{number}"
 
@@ -186,6 +187,19 @@ class TlsPort(TcpPort):
             )  # fmt: skip
         except (ssl.SSLError, ConnectionAbortedError, ConnectionResetError) as error:
             raise OSError(why(error)) from None
+
+    def connected(self) -> None:
+        self._has_heard = False
+        super().connected()
+
+    def hear(self, data: bytes) -> None:
+        self._has_heard = True
+        super().hear(data)
+
+    def lost(self, reason: str) -> None:
+        if reason == FAR_END_CLOSED and not self._has_heard and "cert" not in self._given:
+            reason += " – it may want a certificate: give cert= and key="  # TLS 1.3 tells that after the handshake
+        super().lost(reason)
 
     def why_lost(self, error: Exception) -> str:
         return why(error)

@@ -28,8 +28,8 @@ blocks:
 class Process:
     """`framekit run --watch --json` at work; it ends with the test."""
 
-    def __init__(self, path: Path) -> None:
-        command = [sys.executable, "-m", "framekit", "run", str(path), "--watch", "--json", "--for", "60s"]
+    def __init__(self, path: Path, *options: str) -> None:
+        command = [sys.executable, "-m", "framekit", "run", str(path), "--watch", "--json", "--for", "60s", *options]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
 
     def until(self, wanted: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
@@ -70,6 +70,24 @@ def test_edits_of_a_run_that_goes_on(tmp_path: Path) -> None:
         run.process.send_signal(signal.SIGTERM)
         assert run.event("block")["started"] > 0
         assert run.process.wait(20) == 0
+    finally:
+        run.process.kill()
+        run.process.communicate()
+
+
+@pytest.mark.long
+def test_an_edit_that_could_write_is_refused_where_the_run_only_reads(tmp_path: Path) -> None:
+    (tmp_path / "one.device.yaml").write_text(DEVICE, encoding="utf-8")
+    path = tmp_path / "watched.run.yaml"
+    path.write_text(RUN, encoding="utf-8")
+    run = Process(path, "--read-only")
+    try:
+        run.event("frame")
+        replace_file(path, RUN + '  1: {write: "40002", from: M1, every: 50 ms}\n')
+        run.process.send_signal(signal.SIGHUP)
+        (reason,) = run.event("refused")["reasons"]
+        assert reason.startswith(f"{path}:7:3: block 1 writes into the other side, and this run only reads")
+        run.event("frame")
     finally:
         run.process.kill()
         run.process.communicate()
