@@ -240,10 +240,17 @@ class FormMatcher:
                 known[self.start_inverse.name] = self.start_inverse.solve(start, names)
             except EVALUATION_ERRORS:
                 return None
-        elif "start" in self.form.results and start != self.only_start:
+        elif "start" in self.form.results and start != self.only_start and not self._says(start, known, names):
             return None
         known["start"] = start
         return self._text(area, unit, known)
+
+    def _says(self, start: int, parts: Parts, names: Names) -> bool:
+        """Whether these parts of an address name this start, where no part can be worked out of the start."""
+        try:
+            return bool(self.evaluate(parts, names)["start"] == start)
+        except EVALUATION_ERRORS:
+            return False
 
     @property
     def variable(self) -> int:
@@ -323,7 +330,8 @@ class Address:
     """Element `start` of `area`, counted from 0 in `unit`. `parts` are the other things the text says, by name.
 
     `type`: the type of number that such a place usually holds; None: one without sign. `shift`: so many bits after
-    the start of this element the place begins, as a word at an odd byte does.
+    the start of this element the place begins, as a word at an odd byte does. `form`: the
+    form that the text is written in.
     """
 
     area: str
@@ -333,6 +341,7 @@ class Address:
     parts: Mapping[str, Any] = field(default_factory=dict, hash=False)
     type: str | None = None
     shift: int = 0
+    form: str = field(default="", compare=False, repr=False)
 
     @property
     def unit_bits(self) -> int:
@@ -382,6 +391,10 @@ class AddressGrammar:
         self.serves: Callable[[Address], bool] = lambda address: True
         self._read_before: dict[str, Address | None] = {}
         self._wire = [form for form in self._forms if form.form.wire]
+        self._own_first = {
+            one.form.text: sorted(self._wire, key=lambda form: form.form.text != one.form.text) for one in self._wire
+        }
+        """By the text of a form marked `wire`: these forms, that one first."""
 
     def naming(self, serves: Callable[[Address], bool]) -> AddressGrammar:
         """The same addresses; messages name only places that `serves` takes."""
@@ -447,7 +460,7 @@ class AddressGrammar:
         start, shift = found.pop("start"), 0
         if form.form.counts is not None:
             start, shift = divmod(start * unit_bits(form.form.counts), unit_bits(unit))
-        return Address(area, unit, start, text, found, type_, shift)
+        return Address(area, unit, start, text, found, type_, shift, form.form.text)
 
     def _unknown(self, text: str) -> str:
         if text in self.areas:
@@ -529,7 +542,10 @@ class AddressGrammar:
     # ---- writing ------------------------------------------------------------------------------------------
 
     def print(self, address: Address) -> str:
-        """The text of a place, in the form marked `wire`, else in the first that can show it. Raises AddressError."""
+        """The text of a place, in a form marked `wire` (its own, if that is one), else in the first that can show it.
+
+        Raises AddressError.
+        """
         text = self._written(address)
         if text is None:
             raise AddressError(f"{address} cannot be written in any of these forms: {self._form_texts}")
@@ -541,7 +557,7 @@ class AddressGrammar:
 
     def _written(self, address: Address) -> str | None:
         names = Names({"area": self.views[address.area]}, self._tables)
-        for form in self._wire or self._forms:
+        for form in self._own_first.get(address.form) or self._wire or self._forms:
             text = form.print(address.area, address.unit, address.first_bit, address.parts, names)
             if text is not None:
                 return text

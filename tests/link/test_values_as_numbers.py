@@ -13,6 +13,7 @@ from link.service_loop import Loop
 
 from framekit.definition.load import load_protocol_text
 from framekit.definition.problems import DefinitionError
+from framekit.link.addresses import AddressError
 from framekit.link.packing import PackingError, memory_of_numbers, numbers_of
 from framekit.link.services.client import TransferResult
 
@@ -188,6 +189,49 @@ def test_values_with_bytes_between_them() -> None:
     assert loop.log[-2][0] == b"P5 001 200 030\r" and loop.log[-1][1] == b"L001 200 030\r\n"
     assert loop.answer(b"W5 70000\r") == b"\x15\4" and loop.memory.read("D", "word", 5, 1) == values[:1]
     assert loop.answer(b"W98 1 2 3\r") == b"\x15\2" and loop.answer(b"P5 300\r") == b"\x15\4"
+
+
+TEXTS = """
+protocol: texts
+order: big
+station: {type: none}
+groups: {request: {from: client, tail: [{const: 0D}]}}
+frames:
+  READ:  {group: request, body: [{text: R}, {field: place, type: ascii, end: 20}, {field: n, type: decimal, end: [0D]}]}
+  WORDS: {from: server, body: [{repeat: list, times: rest, separator: 20, of: decimal, sign: always, end: [20, 0D]}, {const: 0D 0A}]}
+  BITS:  {from: server, body: [{text: B}, {repeat: list, times: rest, of: dec, size: 1}, {const: 0D 0A}]}
+areas: {D: {unit: word, size: 100}, R: {unit: bit, size: 320}}
+addresses:
+  - {form: "D{start:dec}.U", area: D, case: any, wire: yes}
+  - {form: "D{start:dec}.S", area: D, unit: word, type: int16, case: any, wire: yes}
+  - {form: "D{start:dec}", area: D, case: any}
+  - {form: "R{c:dec:1-3}{b:dec:2}", area: R, start: c * 16 + b, wire: yes}
+services:
+  read:
+    - {areas: [D], limit: {count: 2}, request: {READ: {place: text, n: count}}, reply: {WORDS: {list: values}}}
+    - {areas: [R], limit: {count: 9}, request: {READ: {place: text, n: count}}, reply: {BITS: {list: values}}}
+"""
+
+
+def test_text_keeps_the_form_of_the_address() -> None:
+    """Where several forms name one place, `text` is in the one that was given, of the places after the first too."""
+    loop = Loop(TEXTS)
+    loop.memory.write("D", "word", 7, [1, 0xFFFE, 3])
+    assert loop.do("read", "D7.S", count=3).values == [1, 0xFFFE, 3] and loop.do("read", "d8.s").ok
+    assert loop.requests == [b"RD7.S 2\r", b"RD9.S 1\r", b"RD8.S 1\r"]
+    assert loop.log[0][1] == b"+1 -2\r\n"
+    assert loop.do("read", "D8.U").ok and loop.do("read", "D8").ok  # a form that is not on the wire: the first that is
+    assert loop.requests[3:] == [b"RD8.U 1\r"] * 2
+
+
+def test_text_of_a_start_that_two_parts_make() -> None:
+    """It is the address that was given, for a request of that very place."""
+    loop = Loop(TEXTS)
+    loop.memory.write("R", "bit", 17, [1])
+    assert loop.do("read", "R101", count=3).values == [1, 0, 0] and loop.requests == [b"RR101 3\r"]
+    with pytest.raises(AddressError, match="bit 26 of R cannot be written in any of these forms"):
+        loop.do("read", "R101", count=10)
+    assert len(loop.requests) == 1
 
 
 FORMS = """
