@@ -24,6 +24,7 @@ from framekit.guess.model import (
     LengthField,
     Order,
 )
+from framekit.guess.pieces import LARGEST_SIGNAL
 from framekit.guess.texts import is_text, with_texts
 
 HEAD = 12
@@ -39,10 +40,12 @@ SURE = 20.0
 
 
 class FrameShape(NamedTuple):
-    """What of a plain frame belongs to its framing: bytes of the start mark, and bytes of check and end mark."""
+    """What of a plain frame belongs to its framing: bytes of the start mark, and bytes of check and end mark;
+    `outside`: those of a check behind the end mark."""
 
     head: int
     tail: int
+    outside: int = 0
 
 
 class AskedTold(NamedTuple):
@@ -55,11 +58,14 @@ class AskedTold(NamedTuple):
 def shape_of(framing: Framing, check: CheckGuess | None, texts: Sequence[bytes]) -> FrameShape:
     """Where content begins, and what follows it."""
     has_marks = framing.kind in ("marks", "length")
-    has_marks = has_marks and all(one.startswith(framing.start) and one.endswith(framing.end) for one in texts)
-    tail = len(framing.end) if has_marks else 0
+    behind, end = framing.behind, framing.plain_end
+    has_marks = has_marks and all(
+        one.startswith(framing.start) and one[: len(one) - behind].endswith(end) for one in texts
+    )
+    tail = len(end) + behind if has_marks else 0
     if check is not None and check.place.at is None:
         tail = max(tail, check.place.behind)
-    return FrameShape(len(framing.start) if has_marks else 0, tail)
+    return FrameShape(len(framing.start) if has_marks else 0, tail, behind if has_marks else 0)
 
 
 def directed(frames: Sequence[HeardFrame], plain: Sequence[bytes]) -> tuple[list[str], float]:
@@ -236,6 +242,9 @@ def fields_of(
     """The fields of frames of one kind, from the first byte to the last. `function`: the byte that tells the kind;
     `forms`: constants that other kinds have otherwise."""
     shortest, longest = min(map(len, texts)), max(map(len, texts))
+    if check is None and longest <= LARGEST_SIGNAL and len(set(texts)) == 1:
+        whole = Evidence(len(texts), len(texts))
+        return (GuessedField("form", 0, longest, "constant", texts[0].hex(" ").upper(), whole, is_mark=True),)
     head = HEAD if length is None else max(HEAD, length.end)
     inner = min(shortest - shape.tail, head if longest > shortest else max(head, shortest - shape.tail))
     found: list[GuessedField] = []
@@ -264,7 +273,11 @@ def fields_of(
         found.append(GuessedField("data", at, 0, kind, about))
     found = with_texts(found, texts)
     if check is not None and check.place.at is None:
-        if check.place.stop:
+        if shape.outside:
+            size = shape.tail - shape.outside
+            mark = texts[0][len(texts[0]) - shape.tail :][:size].hex(" ").upper()
+            found.append(GuessedField("end", -shape.tail, size, "constant", mark))
+        elif check.place.stop:
             before, size = check.place.behind, check.place.stop
             mark = texts[0][len(texts[0]) - before :][:size].hex(" ").upper()
             found.append(GuessedField("mark", -before, size, "constant", mark, is_mark=True))
@@ -342,7 +355,7 @@ def _merged(fields: Sequence[GuessedField], texts: Sequence[bytes]) -> list[Gues
         if last is not None and last.kind == field.kind and field.kind in together and last.name == field.name:
             size = last.size + field.size
             about = texts[0][last.offset : last.offset + size].hex(" ").upper()
-            found[-1] = GuessedField(last.name, last.offset, size, last.kind, about, last.evidence)
+            found[-1] = replace(last, size=size, about=about)
         else:
             found.append(field)
     return found

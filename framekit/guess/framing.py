@@ -190,7 +190,9 @@ def _end_by_mark(framing: Framing, data: bytes, at: int, starts: set[int]) -> in
             if (place - first) % 2:
                 place += 1
                 continue
-        after = place + len(end)
+        after = place + len(end) + framing.behind
+        if after > len(data):
+            return first_end
         if stuffing is not None or after in starts or (start and data.startswith(start, after)):
             return after
         first_end = after if first_end is None else first_end
@@ -243,6 +245,7 @@ def _hypotheses(texts: Sequence[bytes], streams: Sequence[PieceStream]) -> Itera
     for last in ends:
         for first in starts:
             yield from _with_stuffing(Framing("marks", first, last), streams)
+    yield from _codes_behind(texts, end, streams)
     for length in _lengths(texts):
         for last in (*ends, b""):
             for first in starts:
@@ -258,6 +261,21 @@ def _hypotheses(texts: Sequence[bytes], streams: Sequence[PieceStream]) -> Itera
         yield Framing("fixed", start[:MOST_MARK], fixed=usual)
 
 
+def _codes_behind(texts: Sequence[bytes], end: bytes, streams: Sequence[PieceStream]) -> Iterator[Framing]:
+    """Marks that begin with one escape byte, and a code behind the end mark."""
+    for behind in (2, 1):
+        bodies = [text[:-behind] for text in texts if len(text) > behind + 2 * MOST_MARK]
+        if len(bodies) < FEW:
+            continue
+        first, last = _common(bodies)
+        first, last = first[:MOST_MARK], last[-MOST_MARK:]
+        if len(first) == len(last) == MOST_MARK and first[0] == last[0] and first != last != end[-MOST_MARK:]:
+            found = [
+                one for one in _with_stuffing(Framing("marks", first, last, behind=behind), streams) if one.stuffing
+            ]
+            yield from found
+
+
 def _with_stuffing(framing: Framing, streams: Sequence[PieceStream]) -> Iterator[Framing]:
     """As it is, and with the stuffing that its content shows."""
     start, end = framing.start, framing.end
@@ -268,7 +286,7 @@ def _with_stuffing(framing: Framing, streams: Sequence[PieceStream]) -> Iterator
         pieces = [stream.data[begin:last] for stream in streams for begin, last in cut_stream(framing, stream)]
     inner = [
         piece[len(start) : len(piece) - len(end)]
-        for piece in pieces[:MOST_PIECES]
+        for piece in (one[: len(one) - framing.behind] for one in pieces[:MOST_PIECES])
         if len(piece) > len(start) + len(end) and piece.startswith(start) and piece.endswith(end)
     ]
     found = find_stuffing(inner, start, end) if inner else None

@@ -83,7 +83,7 @@ def _cut_and_check(chunks: Sequence[HeardBytes]) -> tuple[CutLine, list[bytes | 
         plain = [_plain(cut.framing, frame.data) for frame in cut.frames]
         texts = [text for text in plain if text is not None][:MOST_CHECKED]
         first = first or (cut, plain, None)
-        checks = find_checks(texts, len(cut.framing.start), len(cut.framing.end)) if texts else []
+        checks = find_checks(texts, *_around(cut.framing)) if texts else []
         if not checks:
             continue
         found = _of_digits(cut, checks[0]) or (cut, plain, checks[0])
@@ -93,6 +93,11 @@ def _cut_and_check(chunks: Sequence[HeardBytes]) -> tuple[CutLine, list[bytes | 
             best = found
     assert first is not None
     return best or first
+
+
+def _around(framing: Framing) -> tuple[int, int]:
+    """Bytes of the mark at the start, and of the one at the end."""
+    return len(framing.start), 0 if framing.behind else len(framing.end)
 
 
 def _share(check: CheckGuess) -> float:
@@ -153,9 +158,14 @@ def _plain(framing: Framing, data: bytes) -> bytes | None:
 def _of_framing(cut: CutLine) -> Iterator[Statement]:
     framing, frames = cut.framing, cut.frames
     marks = [f"begins with {_hex(framing.start)}"] * bool(framing.start)
-    marks += [f"ends with {_hex(framing.end)}"] * bool(framing.end)
+    behind = f", and {plural(framing.behind, 'byte')} behind it" if framing.behind else ""
+    marks += [f"ends with {_hex(framing.end)}{behind}"] * bool(framing.end)
     alike = Evidence(
-        sum(one.data.startswith(framing.start) and one.data.endswith(framing.end) for one in frames), len(frames)
+        sum(
+            one.data.startswith(framing.start) and one.data.endswith(framing.end, 0, len(one.data) - framing.behind)
+            for one in frames
+        ),
+        len(frames),
     )
     if marks:
         yield Statement(f"a frame {' and '.join(marks)}", alike, False, "a frame without that")

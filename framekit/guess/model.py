@@ -103,7 +103,7 @@ class Framing:
 
     `kind`: `pauses` (silence around frames, or the pieces as they came), `marks` (a start and an end, or one of them),
     `length` (a number says it), `fixed` (all have `fixed` bytes). `start` and `end`: bytes that begin and end every
-    frame, for every kind.
+    frame, for every kind. `behind`: bytes that follow the end mark, as a code does that stands outside of the marks.
     """
 
     kind: Literal["pauses", "marks", "length", "fixed"]
@@ -113,6 +113,12 @@ class Framing:
     stuffing: Stuffing | None = None
     fixed: int = 0
     evidence: Evidence = Evidence(0, 0)
+    behind: int = 0
+
+    @property
+    def plain_end(self) -> bytes:
+        """The end mark of a frame without its stuffing: where a code follows it, without the escape byte."""
+        return self.end[1:] if self.behind else self.end
 
 
 @dataclass(frozen=True, slots=True)

@@ -72,7 +72,10 @@ def _rule(
                 found = replace(other, evidence=Evidence(held, len(distinct), chance), is_sure=chance >= 2 * LEAST)
                 break
     if found is None and len(distinct) >= LEAST_FRAMES:
-        found = next(iter(find_checks(distinct[:MOST_CHECKED], len(framing.start), len(framing.end))), None)
+        found = next(
+            iter(find_checks(distinct[:MOST_CHECKED], len(framing.start), 0 if framing.behind else len(framing.end))),
+            None,
+        )
     own = [number for number in numbers if found is None or holds(found, texts[number])]
     return FrameRule(found, frozenset(own), which)
 

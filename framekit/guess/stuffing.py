@@ -74,10 +74,11 @@ def _from_cobs(data: bytes) -> bytes:
 
 def plain_frame(framing: Framing, data: bytes) -> bytes:
     """A frame without its stuffing, with its marks. Raises StuffingError."""
-    if framing.stuffing is None or not (data.startswith(framing.start) and data.endswith(framing.end)):
+    body = data[: len(data) - framing.behind]
+    if framing.stuffing is None or not (body.startswith(framing.start) and body.endswith(framing.end)):
         return data
-    inner = data[len(framing.start) : len(data) - len(framing.end)]
-    return framing.start + unstuffed(framing.stuffing, inner) + framing.end
+    inner = body[len(framing.start) : len(body) - len(framing.end)]
+    return framing.start + unstuffed(framing.stuffing, inner) + framing.plain_end + data[len(body) :]
 
 
 def find_stuffing(inner: Sequence[bytes], start: bytes, end: bytes) -> tuple[Stuffing, Evidence] | None:

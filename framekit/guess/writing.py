@@ -11,7 +11,7 @@ from itertools import pairwise
 
 from framekit.definition.model.checks import CheckMethod
 from framekit.guess.checks import FLETCHER
-from framekit.guess.model import FrameKind, Framing, Guess, GuessedField, HeardFrame, Stuffing
+from framekit.guess.model import CheckGuess, FrameKind, Framing, Guess, GuessedField, HeardFrame, Stuffing
 from framekit.guess.times import GuessedTimes
 
 TOLD_KINDS = ("unknown", "counter", "copy", "text", "named")
@@ -135,14 +135,25 @@ def _body(kind: FrameKind, framing: Framing, guess: Guess) -> Iterator[str]:
     inner = [
         text
         for text, field in zip(segments, kind.fields, strict=True)
-        if field.wire or field.name not in ("start", "end")
+        if field.wire or field.name not in ("start", "end", "check")[: 3 if framing.behind else 2]
     ]
     if framing.start:
         yield f"- {{const: {_hex(framing.start)}}}"
-    yield f"- wrap: {_wrap(framing, [frame for one in guess.kinds for frame in one.frames])}"
+    coding = _wrap(framing, [frame for one in guess.kinds for frame in one.frames])
+    yield from ("- name: content", f"  wrap: {coding}") if framing.behind else (f"- wrap: {coding}",)
     yield "  of:"
     yield from (f"    - {text}" for text in inner)
     yield f"- {{const: {_hex(framing.end)}}}"
+    if kind.check is not None and framing.behind:
+        yield f"- {_check_behind(kind.check, framing, own)}"
+
+
+def _check_behind(check: CheckGuess, framing: Framing, name: str) -> str:
+    """A check outside of the marks: over the content, and over the end mark without its escape byte, if that counts."""
+    order = ", order: little" if check.place.order == "little" and check.place.size > 1 else ""
+    digits = ", as: hex" if check.place.form == "hex" else ""
+    mark = "" if check.place.stop else f", {{bytes: \"h'{framing.plain_end.hex().upper()}'\"}}"
+    return f"{{check: {name}{order}{digits}, over: [content{mark}]}}"
 
 
 def _wrap(framing: Framing, frames: Sequence[HeardFrame]) -> str:
@@ -180,7 +191,7 @@ def _segments(kind: FrameKind, framing: Framing, check: str) -> Iterator[str]:
             case "length" | "count" if field is sized:
                 yield _length(field, kind, framing)
             case "check":
-                yield _check(kind, framing, check)
+                yield "" if framing.behind else _check(kind, framing, check)
             case "constant":
                 yield f"{_plain(field)}  # always {field.about}"
             case _:

@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from framekit.api.differences import differences
-from framekit.api.guess import HeardError, heard
+from framekit.api.draft import write_definition
+from framekit.api.guess import HeardError, heard, reading_of
 from framekit.api.known_lines import INDEX, index_text, known_protocols
 from framekit.cli.main import main
 from framekit.codec.checks import compute
@@ -242,3 +243,24 @@ def test_data_of_varying_size_is_compared_byte_by_byte() -> None:
 
     found = differences(recording(0), recording(1))
     assert [(one.offset, one.first, one.second) for one in found] == [(2, "00", "01")]
+
+
+@pytest.mark.parametrize("name", ["crc16-arc", "lrc8"])
+def test_a_code_behind_the_end_mark_is_found(name: str, tmp_path: Path) -> None:
+    """As of DF1: the CRC counts the content without its stuffing and ETX, the sum the content alone."""
+    rng, chunks = random.Random(13), list[HeardBytes]()
+    for _ in range(40):
+        data = bytes(rng.choice([0x10, rng.randrange(256)]) for _ in range(rng.choice([5, 8, 12])))
+        counted = data + b"\x03" if name == "crc16-arc" else data
+        method = ready_methods()[name]
+        code = compute(method, counted).to_bytes(method.size, "little")
+        chunks.append(HeardBytes(None, "out", b"\x10\x02" + data.replace(b"\x10", b"\x10\x10") + b"\x10\x03" + code))
+        chunks.append(HeardBytes(None, "in", b"\x10\x06"))
+    found = guess(chunks)
+    assert found.framing is not None and (found.framing.end, found.framing.behind) == (b"\x10\x03", len(code))
+    assert found.check is not None and found.check.name == name
+    assert [frame.data for frame in found.frames] == [chunk.data for chunk in chunks]
+    path = tmp_path / "found.yaml"
+    assert write_definition(found, path, "made up").problems == ()
+    told = reading_of(path, chunks).data
+    assert (told["frames"], told["bad"], told["noise"]) == (80, 0, 0)
