@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from c_harness import GCC, CProtocol, differences, encode_trial, measure_trial, stream_trial, trial
+from segment_cases import CASES, Case
 from shipped import APPLICATIONS, PROTOCOLS
 
 from framekit.codec.c.generate import generate
@@ -58,6 +59,22 @@ def test_all_shipped_frames_are_read_and_built_as_by_python(name: str, tmp_path:
         assert stream_trial(c, seed=23, noisy=False, count=30)[0] == []
         different, tried = stream_trial(c, seed=24, noisy=True, count=60)
         assert len(different) * 50 <= tried, different  # docs/generate-c.md tells where they differ
+
+
+@needs_gcc
+@pytest.mark.long
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.title)
+def test_every_kind_of_segment_is_read_and_built_as_by_python(case: Case, tmp_path: Path) -> None:
+    definition = load_protocol_text(case.yaml)
+    if "f" not in generate(definition).frames:
+        pytest.skip("left out")
+    c = CProtocol(definition, tmp_path)
+    assert differences(c, [("f", case.bytes), *(("f", bytes.fromhex(data)) for data in case.bad)]) == []
+    assert trial(c, seed=31, samples=5, changes=25) == []
+    assert encode_trial(c, seed=32, samples=4, changes=12) == []
+    assert measure_trial(c, seed=33, samples=4, changes=4) == []
+    if c.generated.in_streams:
+        assert stream_trial(c, seed=34, noisy=False, count=3)[0] == []
 
 
 # ---- text of a definition ---------------------------------------------------------------------------------------

@@ -76,7 +76,7 @@ class CFunctionWriter:
         self.spans: dict[str, str] = {}
 
     def _tracked(self) -> set[str]:
-        """CNames of segments whose places are asked for."""
+        """Names of segments whose places are asked for."""
         found: set[str] = set()
         for segment in everything(self.segments):
             if isinstance(segment, Check):

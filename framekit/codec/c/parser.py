@@ -36,7 +36,10 @@ class ParserWriter:
         out.add("/* Frames in a stream: what came is put in, and told by `next`, which drops what it told before. */")
         out.add(f"#define {upper}_MAX_STREAM {self.most} /* bytes of the greatest frame that is looked for */")
         with out.block(f"struct {p}_parser", ";"):
-            out.add(f"uint8_t buffer[{upper}_MAX_STREAM];", "size_t size, told, wanted, bad_left;")
+            out.add(
+                f"uint8_t buffer[{upper}_MAX_STREAM + 1]; /* one more tells that a frame is too long */",
+                "size_t size, told, wanted, bad_left;",
+            )
             out.add("unsigned from;", "bool is_silent, is_skipping, is_broken;")
             out.add("size_t noise; /* bytes so far that belong to no frame */")
             out.add(f"enum {p}_frame frame; /* what was found */")

@@ -9,6 +9,7 @@ from framekit.codec.c.source import CannotSayError, number
 from framekit.codec.kinds.check import in_one_buffer
 from framekit.codec.python.function import covered_parts, on_the_wire
 from framekit.definition.kinds.check import Added
+from framekit.definition.model.frames import everything, flat
 from framekit.definition.model.segments import Check, Choose, Field, Segments
 
 
@@ -54,13 +55,18 @@ def _up_to_here(r: Any, names: Any, function: str, code: str, start: str) -> Non
 
 
 def _runs(r: Any, segment: Check, names: list[str]) -> list[list[str]]:
-    """CNames of segments that stand one after the other in one buffer, together."""
+    """Names of segments that stand one after the other in one buffer, together."""
     orders = list(_orders(r.segments))
+    apart = {
+        one.name for holder in everything(r.segments) if holder.has_cases for b in holder.blocks for one in flat(b)
+    }
     found: list[list[str]] = []
     for name in names:
         if found:
             last = found[-1][-1]
-            if any(last in order and name in order and order.index(name) == order.index(last) + 1 for order in orders):
+            if not apart & {last, name} and any(
+                last in order and name in order and order.index(name) == order.index(last) + 1 for order in orders
+            ):
                 found[-1].append(name)
                 continue
         found.append([name])

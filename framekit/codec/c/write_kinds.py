@@ -7,7 +7,7 @@ from dataclasses import replace
 from framekit.codec.c.codings import wrap_up
 from framekit.codec.c.expressions import LEAST, MOST, CScope, Val, constant
 from framekit.codec.c.functions import order_of_bytes
-from framekit.codec.c.layout import CMember, inner_name, scope_of, val_of
+from framekit.codec.c.layout import CMember, inner_name, val_of
 from framekit.codec.c.shared import case_tests, put_code, work_out
 from framekit.codec.c.source import CannotSayError, identifier, number, string
 from framekit.codec.c.writer import BYTES, VALUES, Taken, WriteWriter
@@ -15,9 +15,9 @@ from framekit.codec.python import forms
 from framekit.codec.python.encode_plan import Task
 from framekit.codec.python.expressions import constant_of
 from framekit.codec.python.facts import is_fixed
-from framekit.codec.python.function import covers_later
+from framekit.codec.python.function import standing_any_way
 from framekit.definition.codings import Plain
-from framekit.definition.expression import Expression, Text
+from framekit.definition.expression import Attribute, Expression, Name, Text, walk
 from framekit.definition.model.frames import expressions_of, flat
 from framekit.definition.model.segments import (
     INDEX,
@@ -984,16 +984,20 @@ def _put_check(w: WriteWriter, segment: Check, taken: Taken) -> None:
                 w.fail_if("bad", "value")
             put_code(w, segment, code, to)
 
-    if covers_later(segment, w.segments):
+    if segment.name in w.late_names:
         if w.in_wrap or w.in_list or segment.when is not None:
             raise CannotSayError(segment.at, "a check code in a part, before what it covers")
-        w.late.append(write)
+        w.late.append((segment, write))
     else:
         write()
 
 
 def _put_choose(w: WriteWriter, segment: Choose | Optional, taken: Taken) -> None:
     case = w.chosen[id(segment)]
+    for one in standing_any_way((segment,)):  # of a case that is not taken nothing is there
+        span = w.span(one.name)
+        if span is not None:
+            w.add(f"{span}.data = {w.inn}.data;", f"{span}.first = {span}.last = {w.inn}.at;", f"{span}.there = true;")
     for place, segments in enumerate(segment.blocks):
         inner = w.scopes.get(id(segments))
         if inner is None:
@@ -1021,12 +1025,17 @@ def _put_repeat(w: WriteWriter, segment: Repeat, taken: Taken) -> None:
     inner = Taken(scope, member.inside, f"{path}.items[{index}].")
     scope.entries[INDEX] = Val("number", f"(int64_t){index}", 0, member.capacity)
     scope.entries[LAST] = Val("number", f"(int64_t)({index} + 1 == {path}.count)", 0, 1, is_flag=True)
-    previous = scope_of(member.inside, f"{path}.items[{index} - 1].")
+    asked = {node.name for e in expressions_of(segment.of) for node in walk(e.root) if isinstance(node, Attribute)
+             and isinstance(node.value, Name) and node.value.name == PREVIOUS}  # fmt: skip
+    previous = CScope()
+    before = {name: w.local("int64_t", f"previous_{name}") for name in sorted(asked)}
+    for name, local in before.items():
+        one = member.inside.members.get(name)
+        if one is None or one.kind != "number" or one.has or one.high > MOST or one.places:
+            raise CannotSayError(segment.at, f"'{name}' of the item before")
+        previous.entries[name] = Val("number", local, one.low, one.high)
     scope.entries[PREVIOUS] = Val("record", "", there=f"{index} > 0", inside=previous)
     start, begun = w.local("size_t", "list_start"), w.local("size_t", "item_start")
-    read = {name for one in flat(segment.of) for e in expressions_of(one) for name in (PREVIOUS,) if name in str(e)}
-    if read and any(one.lacks_default is False and one.value_names for one in flat(segment.of)):
-        raise CannotSayError(segment.at, "items that read computed values of the item before")
     w.add(f"{start} = {w.inn}.at;")
     outside, w.in_list = w.in_list, True
     fill = string(bytes((segment.fill,)))
@@ -1041,6 +1050,8 @@ def _put_repeat(w: WriteWriter, segment: Repeat, taken: Taken) -> None:
             w.fail_if(f"{w.inn}.at == {begun}", "length")
         if segment.align > 1 and not segment.between:
             w.add(f"{w.file.helper('put_fill')}({w.n}, {fill}, 1, {pad});")
+        for name, local in before.items():
+            w.add(f"{local} = {scope.entries[name].text};")
     w.in_list = outside
 
 

@@ -16,15 +16,29 @@ from framekit.codec.c.layout import CMember, CStruct
 from framekit.codec.c.source import CannotSayError, CSource, string
 from framekit.codec.python.encode_plan import Task, run_in_order
 from framekit.codec.python.facts import ending_constants, follows_its_length
+from framekit.codec.python.function import covered_names, covers_later
 from framekit.definition.expression import Call, Expression, Name, names_in, walk
 from framekit.definition.model.frames import Frame, bytes_of, everything, flat
-from framekit.definition.model.segments import Const, Data, Field, FieldType, Length, Repeat, Segment, Segments
+from framekit.definition.model.segments import Check, Const, Data, Field, FieldType, Length, Repeat, Segment, Segments
 
 Values = dict[type[Segment], Callable[..., list[Task]]]
 VALUES: Values = {}
 """What brings the values of each kind of segment into locals: `write_kinds.py` fills both tables."""
 BYTES: dict[type[Segment], Callable[..., None]] = {}
 """What puts the bytes of each kind of segment together."""
+
+
+def late_checks(segments: Segments) -> set[str]:
+    """The names of the check codes that cover what comes later, or such a check code."""
+    checks = [one for one in everything(segments) if isinstance(one, Check)]
+    found = {one.name or "" for one in checks if covers_later(one, segments)}
+    while True:
+        more = {one.name or "" for one in checks if one.covers is not None and found & {*covered_names(one, segments)}}
+        if found and any(one.covers is None for one in checks):
+            raise CannotSayError(checks[0].at, "a check code over all before it, with one that covers what comes later")
+        if more <= found:
+            return found
+        found |= more
 
 
 @dataclass(slots=True)
@@ -51,11 +65,15 @@ class WriteWriter(CFunctionWriter):
         self.struct = struct
         self.most = file.layouts.most_of(frame)
         self.inn = "out"
+        for one in everything(segments):  # what a length counts may have to be put together first
+            if isinstance(one, Length):
+                self.tracked |= {*one.of, *self.wire_names(one.of)}
         self.used |= {"out", "w", "v", "context", "bad", "to", "round", "number", "index"}
         self.scopes: dict[int, Taken] = {}
         self.chosen: dict[int, str] = {}
         self.lengths: list[tuple[str, Callable[[], str]]] = []
-        self.late: list[Callable[[], None]] = []
+        self.late: list[tuple[Check, Callable[[], None]]] = []
+        self.late_names = late_checks(segments)
         self.ends = dict(ending_constants(self.static, segments))
         self.in_wrap = False
         self.in_list = False
@@ -71,7 +89,7 @@ class WriteWriter(CFunctionWriter):
             self._delimited(frame, taken, tail)
         else:
             self.bytes(self.segments, taken)
-        for write in self.late:
+        for write in self._late_in_order():
             write()
         self._check_texts()
         longest = self.static.all(self.segments).most
@@ -97,6 +115,20 @@ class WriteWriter(CFunctionWriter):
             code.lines.extend(lines)
             code.add("*w = out;")
         return code
+
+    def _late_in_order(self) -> list[Callable[[], None]]:
+        """The check codes that had to wait, each after those that it covers itself."""
+        waiting, ordered = list(self.late), list[Callable[[], None]]()
+        while waiting:
+            names = {check.name for check, _ in waiting}
+            ready = next(
+                (one for one in waiting if not (names - {one[0].name}) & {*covered_names(one[0], self.segments)}), None
+            )
+            if ready is None:
+                raise CannotSayError(waiting[0][0].at, "check codes that cover each other")
+            waiting.remove(ready)
+            ordered.append(ready[1])
+        return ordered
 
     def _rounds(self, lines: list[str]) -> list[str]:
         """All once more for lengths that follow from the bytes."""
