@@ -24,6 +24,7 @@ SECTIONS: dict[str, list[str]] = {
     "How to": [
         "docs/howto/log-values.md", "docs/howto/simulate-a-device.md", "docs/howto/unknown-check.md",
         "docs/howto/listen-between.md", "docs/howto/run-as-a-service.md",
+        "docs/generate-c.md", "docs/wireshark.md",
     ],
     "Devices and lines": [
         "docs/run-files.md", "docs/servers.md", "docs/behave.md", "docs/lines.md", "docs/faults.md", "docs/jobs.md",
@@ -35,8 +36,7 @@ SECTIONS: dict[str, list[str]] = {
         "docs/conversion.md", "docs/text-numbers.md", "docs/sharing.md",
     ],
     "Reference": [
-        "docs/reference.md", "docs/segments.md", "docs/cli.md", "docs/generate-c.md", "docs/python-api.md",
-        "docs/error-codes.md",
+        "docs/reference.md", "docs/segments.md", "docs/cli.md", "docs/python-api.md", "docs/error-codes.md",
     ],
     "How it works": ["docs/architecture.md", "docs/receiver.md", "docs/performance.md", "docs/extending.md"],
     "Protocols": sorted(str(page.relative_to(ROOT)) for page in ROOT.glob("docs/protocols/*.md")),

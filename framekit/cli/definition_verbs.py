@@ -577,9 +577,10 @@ def _form(segment: Segment) -> str | None:
 def add_generate_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "what",
-        choices=("python", "c", "wireshark", "document", "diagram"),
+        choices=("python", "c", "wireshark", "jsonschema", "typescript", "document", "diagram"),
         help="python: a module of plain functions, usable without framekit; c: a header and a source in C99, with"
-        " nothing to link; wireshark: a dissector in Lua; document: the frames drawn, fields, services and sequences,"
+        " nothing to link; wireshark: a dissector in Lua; jsonschema, typescript: types of what decode"
+        " --json prints; document: the frames drawn, fields, services and sequences,"
         " for people; diagram: the sequences in Mermaid",
     )
     add(parser, "protocol")
@@ -617,6 +618,17 @@ def run_generate(arguments: argparse.Namespace) -> int:
         from framekit.codec.python.generate import generate_source
 
         source = generate_source(protocol)
+    elif arguments.what in ("jsonschema", "typescript"):
+        import json
+
+        from framekit.api.value_types import json_schema, typescript
+
+        is_schema = arguments.what == "jsonschema"
+        source = (
+            json.dumps(json_schema(protocol), indent=1, ensure_ascii=False) + "\n"
+            if is_schema
+            else typescript(protocol)
+        )
     else:
         from framekit.definition.diagrams import diagrams
 
