@@ -8,8 +8,12 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from random import Random
 
 import pytest
+from definition_trial import Trial as DefinitionTrial
+from definition_trial import damaged
+from drawn_definitions import DrawnDefinition
 from segment_cases import CASES, Case
 from shipped import vectors_of
 from strategies import base_context
@@ -29,6 +33,7 @@ from tshark_world import (
 from framekit.codec.lua.generate import generate_dissector
 from framekit.codec.lua.source import comment, string, utf8
 from framekit.definition.load import load_protocol, load_protocol_text
+from framekit.definition.problems import DefinitionError
 from framekit.definition.sources import shipped_definitions
 from framekit.service.capture import GLOBAL_HEADER, PcapRecords
 from framekit.transport.port import LineEvent
@@ -58,6 +63,22 @@ def test_every_kind_of_segment(case: Case, tmp_path: Path) -> None:
     compare(protocol, base_context(protocol), frames, tmp_path, found)
     assert found.differences == []
     assert not found.left_out or generate_dissector(protocol).left_out, "what is not shown was told"
+
+
+@needs_tshark
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(60, 120))
+def test_drawn_definitions(seed: int, tmp_path: Path) -> None:
+    drawn, random, found = DrawnDefinition(seed), Random(seed), Trial()
+    try:
+        tried = DefinitionTrial(drawn.text, drawn.values, seed)
+    except DefinitionError:
+        return  # as many are refused: each is tried by the tests of both compilers
+    data = tried.built()
+    if data:
+        frames = [data, *filter(None, (damaged(data, random) for _ in range(5))), data]
+        compare(tried.protocol, base_context(tried.protocol), frames, tmp_path, found, good=1)
+    assert found.differences == []
 
 
 @needs_tshark
@@ -104,6 +125,12 @@ frames:
   sealed:
     body: [{const: 03}, {wrap: {cipher: aes-cbc, key: k, iv: k}, of: [{data: d, size: rest}]}]
 """
+
+
+def test_constants_of_more_than_53_bits_are_told() -> None:
+    text = "protocol: wide\nframes: {f: {body: [{field: a, type: u64, is: 0x20000000000001}, {field: b, type: u8}]}}"
+    ((problem, frames),) = generate_dissector(load_protocol_text(text)).left_out
+    assert problem.what == "the number 9007199254740993, which has more than 53 bits" and frames == ("f",)
 
 
 def test_what_cannot_be_said_is_told_with_its_place() -> None:

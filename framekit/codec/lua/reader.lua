@@ -151,6 +151,11 @@ local function try(n, what)
   return nil
 end
 
+-- A segment without the code that its faults are refused with.
+local function bare(s)
+  return { key = s.key, shown = s.shown }
+end
+
 local function ask(n, what, cause, s)
   if type(what) ~= "function" then
     return what
@@ -317,9 +322,9 @@ local function rest(n, s, after)
   end
   local size = n.stop - ask(n, function()
     return behind(n, after)
-  end, "length", s) - n.at
+  end, "length", bare(s)) - n.at
   if size < 0 then
-    stop(n, "short", s, "room for what follows", X.shown(size) .. " bytes")
+    stop(n, "short", bare(s), "room for what follows", X.shown(size) .. " bytes")
   end
   return size
 end
@@ -703,7 +708,9 @@ end
 function kinds.list(n, s, after)
   local start = begin(n, s)
   local items = X.list({}, 0)
-  n.scopes[#n.scopes].values.rec[s.key] = items
+  if not s.single then
+    n.scopes[#n.scopes].values.rec[s.key] = items
+  end
   local count
   if s.times then
     count = ask(n, s.times, "length", s)
@@ -754,6 +761,20 @@ function kinds.list(n, s, after)
   end
   n.stop, n.item = whole, outer
   n.bounds[s.key] = { n.raw, start, n.at }
+  if s.single then -- the items are the values of this field; there is no list where one of them is wrong
+    local values = X.list({}, items.items)
+    for place = 1, items.items do
+      values[place] = items[place].rec[s.single]
+      if values[place] == nil then
+        return
+      end
+    end
+    n.scopes[#n.scopes].values.rec[s.key] = values
+  end
+end
+
+function kinds.cannot(_, s)
+  X.limit(s.why)
 end
 
 function kinds.item_end(n, s)
@@ -765,7 +786,7 @@ end
 function kinds.values(n, s, after)
   local start = begin(n, s)
   local size = s.item_size
-  local room = s.times == nil and rest(n, s, after) or size * ask(n, s.times, "length", s)
+  local room = s.times == nil and rest(n, s, after) or size * ask(n, s.times, "length", bare(s))
   local raw = take(n, s, room)
   if room % size ~= 0 then
     note(n, "short", s, start, X.shown(size) .. " bytes", X.shown(room % size))
@@ -799,7 +820,7 @@ local function leave_out(n, s)
 end
 
 function kinds.choose(n, s, after)
-  local value = ask(n, s.on, "value", s)
+  local value = ask(n, s.on, "value", bare(s))
   leave_out(n, s)
   for _, case in ipairs(s.cases) do
     if among(value, case.keys) then
@@ -964,6 +985,16 @@ end
 
 -- ---- frames inside ----------------------------------------------------------------------------------------------
 
+-- Takes over what is told of the check codes of a frame inside.
+local function adopt(n, one)
+  for _, fault in ipairs(one.notes.warnings) do
+    n.notes.warnings[#n.notes.warnings + 1] = fault
+  end
+  for _, text in ipairs(one.notes.unverified) do
+    n.notes.unverified[#n.notes.unverified + 1] = text
+  end
+end
+
 local measure_first, fault_of
 
 function kinds.inner(n, s, after)
@@ -1003,6 +1034,7 @@ function kinds.inner(n, s, after)
         n.shown[#n.shown + 1] =
           { path = n.path .. s.shown .. "." .. name .. ".", s = s, first = start, one = one, name = name, places = n.places }
         n.unknown = n.unknown or one.unknown
+        adopt(n, one)
         if fault then
           n.turn = n.turn + 1
           local inside = s.shown .. "." .. name .. "." .. fault.segment
@@ -1037,6 +1069,7 @@ function kinds.nested(n, s)
   end
   n.scopes[#n.scopes].values.rec[s.key] = one.scopes[1].values
   n.shown[#n.shown + 1] = { path = n.path .. s.shown .. ".", s = s, first = start, one = one, places = n.places }
+  adopt(n, one)
   local fault = fault_of(one)
   if fault then
     n.turn = n.turn + 1
@@ -1070,7 +1103,7 @@ function read_all(n, segments, after)
     local behind_it = { segments = segments, place = place + 1, after = after }
     if not s.when then
       kinds[s.kind](n, s, behind_it)
-    elseif X.truth(ask(n, s.when, "value", s)) then
+    elseif X.truth(ask(n, s.when, "value", bare(s))) then
       kinds[s.kind](n, s, behind_it)
     else
       absent(n, s)

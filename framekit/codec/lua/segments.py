@@ -29,6 +29,7 @@ from framekit.definition.model.checks import CheckMethod
 from framekit.definition.model.frames import Frame, bytes_of, everything, flat, without_when
 from framekit.definition.model.segments import (
     LAST,
+    PLAIN,
     Bits,
     Check,
     Choose,
@@ -146,15 +147,17 @@ class SegmentWriter:
             "size_known": None if static.fixed is None else str(static.fixed),
             "when": None if segment.when is None else self.expressions.function(segment.when, scope),
             "told": None if segment.when is None else self._names(names_in(segment.when.root)),
-            "refuse": None if segment.refuse is None else str(segment.refuse),
+            "refuse": None if segment.refuse is None or isinstance(segment, _NOT_REFUSED) else str(segment.refuse),
             "names": self._texts(names) if name else None,
         }  # fmt: skip
         try:
-            entries |= _KINDS[type(segment)](self, without_when(segment), scope)
-        except KeyError:
-            problem = NotSaidError(segment.at, f"a segment of the kind '{segment.KEY}'").problem
-            self.expressions.problems.append(problem)
-            entries |= {"kind": string("value"), "read": f"function() X.limit({string(problem.what)}) end"}
+            kind = _KINDS.get(type(segment))
+            if kind is None:
+                raise NotSaidError(segment.at, f"a segment of the kind '{segment.KEY}'")
+            entries |= kind(self, without_when(segment), scope)
+        except NotSaidError as error:
+            self.expressions.problems.append(error.problem)
+            entries |= {"kind": '"cannot"', "why": string(error.problem.what)}
         if segment.when is not None:
             self._absent(segment, scope, entries)
         return table(entries)
@@ -462,9 +465,8 @@ def _list(w: SegmentWriter, s: Repeat, scope: Scope) -> Entries:
             **entries, "kind": '"values"', "type": w.type(s.of, s.at), "item_size": str(s.of.fixed_size),
             "f": w._shows(s, s.name, use),
         }  # fmt: skip
-    if s.single:
-        raise NotSaidError(s.at, f"'{s.name}' is a list of plain values with bytes between them")
-    return {**entries, "of": w.listed(s.of, inside_of(scope, s.name))}
+    single = string(PLAIN) if s.single else None
+    return {**entries, "of": w.listed(s.of, inside_of(scope, s.name)), "single": single}
 
 
 def _item_end(w: SegmentWriter, s: ItemEnd, scope: Scope) -> Entries:
@@ -571,3 +573,5 @@ _KINDS: Mapping[type[Segment], Callable[[SegmentWriter, Any, Scope], Entries]] =
     Value: _value, Require: _require, Check: _check, Record: _record, Repeat: _list, ItemEnd: _item_end,
     Choose: _choose, Optional: _optional, Wrap: _wrap, Inner: _inner, Nested: _nested,
 }  # fmt: skip
+_NOT_REFUSED = (Skip, Wrap, Inner, Nested, Record)
+"""Kinds whose own faults are never answered with a code."""
