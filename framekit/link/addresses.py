@@ -13,6 +13,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, field, replace
+from itertools import product
+from math import prod
 from typing import Any
 
 from framekit.definition.expression import names_in
@@ -63,6 +65,8 @@ def code_of(area: Area, unit: str) -> Constant | None:
 
 _DIGITS = {10: "[0-9]", 16: "[0-9A-Fa-f]", 8: "[0-7]"}
 _FORMATS = {10: "d", 16: "X", 8: "o"}
+MOST_TRIED = 256
+"""So many values of numbers that have ranges are tried to write a place."""
 _MOST_PLACES = 18
 """Numbers without a width are cut here; no area is that large."""
 
@@ -190,9 +194,30 @@ class FormMatcher:
             match = pattern.fullmatch(text)
             if match is not None:
                 named = self._folded(match["area"]) if "area" in pattern.groupindex else ""
-                found.append((named, texts[named], self._values(match, texts[named][0])))
+                parts = self._values(match, texts[named][0])
+                if next(self._out_of_range(parts), None) is None:
+                    found.append((named, texts[named], parts))
         found.sort(key=lambda item: -len(item[0]))
         return ((area, parts) for _, areas, parts in found for area in areas)
+
+    def _out_of_range(self, parts: Mapping[str, Any]) -> Iterator[str]:
+        """The numbers that are not in their range."""
+        for name, (low, high) in self.form.ranges.items():
+            value = parts.get(name)
+            if isinstance(value, int) and not low <= value <= high:
+                yield name
+
+    def beyond(self, text: str) -> str:
+        """What is wrong with a text whose numbers are not in their ranges; empty for any other."""
+        for pattern, texts in self.patterns:
+            match = pattern.fullmatch(text)
+            if match is not None:
+                named = self._folded(match["area"]) if "area" in pattern.groupindex else ""
+                parts = self._values(match, texts[named][0])
+                for name in self._out_of_range(parts):
+                    low, high = self.form.ranges[name]
+                    return f"{name} is {parts[name]} in it, and can be {low} to {high}"
+        return ""
 
     def _values(self, match: re.Match[str], area: str | None) -> Parts:
         """What the parts of a text say; areas that share a pattern write their numbers in one way."""
@@ -241,7 +266,10 @@ class FormMatcher:
             except EVALUATION_ERRORS:
                 return None
         elif "start" in self.form.results and start != self.only_start and not self._says(start, known, names):
-            return None
+            solved = self._solved(start, known, names)
+            if solved is None:
+                return None
+            known = solved
         known["start"] = start
         return self._text(area, unit, known)
 
@@ -251,6 +279,31 @@ class FormMatcher:
             return bool(self.evaluate(parts, names)["start"] == start)
         except EVALUATION_ERRORS:
             return False
+
+    def _solved(self, start: int, parts: Parts, names: Names) -> Parts | None:
+        """Parts that name this start: of one number that is multiplied and added to, and others that have ranges."""
+        numbers = dict.fromkeys(part.name for part in self.flat if isinstance(part, Part) and part.what == "number")
+        free = [name for name in numbers if name not in self.form.ranges]
+        spans = [range(low, high + 1) for low, high in self.form.ranges.values()]
+        if len(free) > 1 or not spans or prod(map(len, spans)) > MOST_TRIED:
+            return None
+        for values in product(*spans):
+            known = {**parts, **dict(zip(self.form.ranges, values, strict=True))}
+            if free and not self._solve_one(free[0], start, known, names):
+                continue
+            if self._says(start, known, names):
+                return known
+        return None
+
+    def _solve_one(self, name: str, start: int, parts: Parts, names: Names) -> bool:
+        """Sets a part that the start grows with evenly; False where no whole number of it gives this start."""
+        try:
+            first, second = (self.evaluate({**parts, name: one}, names)["start"] for one in (0, 1))
+            found, over = divmod(start - first, second - first)
+        except EVALUATION_ERRORS:
+            return False
+        parts[name] = found
+        return bool(over == 0 and found >= 0)
 
     @property
     def variable(self) -> int:
@@ -296,6 +349,9 @@ class FormMatcher:
         try:
             (least, most), base = self._places(part, area), self._base(part, area)
         except _MissingColumnError:
+            return None
+        low, high = self.form.ranges.get(part.name, (0, value))
+        if not low <= value <= high:
             return None
         text = format(value, f"0{least or 1}{_FORMATS[base]}")
         return None if value < 0 or len(text) > (most or _MOST_PLACES) else text
@@ -465,6 +521,9 @@ class AddressGrammar:
     def _unknown(self, text: str) -> str:
         if text in self.areas:
             return f"'{text}' is not an address – add the number of a place in area {text}"
+        beyond = next(filter(None, (form.beyond(text) for form in self._forms)), "")
+        if beyond:
+            return f"'{text}' is not an address: {beyond}"
         hint = did_you_mean(text, self.areas) if text.isalpha() else ""
         return f"'{text}' is not an address – " + (hint if hint.startswith("did you mean") else self._examples())
 

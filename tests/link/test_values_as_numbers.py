@@ -234,6 +234,26 @@ def test_text_of_a_start_that_two_parts_make() -> None:
     assert len(loop.requests) == 1
 
 
+def test_numbers_of_addresses_have_ranges() -> None:
+    loop = Loop(TEXTS.replace("start: c * 16 + b,", "start: c * 16 + b, range: {b: 0..15},"))
+    loop.memory.write("R", "bit", 30, [1, 0, 1, 1])
+    assert loop.do("read", "R114", count=4).values == [1, 0, 1, 1] and loop.requests == [b"RR114 4\r"]
+    assert loop.do("read", "R110", count=18).ok and loop.requests[1:] == [b"RR110 9\r", b"RR203 9\r"]
+    for text in ("R199", "R116"):
+        with pytest.raises(
+            AddressError, match=f"'{text}' is not an address: b is {text[2:]} in it, and can be 0 to 15"
+        ):
+            loop.do("read", text)
+    served = loop.serve(loop.request(b"RR199 1\r"))
+    assert served.reply is None and served.refusal
+    assert [loop.client.shared.grammar.parse(text).start for text in ("R000", "R015", "R100", "R1915")] == [
+        0,
+        15,
+        16,
+        319,
+    ]
+
+
 FORMS = """
 protocol: forms
 order: big

@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 
-from framekit.definition.expression import Attribute, Expression, Name, names_in, walk
+from framekit.definition.expression import Attribute, Expression, Name, inverse_steps, names_in, walk
 from framekit.definition.model.frames import expressions_of
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import (
@@ -20,6 +20,7 @@ from framekit.definition.model.services import (
     Maybe,
     Part,
     ServiceRow,
+    mentions_of,
 )
 from framekit.definition.model.values import Table
 from framekit.definition.problems import Problem, did_you_mean
@@ -42,6 +43,7 @@ def check_forms(
         yield from _unit(form, parts, areas, tables)
         yield from _type(form)
         yield from _counts(form, tables)
+        yield from _ranges(form, parts)
         yield from _names(form, parts, columns, tables)
 
 
@@ -137,6 +139,33 @@ def _unit(
         if not isinstance(unit, str) or (unit not in units and not _UNIT.fullmatch(unit)):
             what = f"{unit!r} stands for '{key}' in the table '{form.units_table}' and is no unit"
             yield Problem(form.at, what, did_you_mean(str(unit), units))
+
+
+def _ranges(form: AddressForm, parts: tuple[Part, ...]) -> Iterator[Problem]:
+    """Ranges are those of numbers in the form."""
+    numbers = [part.name for part in parts if part.what == "number"]
+    for name in form.ranges:
+        if name not in numbers:
+            what = f"the form \"{form.text}\" has no number '{name}', whose range it says"
+            yield Problem(form.at, what, did_you_mean(name, numbers))
+
+
+def check_texts(protocol: Protocol) -> Iterator[Problem]:
+    """Forms on the wire of which no text can be made: a request carries what users wrote, and no place after it."""
+    asking = (row for rows in protocol.services.values() for row in rows if not row.server_only)
+    if not any("text" in mentions_of(row) - {one.name for one in row.takes} for row in asking):
+        return
+    for form in protocol.addresses:
+        start = form.results.get("start")
+        if not form.wire or start is None or not names_in(start.root) or inverse_steps(start) is not None:
+            continue
+        numbers = {part.name for part in parts_in(form) if part.what == "number"}
+        if len(numbers - form.ranges.keys()) > 1 or not numbers & form.ranges.keys():
+            what = f'no text can be worked out of the start of the form "{form.text}":'
+            what += " a request can carry the place that a user wrote, and none after it"
+            ranged = ", ".join(f"{name}: 0..15" for name in sorted(numbers)[:1])
+            todo = f"say the range of all its numbers but one, such as range: {{{ranged}}}"
+            yield Problem(start.at, what, todo, warning=True)
 
 
 def _type(form: AddressForm) -> Iterator[Problem]:

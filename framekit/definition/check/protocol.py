@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from decimal import Decimal
 from typing import Any
 
-from framekit.definition.check.addresses import check_forms, check_parts
+from framekit.definition.check.addresses import check_forms, check_parts, check_texts
 from framekit.definition.check.frames import FrameEnds, check_frame
 from framekit.definition.check.names import NameChecker
 from framekit.definition.check.procedure import check_procedure
@@ -373,5 +373,5 @@ def check_protocol(
         problems += [*_groups(protocol), *check_forms(protocol.addresses, protocol.areas, protocol.tables)]
     told = {problem.at for problem in problems}
     is_right = is_whole and all(problem.warning for problem in problems)
-    more = [*check_kinds(protocol), *(check_parts(protocol) if is_right else ())]
+    more = [*check_kinds(protocol), *((*check_parts(protocol), *check_texts(protocol)) if is_right else ())]
     return [*problems, *(problem for problem in more if problem.at not in told)]

@@ -119,7 +119,7 @@ def _form(reader: Reader, keys: Mapping, areas: Collection[str], tables: Collect
         unit, table = None, unit
     else:
         table = None
-    named = ("form", "area", "unit", "type", "counts", "wire", "case", "doc")
+    named = ("form", "area", "unit", "type", "counts", "wire", "case", "range", "doc")
     return AddressForm(
         text=form.text,
         parts=parts,
@@ -134,6 +134,7 @@ def _form(reader: Reader, keys: Mapping, areas: Collection[str], tables: Collect
         type=reader.maybe(reader.text, keys.get("type")),
         any_case=keys.get("case") is not None,
         counts=reader.maybe(reader.text, keys.get("counts")),
+        ranges={one.key.text: reader.range(one.value) for one in reader.entries(keys.get("range"))},
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from framekit.definition.expression import (
@@ -306,6 +306,7 @@ class AddressForm:
 
     `counts`: the unit in which start counts, where an element may begin at any of these, as a word at an odd byte.
     `type`: what a place that is written so usually holds. `any_case`: small letters stand for capitals and the reverse.
+    `ranges`: the least and the greatest value of numbers.
     """
 
     text: str
@@ -319,6 +320,7 @@ class AddressForm:
     type: str | None = None
     any_case: bool = False
     counts: str | None = None
+    ranges: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
     def results_in_order(self) -> list[str]:
         """The names of the results, each after those it mentions; those of a circle are left out."""
