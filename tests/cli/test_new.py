@@ -29,6 +29,12 @@ def test_what_is_laid_out_runs(
     device = folder / "acme-meter.device.yaml"
     assert main(["read", "acme-meter", "--port", f"sim:{device}", "D0", "-n", "4"]) == 0
     assert capsys.readouterr().out == "D0  100 200 300 400\n"
+
+
+@pytest.mark.long
+def test_its_own_test_passes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "protocol", "acme-meter"]) == 0
     tests = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(tmp_path / "framekit-acme-meter")]
     done = subprocess.run(tests, cwd=tmp_path, env=dict(os.environ), capture_output=True, text=True)
     assert done.returncode == 0 and "2 passed" in done.stdout, done.stdout
