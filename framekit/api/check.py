@@ -42,10 +42,20 @@ def _protocol(path: Path) -> Checked:
     from framekit.link.addresses import check_addresses
 
     protocol = load_protocol(path)
-    problems = [*protocol.warnings, *check_matrices(protocol)]
+    problems = [*protocol.warnings, *check_matrices(protocol, built=lambda: _built_by_vectors(path))]
     problems += check_addresses(protocol.addresses, protocol.areas, protocol.tables)
     roles = f", roles {', '.join(protocol.roles)}" if protocol.roles else ""
     return Checked(f"{protocol.kind} {protocol.name}, {plural(len(protocol.frames), 'frame')}{roles}", problems)
+
+
+def _built_by_vectors(definition: Path) -> set[str]:
+    """The frames that the vectors beside a definition build."""
+    from framekit.api.vectors import vectors_path
+    from framekit.definition.vectors import read_vectors
+
+    path = vectors_path(definition)
+    vectors = read_vectors(path)[0] if path.is_file() else None
+    return set() if vectors is None else {one.frame for one in vectors.frames if one.frame and one.values is not None}
 
 
 def _device(path: Path) -> Checked:

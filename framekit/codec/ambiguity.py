@@ -7,7 +7,7 @@ takes is never found; that is an error. Guide: receiving, checker. Which bytes c
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from heapq import merge
 from operator import itemgetter
@@ -290,8 +290,13 @@ class _Candidate:
     inside: bool = False
 
 
-def check_matrices(protocol: Protocol, weak_codes: bool = True) -> list[Problem]:
-    """Frames that cannot be told apart, and warnings of ends and, where wanted, of check codes that hold little."""
+def check_matrices(
+    protocol: Protocol, weak_codes: bool = True, built: Callable[[], Collection[str]] = frozenset
+) -> list[Problem]:
+    """Frames that cannot be told apart, and warnings of ends and, where wanted, of check codes that hold little.
+
+    `built` gives the frames that are known to be built of some values.
+    """
     codec = compile_protocol(protocol)
     sampler = Sampler(codec, sample_context(protocol))
     found: dict[tuple[Position, str], Problem] = {}
@@ -301,12 +306,15 @@ def check_matrices(protocol: Protocol, weak_codes: bool = True) -> list[Problem]
             found.setdefault((problem.at, problem.what), problem)
     ends = [*check_hidden_ends(protocol), *check_silent_ends(codec, sampler), *check_ends_inside(codec, sampler)]
     weak = check_weak_codes(codec, sampler) if weak_codes else []
-    return [*found.values(), *ends, *weak, *_not_tried(protocol, sampler)]
+    return [*found.values(), *ends, *weak, *_not_tried(protocol, sampler, built)]
 
 
-def _not_tried(protocol: Protocol, sampler: Sampler) -> Iterator[Problem]:
+def _not_tried(protocol: Protocol, sampler: Sampler, built: Callable[[], Collection[str]]) -> Iterator[Problem]:
     """Frames that could not be built, so that nothing was found out by building them."""
+    known = built() if sampler.in_vain else ()
     for name in sampler.in_vain:
+        if name in known:
+            continue
         what = f"no values were found that '{name}' can be built of: nothing was tried out with it"
         yield Problem(protocol.frames[name].at, what, "look whether its conditions can hold together", warning=True)
 

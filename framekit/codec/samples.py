@@ -43,7 +43,10 @@ _MIRRORED = {"<": ">", "<=": ">=", ">": "<", ">=": "<=", "==": "==", "!=": "!="}
 
 @dataclass(slots=True)
 class Hints:
-    """What is known about one field. `letters`: place in the text → what may stand there; `rest`: from a place on."""
+    """What is known about one field. `letters`: place in the text → what may stand there; `rest`: from a place on.
+
+    `holds`: texts that stand somewhere in it.
+    """
 
     least: int | None = None
     most: int | None = None
@@ -51,6 +54,7 @@ class Hints:
     denied: list[Any] = field(default_factory=list)
     letters: dict[int, list[str]] = field(default_factory=dict)
     rest: tuple[int, str] | None = None
+    holds: list[str] = field(default_factory=list)
 
     def add(self, operator: str, value: Any) -> None:
         """Notes `field operator value`."""
@@ -88,6 +92,8 @@ def hints_of(segments: Iterable[Segment], evaluate: Evaluate) -> dict[str, Hints
             _note(found, derived, left, operator, right, evaluate)
             if operator in _MIRRORED:
                 _note(found, derived, right, _MIRRORED[operator], left, evaluate)
+            if operator == "in":
+                _note_held(found, derived, left, right, evaluate)
             left = right
     return found
 
@@ -110,13 +116,27 @@ def _note_rest(found: dict[str, Hints], node: Node) -> None:
             found.setdefault(name, Hints()).rest = place, letters
 
 
-def _note(
-    found: dict[str, Hints], derived: dict[str, Node], subject: Node, operator: str, other: Node, evaluate: Evaluate
-) -> None:
+def _note_held(found: dict[str, Hints], derived: dict[str, Node], part: Node, whole: Node, evaluate: Evaluate) -> None:
+    """Notes `'text' in field`, also in small letters or capitals of it."""
+    subject = _plain(whole, derived)
+    value = evaluate(part) if isinstance(subject, Name) else None
+    if isinstance(subject, Name) and isinstance(value, str):
+        found.setdefault(subject.name, Hints()).holds.append(value)
+
+
+def _plain(subject: Node, derived: dict[str, Node]) -> Node:
+    """What a condition looks at, whether it is in small letters or capitals."""
     if isinstance(subject, Name):
         subject = derived.get(subject.name, subject)
     if isinstance(subject, Call) and subject.function in ("upper", "lower"):
         subject = subject.arguments[0]
+    return subject
+
+
+def _note(
+    found: dict[str, Hints], derived: dict[str, Node], subject: Node, operator: str, other: Node, evaluate: Evaluate
+) -> None:
+    subject = _plain(subject, derived)
     place: int | None = None
     if isinstance(subject, Index) and isinstance(subject.index, Number):
         place, subject = subject.index.value, subject.value
@@ -486,7 +506,11 @@ class _Record:
         for place, allowed in hints.letters.items():
             if allowed and place < size:
                 letters[place] = self.random.choice(allowed)
-        return "".join(letters)
+        text = "".join(letters)
+        for held in hints.holds:
+            place = self.random.randint(0, max(0, size - len(held)))
+            text = text[:place] + held + text[place + len(held) :]
+        return text
 
     # ---- sizes --------------------------------------------------------------------------------------------
 

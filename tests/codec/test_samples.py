@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import pytest
 import shipped
 
+from framekit.api.check import check_file
 from framekit.codec.ambiguity import ANNOUNCED, SampleLine, sample_context
 from framekit.codec.codec import compile_protocol
 from framekit.codec.plain import PlainValues
@@ -138,3 +140,38 @@ def test_conditions_see_what_is_computed_in_records_and_what_follows_them() -> N
     assert all("more" in sample.values for sample in samples), "the last bits are 0"
     assert {"hint" in sample.values for sample in samples} == {True, False}
     assert sampler.samples("never") == () and sampler.in_vain == ["never"]
+
+
+HELD = """
+protocol: held
+frames:
+  A: {body: [{const: 41}, {field: place, type: ascii, end: 20}, {require: "'.H' in upper(place)"}]}
+  B: {body: [{const: 42}, {field: place, type: ascii, size: 6}, {require: "'DM' in place and '.' not in place"}]}
+  C:
+    body:
+      - {const: 43}
+      - {field: n, type: u8}
+      - {field: place, type: ascii, size: n}
+      - {require: "'xyz' in lower(place) and n < 9"}
+"""
+
+
+def test_texts_that_conditions_ask_for_are_found() -> None:
+    sampler = sampler_of(load_protocol_text(HELD, "held"))
+    for frame, held in (("A", ".H"), ("B", "DM"), ("C", "xyz")):
+        samples = sampler.samples(frame)
+        assert len(samples) == 8 and all(held in sample.values["place"] for sample in samples)
+    assert not sampler.in_vain
+
+
+def test_frames_that_vectors_build_are_not_told(tmp_path: Path) -> None:
+    file = tmp_path / "hard.yaml"
+    body = '[{field: t, type: ascii, size: 4}, {require: "number(t, 16) == 0x12AB"}]'
+    file.write_text(f"protocol: hard\nframes:\n  A: {{body: {body}}}\n")
+    (told,) = check_file(str(file)).problems
+    assert "no values were found that 'A' can be built of" in told.what
+    vectors = tmp_path / "hard.vectors.yaml"
+    vectors.write_text("vectors: hard\nframes: [{frame: A, values: {t: 12AB}, bytes: 31 32 41 42}]\n")
+    assert check_file(str(file)).problems == [] and check_file(str(vectors)).problems == []
+    vectors.write_text("vectors: [hard\n")
+    assert len(check_file(str(file)).problems) == 1
