@@ -134,6 +134,19 @@ def test_frames_with_one_name_in_c_are_left_out() -> None:
     ]
 
 
+@needs_gcc
+def test_a_frame_that_the_buffer_cannot_hold_does_not_stop_the_parser(tmp_path: Path) -> None:
+    text = (
+        "protocol: p\nframes:\n"
+        "  long: {body: [{const: AA}, {length: n, type: u16, of: [d]}, {data: d, size: n}, {check: sum8}]}\n"
+    )
+    c = compiled(text, tmp_path)
+    good = bytes.fromhex("AA 00 01 05 B0")
+    stream = b"\xaa\x40\x00" + good * 400
+    assert c.ask([f"s client x{stream.hex()} 70000"])[0].split()[:3] == ["B", "1", "no_room"]
+    assert len(c.ask([f"s client x{stream.hex()} 70000"])[0].split("F 1 ")) == 401
+
+
 def test_what_cannot_be_said_is_left_out_with_its_place() -> None:
     text = (
         "protocol: p\nparams: {k: {type: bytes, size: 16, secret: yes}}\nframes:\n"

@@ -13,7 +13,7 @@ from framekit.codec.c.expressions import CScope, Val
 from framekit.codec.c.functions import CFunctionWriter, FileFacts, pruned
 from framekit.codec.c.layout import CStruct, scope_of
 from framekit.codec.c.shared import case_tests
-from framekit.codec.c.source import CannotSayError, CSource, identifier, number, string
+from framekit.codec.c.source import INDENT, CannotSayError, CSource, identifier, number, string
 from framekit.codec.python.choices import fixed_bytes
 from framekit.codec.python.facts import leading, may_be_empty
 from framekit.codec.python.function import covered_names
@@ -669,7 +669,10 @@ def _records(m: CMeasureWriter, segment: Repeat, of: Segments, scope: CScope, ti
             total_text = f"{least} * {left}" + (f" + {behind}" if behind else "")
             m.add(f"if (end < at + {least}) {{", f"    return end - at - ({total_text});", "}")
         m.add(f"{before} = at;")
+        first_line, known = len(m.out.lines), len(m.locals)
         finished = m.branch(m.pairs(of, inside), ())
+        flags = [one.split()[1] for one in m.locals[known:] if one.startswith("bool ")]  # nothing of the item before
+        m.out.lines[first_line:first_line] = [f"{INDENT * m.out.depth}{flag} = false;" for flag in flags]
         ends, m.ends = m.ends, ""
         if finished:
             raise Finished

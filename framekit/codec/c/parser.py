@@ -142,7 +142,13 @@ class ParserWriter:
             out.add("return FRAMEKIT_MORE;")
         with out.block(f"for (i = 0; i < {count}; i++)"):
             out.add(f"sizes[i] = {p}_fk_size(parser, i{self.hand_on});")
-            with out.block("if (sizes[i] == FK_LOST || (sizes[i] < 0 && parser->size == sizeof parser->buffer))"):
+            out.add("/* what has no room here is bad: nothing else would come of it */")
+            room = "(int64_t)(sizeof parser->buffer - parser->size)"
+            full = (
+                f"(sizes[i] < 0 && sizes[i] > FK_QUIET && -sizes[i] > {room}) || (sizes[i] == FK_QUIET && {room} == 0)"
+            )
+            with out.block(f"if (sizes[i] == FK_LOST || {full})"):
+                out.add("reason = is_bad || sizes[i] == FK_LOST ? reason : FRAMEKIT_NO_ROOM;")
                 out.add("bad = is_bad ? bad : i;", "is_bad = true;", "sizes[i] = 0;")
             with out.block("else if (sizes[i] == FK_QUIET)"):
                 out.add("quiet = true;")

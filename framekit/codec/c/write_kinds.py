@@ -9,7 +9,7 @@ from framekit.codec.c.expressions import LEAST, MOST, CScope, Val, constant
 from framekit.codec.c.functions import order_of_bytes
 from framekit.codec.c.layout import CMember, inner_name, val_of
 from framekit.codec.c.shared import case_tests, put_code, work_out
-from framekit.codec.c.source import CannotSayError, identifier, number, string
+from framekit.codec.c.source import INDENT, CannotSayError, identifier, number, string
 from framekit.codec.c.writer import BYTES, VALUES, Taken, WriteWriter
 from framekit.codec.python import forms
 from framekit.codec.python.encode_plan import Task
@@ -633,6 +633,7 @@ def _branches(w: WriteWriter, segment: Choose | Optional, taken: Taken) -> None:
     case = w.local("int", "case_taken", "-1")
     w.chosen[id(segment)] = case
     w.add(f"{case} = -1;")
+    first_line = len(w.out.lines)
     guard = "" if segment.when is None else w.holds(segment.when, taken)
     outside: dict[str, tuple[str, str, Val]] = {}
     names = {name for one in flat((segment,)) for name in one.value_names}
@@ -677,6 +678,7 @@ def _branches(w: WriteWriter, segment: Choose | Optional, taken: Taken) -> None:
             w.add(";")
     for name, (local, there, value) in outside.items():
         taken.scope.entries[name] = replace(value, text=local, there=there)
+        w.out.lines.insert(first_line, f"{INDENT * w.out.depth}{there} = false;")
 
 
 def _hand_out(w: WriteWriter, name: str, value: Val, outside: dict[str, tuple[str, str, Val]], taken: Taken) -> None:
