@@ -204,6 +204,8 @@ def value_at(length: LengthField, data: bytes, at: int) -> int | None:
     raw = data[at + length.offset : at + length.end]
     if len(raw) < length.size:
         return None
+    if length.form == "decimal":
+        return int(raw) if raw.isdigit() else None
     if length.form == "hex":
         try:
             raw = bytes.fromhex(raw.decode("ascii"))
@@ -315,9 +317,14 @@ def _lengths(texts: Sequence[bytes]) -> Iterator[LengthField]:
         plus, often = rests.most_common(1)[0]
         if often >= 0.6 * len(whole) and -4 <= plus <= LARGEST_PLUS:
             found.append((often, replace(length, plus=plus)))
-    found.sort(key=lambda one: (-one[0], one[1].unit, USUAL_WIDTHS[one[1].width], one[1].offset))
+    found.sort(key=lambda one: (-one[0], one[1].unit, _unusual(one[1]), one[1].offset))
     for _, length in found[:6]:
         yield length
+
+
+def _unusual(length: LengthField) -> int:
+    """The less, the rather taken: of decimal digits as many as there are."""
+    return -length.width if length.form == "decimal" else USUAL_WIDTHS[length.width]
 
 
 def _fields(offsets: int) -> Iterator[LengthField]:
@@ -329,6 +336,8 @@ def _fields(offsets: int) -> Iterator[LengthField]:
                     yield LengthField(offset, width, order, 0, unit)
         for width in (1, 2):
             yield LengthField(offset, width, "big", 0, form="hex")
+        for width in (2, 3, 4):
+            yield LengthField(offset, width, "big", 0, form="decimal")
 
 
 def _lengths_of_stream(streams: Sequence[PieceStream]) -> Iterator[LengthField]:
@@ -340,7 +349,7 @@ def _lengths_of_stream(streams: Sequence[PieceStream]) -> Iterator[LengthField]:
             worth = _worth(one, streams)
             if worth > 0:
                 found.append((worth, one))
-    found.sort(key=lambda one: (-one[0], USUAL_WIDTHS[one[1].width]))
+    found.sort(key=lambda one: (-one[0], _unusual(one[1])))
     for _, length in found[:4]:
         yield length
 

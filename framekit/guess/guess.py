@@ -190,6 +190,8 @@ def _of_framing(cut: CutLine) -> Iterator[Statement]:
 
 
 def _place_of(length: LengthField) -> str:
+    if length.form == "decimal":
+        return f"{length.width} decimal digits at {length.offset}"
     digits = " as hex digits" if length.form == "hex" else ""
     order = "" if length.width == 1 else f", {length.order} end first"
     return f"{length.width} byte{'s' * (length.width > 1)} at {length.offset}{digits}{order}"

@@ -12,8 +12,8 @@ from framekit.guess.times import GuessedTimes
 Direction = Literal["in", "out", ""]
 """Which way bytes went; '' where one wire has both, or nothing tells it."""
 Order = Literal["big", "little"]
-Form = Literal["binary", "hex"]
-"""How a number stands on the wire: as bytes, or as two hex digits (ASCII) for each byte."""
+Form = Literal["binary", "hex", "decimal"]
+"""How a number stands on the wire: as bytes, as two hex digits (ASCII) for each byte, or as decimal digits."""
 
 
 class HeardBytes(NamedTuple):
@@ -61,7 +61,8 @@ class Statement:
 class LengthField:
     """A number of `width` bytes at `offset` from the frame's start; a frame has that value plus `plus` bytes.
 
-    `unit`: bytes for each count (2 for words). `form` hex: the number takes 2 × `width` characters.
+    `unit`: bytes for each count (2 for words). `form` hex: the number takes 2 × `width` characters; decimal: it has
+    `width` digits.
     """
 
     offset: int

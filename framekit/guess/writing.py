@@ -227,7 +227,8 @@ def _length(field: GuessedField, kind: FrameKind, framing: Framing) -> str:
     """A length counts the data, and what else goes with it."""
     length = framing.length
     if field.kind == "length" and length is not None:
-        wire = f"hex, size: {length.size}" if length.form == "hex" else f"u{8 * length.width}"
+        digits = {"hex": "hex", "decimal": "dec"}.get(length.form)
+        wire = f"{digits}, size: {length.size}" if digits else f"u{8 * length.width}"
         order = ", order: little" if length.order == "little" else ""
         unit, plus = length.unit, length.plus
     else:

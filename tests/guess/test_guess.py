@@ -264,3 +264,19 @@ def test_a_code_behind_the_end_mark_is_found(name: str, tmp_path: Path) -> None:
     assert write_definition(found, path, "made up").problems == ()
     told = reading_of(path, chunks).data
     assert (told["frames"], told["bad"], told["noise"]) == (80, 0, 0)
+
+
+@pytest.mark.parametrize(("form", "shown"), [("decimal", "03d"), ("hex", "04X")])
+def test_a_length_as_digits_is_found(form: str, shown: str, tmp_path: Path) -> None:
+    rng, chunks = random.Random(14), list[HeardBytes]()
+    for _ in range(60):
+        data = "".join(rng.choice("ABCDEFGHxyz=.") for _ in range(rng.choice([4, 9, 13, 22, 31])))
+        chunks.append(HeardBytes(None, "", f"#{len(data):{shown}}{data}!".encode()))
+    found = guess(chunks)
+    assert found.framing is not None and found.framing.length is not None
+    assert (found.framing.length.offset, found.framing.length.form) == (1, form)
+    assert [frame.data for frame in found.frames] == [chunk.data for chunk in chunks]
+    path = tmp_path / "found.yaml"
+    assert write_definition(found, path, "made up").problems == ()
+    told = reading_of(path, chunks).data
+    assert (told["frames"], told["bad"], told["noise"]) == (60, 0, 0)
