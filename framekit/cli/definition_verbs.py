@@ -594,10 +594,19 @@ def add_generate_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--strict", action="store_true", help="c, wireshark: exit status 1 if something is left out")
     add(parser, "--set")
     parser.add_argument(
-        "--max-bytes", type=int,
-        choices=range(1, 65_537), metavar="N", default=None,
+        "--max-bytes", type=_bytes_of_a_frame, metavar="N", default=None,
         help="c: bytes of a frame whose definition has no limit (default 1024)",
     )  # fmt: skip
+
+
+LONGEST_FRAME = 65_536
+
+
+def _bytes_of_a_frame(text: str) -> int:
+    """A number of bytes. Raises ArgumentTypeError."""
+    if not text.isdecimal() or not 1 <= int(text) <= LONGEST_FRAME:
+        raise argparse.ArgumentTypeError(f"'{text}' is no size – write a number from 1 to {LONGEST_FRAME}")
+    return int(text)
 
 
 def run_generate(arguments: argparse.Namespace) -> int:
