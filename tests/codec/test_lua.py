@@ -224,6 +224,17 @@ def test_a_serial_line_in_pieces_and_who_sends_what(tmp_path: Path) -> None:
     assert found[0].messages == ["The frame goes on in packet 2"]
 
 
+@needs_tshark
+def test_noise_is_told_and_ends(tmp_path: Path) -> None:
+    """Bytes at random, also many at once: no error of the script, and work that has a bound."""
+    random, script, capture = Random(3), tmp_path / "rtu.lua", tmp_path / "rtu.pcap"
+    script.write_text(generate_dissector(load_protocol("modbus-rtu")).source)
+    serial_capture(capture, [*(random.randbytes(random.randint(1, 200)) for _ in range(30)), random.randbytes(3000)])
+    found = packets_of(run(script, capture, "-2", "-T", "pdml"), "fk_modbus_rtu")
+    assert all(one.experts or one.frames for one in found)
+    assert sum(bool({"noise", "bad", "check", "part"} & {*one.experts}) for one in found) > 25
+
+
 # ---- text of a file is never code -------------------------------------------------------------------------------
 
 HOSTILE = ']] --[[ "; os.exit(1) --\n\'\\" .. error() .. " \u2028 %s'

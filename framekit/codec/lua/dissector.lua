@@ -6,7 +6,7 @@ end
 
 local P = R.protocol
 local proto = Proto(P.name, P.about ~= "" and P.label .. ": " .. P.about or P.label)
-local MOST_PLACES = 4096 -- of one packet, at which a frame is looked for
+local MOST_WORK = 2 ^ 20 -- bytes that are read to find the frames of one packet; the rest of it is noise then
 
 -- ---- fields -----------------------------------------------------------------------------------------------------
 
@@ -244,13 +244,21 @@ end
 
 -- ---- frames in a stream -----------------------------------------------------------------------------------------
 
+local work = 0
+
 -- What begins at a place of some bytes: a piece, or nil and how many bytes are wanted.
-local function look(names, raw, start)
+--
+-- `is_first`: nothing stands before it that is no frame, so that it may be one that silence ends.
+local function look(names, raw, start, is_first)
   local want, wrong, refused, other
   for _, name in ipairs(names) do
     local frame = R.frames[name]
-    local size, more = R.measure(frame, raw, start, #raw)
-    if size == QUIET then
+    local size, more = NOT, nil
+    if R.may_be(frame, raw, start) and work < MOST_WORK then
+      work = work + math.min(#raw - start, frame.most or #raw) + 64
+      size, more = R.measure(frame, raw, start, #raw)
+    end
+    if size == QUIET and is_first then
       size = #raw - start
       local n = R.read(frame, raw:sub(start + 1))
       if n.limited then
@@ -291,7 +299,8 @@ local function pieces_of(names, raw)
     return { { kind = "frame", n = n, size = #raw } }
   end
   local near = not n and refusal or nil
-  local found, noise, place, looked = {}, 0, 0, 0
+  local found, noise, place = {}, 0, 0
+  work = 0
   local function put(piece)
     if noise < place then
       found[#found + 1] = { kind = "noise", size = place - noise }
@@ -299,25 +308,20 @@ local function pieces_of(names, raw)
     found[#found + 1] = piece
   end
   while place < #raw do
-    local piece, want = look(names, raw, place)
-    looked = looked + 1
+    local piece, want = look(names, raw, place, place == noise)
     if place == 0 and n and not piece and not want then
       return { { kind = "frame", n = n, size = #raw, refusal = refusal } }
     end
     if piece and piece.kind == "bad" then -- a good frame may begin in what looks like a bad one
       for inside = place + 1, place + piece.size - 1 do
-        local other = looked <= MOST_PLACES and look(names, raw, inside)
-        looked = looked + 1
+        local other = look(names, raw, inside, false)
         if other and other.kind == "frame" and not other.refusal then
           piece, place = other, inside
           break
         end
       end
     end
-    if looked > MOST_PLACES then
-      place = #raw
-      break
-    elseif piece then
+    if piece then
       put(piece)
       place = place + piece.size
       noise = place
@@ -327,7 +331,7 @@ local function pieces_of(names, raw)
       end
       return found, want, place
     else
-      place = place + 1
+      place = work < MOST_WORK and place + 1 or #raw
     end
   end
   if noise == 0 then -- nothing at all

@@ -1227,7 +1227,7 @@ function R.measure(frame, raw, start, last)
     end
     return size
   end
-  local n = reading(raw:sub(start + 1, last))
+  local n = reading(raw:sub(start + 1, math.min(last, start + (frame.most or last) + 1)))
   n.open, n.leading, n.frame, n.has_check = true, true, frame, frame.has_check
   if depth > 30 then
     return NOT
