@@ -45,7 +45,7 @@ class WriteLog:
     def _place(self, unit: AreaUnit, start: int) -> str:
         if unit.name is None:
             return f"{unit.unit} {start} of {unit.memory}"
-        place = Address(unit.name, unit.unit, start)
+        place = Address(unit.name, unit.unit, start, shift=unit.shift)
         try:
             return self._grammar.print(place)
         except AddressError:

@@ -298,6 +298,23 @@ def test_a_server_takes_and_gives_numbers_as_the_form_of_the_address_says() -> N
     assert loop.do("read", "T3").values == [0xFFFD] and loop.log[-1][1] == b"-3\r\n"
 
 
+def test_double_words_at_odd_words() -> None:
+    """A place between two elements of its unit is asked for by its text, on both sides."""
+    loop = Loop(FORMS.replace("server_only: yes, request: {READ", "limit: {count: 1}, request: {READ").replace(
+        "server_only: yes, request: {WRITE", "limit: {count: 1}, request: {WRITE"
+    ))  # fmt: skip
+    wire = int.from_bytes(pack("<f", 12.5), "little")
+    assert loop.do("write", "D9.F", [wire, 0]).ok and loop.do("read", "D9.F").values == [wire]
+    assert loop.requests == [b"WD9.F 12.5\r", b"WD11.F 0\r", b"RD9.F\r"]
+    assert loop.memory.read("D", "word", 8, 4) == [0, wire & 0xFFFF, wire >> 16, 0]
+    assert loop.answer(b"MD8.F,D9.F,D10\r").endswith(b",12.5,16712\r\n")
+    assert loop.answer(b"WD97.F 1\r") == b"\6" and loop.answer(b"RD97.F\r") == b"1\r\n"
+    for beyond in (b"RD99.F\r", b"WD99.F 1\r"):
+        assert loop.answer(beyond) == b"\x15\2"
+    with pytest.raises(AddressError):
+        loop.do("read", "D99.F")
+
+
 WORKED_OUT = """
 protocol: worked_out
 order: big

@@ -57,17 +57,18 @@ class AreaUnit:
     `read` and `write` want places that `check` has passed. `most`: elements that can be read without a check, 0 where
     that is not known before; these begin at bit `offset` of `there`. `build` gives the bytes of an area that is made of
     state. `is_plain`: its bytes are those of the memory, in that order. `type`: what its elements usually hold.
-    `read_only`: no element may be written.
+    `read_only`: no element may be written. `shift`: all elements are so many bits further on, as words at odd bytes.
     """
 
     __slots__ = (
         "_device", "_order", "area", "bits", "build", "is_plain", "memory", "most", "name", "offset", "read_only",
-        "there", "type", "unit",
+        "shift", "there", "type", "unit",
     )  # fmt: skip
 
     def __init__(
         self, model: Area | None, device: DeviceMemory, memory: str, unit: str, offset: int = 0,
         build: Callable[[Names], bytes] | None = None, *, read_only: bool = False, type_: str | None = None,
+        shift: int = 0,
     ) -> None:  # fmt: skip
         self.read_only = read_only
         self.name = None if model is None else model.name
@@ -78,7 +79,8 @@ class AreaUnit:
         self.bits = unit_bits(unit)
         self._device = device
         self.there = there = device.area(memory) if memory in device else None
-        self.offset = offset
+        self.shift = shift
+        self.offset = offset = offset + shift
         self.build = build
         kept = "little" if there is None else there.order
         self._order = kept if model is None else model.order
@@ -91,7 +93,7 @@ class AreaUnit:
         self.most = 0
         if build is None and there is not None and offset <= there.size_bits:
             whole = there.size_bits - offset
-            self.most = (whole if model is None else min(whole, model.size * model.element_bits)) // self.bits
+            self.most = (whole if model is None else min(whole, model.size * model.element_bits - shift)) // self.bits
 
     def span(self, start: int, count: int) -> Span:
         """A place of it."""
@@ -101,7 +103,7 @@ class AreaUnit:
         """Raises DeviceMemoryError when these elements cannot be read, or written."""
         area = self.area
         first, end = start * self.bits, (start + count) * self.bits
-        if count < 1 or first < 0 or (area is not None and end > area.size * area.element_bits):
+        if count < 1 or first < 0 or (area is not None and end + self.shift > area.size * area.element_bits):
             raise MemoryRangeError(f"{count} × {self.unit} from {start} on is not in area {self.name}")
         if area is not None and write and (area.access == "read" or self.build is not None):
             raise AccessError(f"area {area.name} can only be read")
@@ -213,27 +215,30 @@ class DeviceAreas:
         self.codec = codec
         self.memory = memory
         self.mapping = dict(mapping or {})
-        self._units: dict[tuple[str, str | None], AreaUnit] = {}
+        self._units: dict[tuple[str, str | None, int], AreaUnit] = {}
         self._records = {
             variable.layout: name
             for name, variable in protocol.state.items()
             if variable.layout is not None and variable.type == "record" and variable.keys is None
         }
 
-    def unit(self, area: str, unit: str | None = None) -> AreaUnit:
-        """A protocol's area counted in a unit, its own where none is given. Raises UnknownAreaError."""
-        found = self._units.get((area, unit))
+    def unit(self, area: str, unit: str | None = None, shift: int = 0) -> AreaUnit:
+        """A protocol's area counted in a unit, its own where none is given, from so many bits on.
+
+        Raises UnknownAreaError.
+        """
+        found = self._units.get((area, unit, shift))
         if found is None:
             model = self.areas.get(area)
             if model is None:
                 raise UnknownAreaError(f"there is no area '{area}'")
             memory, first = self.mapping.get(area, (model.memory, 0))
             if model.layout is None:
-                found = self._made(model, memory, unit or model.unit, first * model.element_bits)
+                found = self._made(model, memory, unit or model.unit, first * model.element_bits, shift=shift)
             else:
-                found = self._made(model, memory, unit or model.unit, 0, self._builder(model))
+                found = self._made(model, memory, unit or model.unit, 0, self._builder(model), shift=shift)
             if len(self._units) < MOST_UNITS:
-                self._units[area, unit] = found
+                self._units[area, unit, shift] = found
         return found
 
     def own_unit(self, memory: str, unit: str | None = None) -> AreaUnit:
@@ -243,10 +248,12 @@ class DeviceAreas:
 
     def _made(
         self, model: Area | None, memory: str, unit: str, offset: int = 0,
-        build: Callable[[Names], bytes] | None = None,
+        build: Callable[[Names], bytes] | None = None, *, shift: int = 0,
     ) -> AreaUnit:  # fmt: skip
         type_ = None if model is None else held_type(self._forms, model, unit)
-        made = AreaUnit(model, self.memory, memory, unit, offset, build, read_only=self.read_only, type_=type_)
+        made = AreaUnit(
+            model, self.memory, memory, unit, offset, build, read_only=self.read_only, type_=type_, shift=shift
+        )
         return made if self.written is None else ToldUnit(made, self.written)
 
     def _builder(self, area: Area) -> Callable[[Names], bytes]:

@@ -123,6 +123,9 @@ class Matching:
             True for _ in parts_of([row.request, row.buffer, replies], EachOf)
         )
         """Whether one function does everything: one place at most, and no work but the transfer."""
+        told = {*row.back, *row.back_each} & {"unit", "start", "memory"}
+        self.takes_shift = row.service in ("read", "write") and row.serve is None and not told
+        """Whether an element may begin between two of its unit, as an address with `counts` says."""
         self._read: dict[bool, Match] = {}
 
     def read(
@@ -159,7 +162,7 @@ class Matching:
             address = self.facts.shared.grammar.parse(text, check=False)
         except AddressError as error:
             raise UnknownAreaError(str(error)) from None
-        if address.shift:
+        if address.shift and not self.takes_shift:
             raise MemoryRangeError(f"{address} does not begin at a whole {address.unit}")
         if self.facts.row.areas and address.area not in self.facts.row.areas:
             raise ElsewhereError(True)
@@ -453,7 +456,7 @@ class RowWriter:
             place = self.values.constant(fixed)
         else:
             place = self.variable()
-            self.out.add(f"{place} = unit_there({area}, {unit})")
+            self.out.add(f"{place} = unit_there({area}, {unit}{level.shift})")
         self._complete(level, place)
         return place
 
@@ -492,6 +495,7 @@ class RowWriter:
         level.parts = self.variable()
         self.out.add(f"{level.parts} = {address}.parts")
         level.type = f"{address}.type"
+        level.shift = f", {address}.shift" if self.matching.takes_shift else ""
         if "start" in level.values:
             self.unfit_if(f"{level.values['start']} != {address}.start")
         else:

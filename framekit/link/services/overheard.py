@@ -115,7 +115,16 @@ class Overheard:
             if reading is None or reading.problem is not None:
                 continue
             pieces = tuple(
-                Piece(Address(target.unit.name or "", target.unit.unit, target.start, type=target.type), target.count)
+                Piece(
+                    Address(
+                        target.unit.name or "",
+                        target.unit.unit,
+                        target.start,
+                        type=target.type,
+                        shift=target.unit.shift,
+                    ),
+                    target.count,
+                )
                 for target in reading.targets
             )
             return _OpenRequest(matching.facts, station, reading, pieces)
@@ -147,7 +156,9 @@ class Overheard:
         if name != target.unit.name and own > width and not (start * width % own or count * width % own):
             memory = in_unit(memory, area.order, unit, area.unit)
             unit, start, count = area.unit, start * width // own, count * width // own
-        first = Address(name, unit, start, parts=parts, type=area.type if unit == area.unit else None)
+        first = Address(
+            name, unit, start, parts=parts, type=area.type if unit == area.unit else None, shift=target.unit.shift
+        )
         for at, number in enumerate(numbers_of(memory, unit, first.type, count)):
             with suppress(AddressError):
                 yield KnownValue(station, self.shared.grammar.print(self.shared.grammar.advance(first, at)), number)

@@ -30,6 +30,9 @@ from framekit.memory.memory import unit_bits
 NATIVE = frozenset({"start", "count", "first"})
 """Names that count elements: a row that sends them, and no text, speaks of the area's own units only."""
 
+FROM_START = frozenset({"start", "first"})
+"""Names that say nothing of a place between two elements of its unit."""
+
 Rule = tuple[Evaluate, Evaluate, bool]
 """When, code, and whether it looks at the bytes beside the request."""
 
@@ -220,6 +223,8 @@ class Planner:
             for facts in self.shared.rows.get(service, ()):
                 if carried is not piece and facts.place_is_in(piece.address):
                     continue
+                if carried.address.shift and facts.mentions & FROM_START:
+                    continue
                 found = self._by_row(facts, carried, names, listed)
                 if found is not None:
                     exchanges, more = found
@@ -242,8 +247,7 @@ class Planner:
 
     def _carried(self, piece: Piece) -> Iterator[tuple[Piece, int]]:
         """The range in its own unit, then in the area's, with the bits that stand before it in these."""
-        if not piece.address.shift:
-            yield piece, 0
+        yield piece, 0
         area = self.shared.protocol.areas[piece.address.area]
         first, end = piece.address.first_bit, piece.address.first_bit + piece.bits
         for unit in dict.fromkeys((area.unit, *area.codes)):

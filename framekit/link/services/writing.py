@@ -28,7 +28,8 @@ class WriterLevel:
 
     `parts`: the variable with the other things that an address says, where the request names it as text. `history`:
     variables in the order in which names got them. `item`: the variable with the fields of a list's item, `memory` that
-    with the data in memory's form, `type` what gives the type that the address says.
+    with the data in memory's form, `type` what gives the type that the address says, `shift`
+    how many bits after an element it begins, as one more argument.
     `parameters`: names that are parameters of the function.
     """
 
@@ -41,6 +42,7 @@ class WriterLevel:
         self.parts: str | None = None
         self.memory = "None"
         self.type = ""
+        self.shift = ""
         self.item = "None"
 
     def put(self, name: str, variable: str) -> None:
