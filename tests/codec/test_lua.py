@@ -28,6 +28,7 @@ from tshark_world import (
     serial_capture,
     tcp_capture,
     trial,
+    udp_capture,
 )
 
 from framekit.codec.lua.generate import generate_dissector
@@ -192,6 +193,18 @@ def test_frames_in_segments_of_tcp_and_the_request_of_a_reply(tmp_path: Path) ->
     ]
     both = [one.value for one in found[7].fields if one.name.endswith("request_in")]
     assert both == ["6", "5"], "each reply has the request whose transaction it repeats"
+
+
+@needs_tshark
+def test_frames_in_datagrams(tmp_path: Path) -> None:
+    ask = bytes.fromhex("15 01 00 00 00 06 11 01 00 13 00 13")
+    script, capture = tmp_path / "modbus.lua", tmp_path / "modbus.pcap"
+    script.write_text(generate_dissector(load_protocol("modbus-tcp")).source)
+    udp_capture(capture, 40_502, [ask, ask + ask, ask[:7]])
+    shown = run(script, capture, "-d", "udp.port==40502,fk_modbus_tcp", "-T", "pdml")
+    found = packets_of(shown, "fk_modbus_tcp")
+    assert [one.frames for one in found] == [["request_adu"], ["request_adu"] * 2, []]
+    assert [one.experts for one in found] == [[], [], ["bad"]]
 
 
 @needs_tshark

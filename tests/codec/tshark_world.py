@@ -280,6 +280,17 @@ RAW_IP = 101
 CLIENT_PORT = 40_000
 
 
+def udp_capture(path: Path, port: int, datagrams: Sequence[bytes]) -> None:
+    """A capture of datagrams to a port."""
+    data = [pack("<IHHiIII", 0xA1B23C4D, 2, 4, 0, 0, 0xFFFF, RAW_IP)]
+    for number, content in enumerate(datagrams):
+        udp = pack(">HHHH", CLIENT_PORT, port, 8 + len(content), 0)
+        size = 20 + len(udp) + len(content)
+        ip = pack(">BBHHHBBH4s4s", 0x45, 0, size, number, 0, 64, 17, 0, bytes((10, 0, 0, 1)), bytes((10, 0, 0, 2)))
+        data += [pack("<IIII", number + 1, 0, size, size), ip, udp, content]
+    path.write_bytes(b"".join(data))
+
+
 def tcp_capture(path: Path, port: int, segments: Sequence[tuple[str, bytes]], step: int = SECOND // 100) -> None:
     """A capture of one connection: segments of the `client` and the `server`, `step` nanoseconds apart."""
     sent = {"client": 1, "server": 1}

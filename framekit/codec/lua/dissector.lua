@@ -464,9 +464,9 @@ local function candidates(side)
   return P[side] or P.any
 end
 
--- ---- TCP --------------------------------------------------------------------------------------------------------
+-- ---- TCP, and datagrams, whose frames end in them -----------------------------------------------------------------
 
-local function tcp(tvb, pinfo, tree)
+local function network(tvb, pinfo, tree, is_stream)
   local server = tostring(pinfo.src) .. ":" .. pinfo.src_port
   local client = tostring(pinfo.dst) .. ":" .. pinfo.dst_port
   local side = "any"
@@ -495,8 +495,13 @@ local function tcp(tvb, pinfo, tree)
     talk.state = R.state
   end
   R.state = {}
+  if want and not is_stream then
+    local _, near = R.fit(candidates(side), raw:sub(place + 1))
+    local _, name = add_piece({ kind = "bad", near = near, size = #raw - place }, tvb, pinfo, tree, place)
+    names[#names + 1] = name
+  end
   note_columns(pinfo, names)
-  if want then
+  if want and is_stream then
     pinfo.desegment_offset = place
     pinfo.desegment_len = DESEGMENT_ONE_MORE_SEGMENT -- `want` is the least that is wanted
   end
@@ -512,6 +517,9 @@ framekit_serial = framekit_serial or {}
 if not framekit_serial.proto then
   framekit_serial.proto = Proto("fk_serial", "Serial line, for framekit's dissectors")
   framekit_serial.way, framekit_serial.all = {}, {}
+  function framekit_serial.proto.init() -- another file has other packets
+    framekit_serial.way = {}
+  end
   function framekit_serial.proto.dissector(tvb, pinfo, tree)
     local kind = tvb:len() > 8 and tvb(8, 1):uint() or 0
     framekit_serial.way[pinfo.number] = (kind == 1 or kind == 3) and "out" or "in"
@@ -635,10 +643,8 @@ function proto.dissector(tvb, pinfo, tree)
   local way = framekit_serial.way[pinfo.number]
   if way then
     return serial(tvb, pinfo, tree, way)
-  elseif pinfo.port_type == 2 then -- TCP
-    return tcp(tvb, pinfo, tree)
   end
-  return serial(tvb, pinfo, tree, "in")
+  return network(tvb, pinfo, tree, pinfo.port_type == 2) -- that of TCP
 end
 
 table.insert(framekit_serial.all, proto.dissector)
@@ -648,3 +654,4 @@ if P.tcp then
 else
   DissectorTable.get("tcp.port"):add_for_decode_as(proto)
 end
+DissectorTable.get("udp.port"):add_for_decode_as(proto)
