@@ -196,6 +196,19 @@ def test_frames_in_segments_of_tcp_and_the_request_of_a_reply(tmp_path: Path) ->
 
 
 @needs_tshark
+def test_several_dissectors_and_one_that_is_chosen(tmp_path: Path) -> None:
+    ask = bytes.fromhex("11 03 00 6B 00 03 76 87")
+    scripts, capture = [tmp_path / "ccm.lua", tmp_path / "modbus-rtu.lua"], tmp_path / "rtu.pcap"
+    for script in scripts:
+        script.write_text(generate_dissector(load_protocol(script.stem)).source)
+    serial_capture(capture, [ask])
+    more = ("-X", f"lua_script:{scripts[1]}", "-T", "pdml")
+    (packet,) = packets_of(run(scripts[0], capture, *more, "-d", "rtacser.data,fk_modbus_rtu"), "fk_modbus_rtu")
+    assert packet.frames == ["request_adu"]
+    assert "fk_ccm" not in run(scripts[0], capture, *more), "with several none is taken by itself"
+
+
+@needs_tshark
 def test_frames_in_datagrams(tmp_path: Path) -> None:
     ask = bytes.fromhex("15 01 00 00 00 06 11 01 00 13 00 13")
     script, capture = tmp_path / "modbus.lua", tmp_path / "modbus.pcap"

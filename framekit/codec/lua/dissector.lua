@@ -513,7 +513,8 @@ end
 -- Each record of a capture of a serial line has some bytes of one direction, which begin and end anywhere. The record's
 -- header is read by Wireshark itself; which direction it has is kept for all dissectors of framekit.
 
-framekit_serial = framekit_serial or {}
+_G.framekit_serial = _G.framekit_serial or {} -- each script has globals of its own, all have this table
+local framekit_serial = _G.framekit_serial
 if not framekit_serial.proto then
   framekit_serial.proto = Proto("fk_serial", "Serial line, for framekit's dissectors")
   framekit_serial.way, framekit_serial.all = {}, {}
