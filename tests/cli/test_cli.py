@@ -312,6 +312,23 @@ def test_frames_lists_protocols_and_fields(capsys: pytest.CaptureFixture[str]) -
     assert "read_individual" in [frame["frame"] for frame in listed]
 
 
+def test_c_is_written_into_a_directory_and_strict_minds_what_is_left_out(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    folder = tmp_path / "made"
+    assert call(capsys, "generate", "c", "ccm", "-o", str(folder), "--strict")[0] == 0
+    assert {one.name for one in folder.iterdir()} == {"ccm.h", "ccm.c"}
+    path = tmp_path / "keyed.yaml"
+    path.write_text(
+        "protocol: keyed\nparams: {k: {type: bytes, size: 16, secret: yes}}\nframes:\n"
+        "  f: {body: [{field: n, type: u8}, {check: hmac-md5, key: k, size: 4}]}\n"
+    )
+    assert call(capsys, "generate", "c", str(path), "-o", str(folder))[0] == 0
+    status, output, _ = call(capsys, "generate", "c", str(path), "-o", str(folder), "--strict")
+    assert status == 1 and "keyed.yaml:4:36: frame 'f' is left out: 'hmac-md5'" in output
+    assert call(capsys, "generate", "c", "ccm")[2] == "framekit generate: C is written into a directory – add -o DIR\n"
+
+
 def test_generated_python_stands_alone(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     path = tmp_path / "mldp_codec.py"
     assert call(capsys, "generate", "python", "mldp", "-o", str(path))[0] == 0
