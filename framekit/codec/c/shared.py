@@ -60,6 +60,7 @@ def _runs(r: Any, segment: Check, names: list[str]) -> list[list[str]]:
     apart = {
         one.name for holder in everything(r.segments) if holder.has_cases for b in holder.blocks for one in flat(b)
     }
+    apart |= {one.name for one in everything(r.segments) if one.is_list}  # of one that breaks off nothing counts
     found: list[list[str]] = []
     for name in names:
         if found:
