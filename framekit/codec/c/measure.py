@@ -17,7 +17,7 @@ from framekit.codec.c.source import INDENT, CannotSayError, CSource, identifier,
 from framekit.codec.python.choices import fixed_bytes
 from framekit.codec.python.facts import leading, may_be_empty
 from framekit.codec.python.function import covered_names
-from framekit.codec.python.measure import MOST, ending_checks, needed_names
+from framekit.codec.python.measure import MOST, Finished, ending_checks, needed_names
 from framekit.definition.codings import Hex
 from framekit.definition.expression import Expression, names_in
 from framekit.definition.model.frames import Frame, bytes_of, flat, without_when
@@ -47,10 +47,6 @@ from framekit.definition.model.segments import (
 
 Pairs = tuple[tuple[Segment, CScope], ...]
 LOST, QUIET = "FK_LOST", "FK_QUIET"
-
-
-class Finished(Exception):  # noqa: N818 - a way out, no error
-    """The rest of the function is written."""
 
 
 class CMeasureWriter(CFunctionWriter):
