@@ -252,8 +252,9 @@ def _without_version(node: Node, noted: list[Problem] | None) -> Node:
         return node
     value = said.value.text if isinstance(said.value, Scalar) else "a list or mapping"
     if value != str(LANGUAGE):
-        newer = value.isdigit() and int(value) > LANGUAGE
-        what = f"this is version {value} of the language" if newer else f"'{value}' is no version of the language"
+        newer = re.fullmatch(r"[0-9]{1,9}", value) is not None and int(value) > LANGUAGE
+        shown = value if len(value) <= 20 else f"{value[:20]}…"
+        what = f"this is version {shown} of the language" if newer else f"'{shown}' is no version of the language"
         todo = "install a newer framekit, which reads it" if newer else f"write framekit: {LANGUAGE}"
         problem = Problem(said.value.at, what, todo)
         if noted is None:

@@ -59,7 +59,7 @@ def roots() -> Iterator[Path]:
 
 @cache
 def _path(text: str) -> tuple[Path, ...]:
-    return tuple(Path(folder).expanduser().absolute() for folder in text.split(os.pathsep) if folder)
+    return tuple(Path(os.path.expanduser(folder)).absolute() for folder in text.split(os.pathsep) if folder)
 
 
 @cache
@@ -70,8 +70,8 @@ def _packages() -> tuple[Path, ...]:
 
     found: list[Path] = []
     for point in sorted(entry_points(group=PACKAGES), key=lambda point: point.name):
-        package, *inside = point.module.split(".")
-        with suppress(ImportError, ValueError):
+        with suppress(ImportError, ValueError, AttributeError):  # the last one: the entry point names nothing
+            package, *inside = point.module.split(".")
             spec = find_spec(package)
             places = () if spec is None else spec.submodule_search_locations or ()
             found += [Path(place, *inside, *(point.attr or "").split(".")) for place in places]

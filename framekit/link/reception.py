@@ -342,6 +342,27 @@ class Reception:
         if not self.cutting and not self.dispatcher.bad(bad) and on_bad is not None:
             self.machine.callbacks.append(lambda: on_bad(bad))
 
+    def flush(self) -> None:
+        """Drops what has come and is no frame yet; but frames that are wanted whenever they come are taken first."""
+        names = tuple(name for name in self._all if name in self.awaited)
+        while names and (event := self.receiver.next((), names)) is not None:
+            if isinstance(event, FrameArrived):
+                self._by_itself(event)
+            elif isinstance(event, BadFrame):
+                self._bad(event)
+            else:
+                self.show_noise([event])
+        self.show_noise(self.receiver.flush())
+
+    def _by_itself(self, event: FrameArrived) -> None:
+        """A frame that no step was offered."""
+        machine = self.machine
+        self.counters.received += 1
+        machine.last_frame = machine.scope.now
+        if machine.monitor is not None:
+            machine.show_received(event.value, event.raw, event.times[0])
+        self._hand_over(event.value)
+
     def show_noise(self, found: Iterable[Noise]) -> None:
         for noise in found:
             count = self._told.new_bytes(noise)

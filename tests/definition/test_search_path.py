@@ -41,6 +41,12 @@ def test_folders_of_the_path_are_searched_in_order(tmp_path: Path, monkeypatch: 
     assert load_protocol("lamp").frames["SWITCH"].at.file == str(tmp_path / "two" / "lamp.yaml")
 
 
+def test_a_folder_of_an_unknown_user_holds_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(PATH_VARIABLE, "~nobody-of-that-name/x")
+    with pytest.raises(DefinitionError, match="there is no definition 'lamp'"):
+        load_protocol("lamp")
+
+
 def test_a_new_folder_of_the_path_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(PATH_VARIABLE, str(tmp_path))
     assert tmp_path in list(searched_folders())
@@ -100,6 +106,7 @@ def installed(folder: Path, distribution: str, points: str) -> None:
 def test_protocols_of_installed_packages_are_found_and_not_imported(tmp_path: Path) -> None:
     site = tmp_path / "site"
     installed(site, "acme", "lamp = acme_frames\nbell = acme_more:data.frames\ngone = not_there\n")
+    installed(site, "broken", "one = foo bar!\ntwo =\nthree = ../x\nfour = .x\n")
     write(site / "acme_frames" / "__init__.py", "raise SystemExit('imported')\n")
     write(site / "acme_frames" / "lamp.yaml", LAMP.format(name="lamp", byte="01"))
     write(site / "acme_frames" / "modbus-rtu.yaml", LAMP.format(name="modbus-rtu", byte="EE"))
@@ -126,6 +133,9 @@ def test_the_version_of_the_language_is_checked(tmp_path: Path) -> None:
         load_protocol(write(tmp_path / "c.yaml", f"framekit: 2\n{lamp}"))
     with pytest.raises(DefinitionError, match=r"'1\.0' is no version of the language – write framekit: 1"):
         load_protocol(write(tmp_path / "d.yaml", f"framekit: 1.0\n{lamp}"))
+    for strange in ("²", "9" * 6000, "-1", "''"):
+        with pytest.raises(DefinitionError, match="no version of the language"):
+            load_protocol(write(tmp_path / "strange.yaml", f"framekit: {strange}\n{lamp}"))
     with pytest.raises(DefinitionError, match="no version of the language"):
         load_protocol(write(tmp_path / "e.yaml", f"framekit: [1]\n{lamp}"))
     both = write(tmp_path / "f.yaml", f"framekit: 2\n{lamp}framez: 1\n")

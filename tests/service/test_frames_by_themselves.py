@@ -39,6 +39,22 @@ sequences:
         gap: byte_timeout
         on_timeout: {fail: no_reply}
 """
+WITH_FLUSH = """
+sequences:
+  exchange:
+    takes: [request]
+    gives: {reply: answer}
+    local: {answer: frame}
+    steps:
+      - {step: rest, wait: 300 ms}
+      - step: ask
+        send: request
+        flush: yes
+        receive: [{frame: expected, set: {answer: it}, then: end}]
+        within: reply_timeout
+        gap: byte_timeout
+        on_timeout: {fail: no_reply}
+"""
 DEVICE = """
 device: talker
 protocol: news.yaml
@@ -62,9 +78,8 @@ blocks:
 """
 
 
-def frames_of(folder: Path, late: str, pause: int, every: int, others: bool) -> tuple[list[str], list[int], list[str]]:
+def frames_of(folder: Path, late: str, pause: int, every: int, more: str) -> tuple[list[str], list[int], list[str]]:
     """What 10 s of such a run show: the frames that came, done and failed of both blocks, and what went wrong."""
-    more = "" if others else WITHOUT_OTHERS
     (folder / "news.yaml").write_text(PROTOCOL.replace("LATE", late) + more, "utf-8")
     (folder / "talker.device.yaml").write_text(DEVICE.replace("PAUSE", f"{pause} ms"), "utf-8")
     (folder / "news.run.yaml").write_text(RUN.replace("EVERY", f"{every} ms"), "utf-8")
@@ -89,7 +104,19 @@ def test_every_frame_reaches_its_block_and_every_exchange_its_end(tmp_path: Path
     chance = Random(f"{late} {others}")
     for _ in range(3):
         pause, every = chance.randrange(20, 400), chance.randrange(150, 900)
-        came, (taken, failed, done, lost), wrong = frames_of(tmp_path, late, pause, every, others)
+        came, (taken, failed, done, lost), wrong = frames_of(
+            tmp_path, late, pause, every, "" if others else WITHOUT_OTHERS
+        )
         assert wrong == [], (pause, every)
         assert taken == came.count("NEWS") > 10 and failed == 0
         assert done == came.count("DONE") > 5 and lost == 0
+
+
+def test_forgetting_what_came_forgets_no_frame_that_a_block_wants(tmp_path: Path) -> None:
+    chance = Random(5)
+    for _ in range(3):
+        pause, every = chance.randrange(20, 200), chance.randrange(400, 900)
+        came, (taken, failed, done, _), wrong = frames_of(tmp_path, "0 ms", pause, every, WITH_FLUSH)
+        assert taken == came.count("NEWS") > 10 and failed == 0
+        assert done > 3
+        assert all(line.startswith("noise") for line in wrong), "what was half there is shown"
