@@ -126,6 +126,16 @@ def test_names_of_c() -> None:
         names.take("a_b", "'a.b'")
 
 
+def test_frames_with_a_name_of_every_file_are_left_out() -> None:
+    frames = "".join(
+        f"  {name}: {{body: [{{const: {at:02X}}}]}}\n"
+        for at, name in enumerate(("parser", "context", "defaults", "UNKNOWN", "fine"))
+    )
+    made = generate(load_protocol_text(f"protocol: own\nframes:\n{frames}"))
+    assert {frame for frame, _ in made.left_out} == {"parser", "context", "defaults", "UNKNOWN"}
+    assert all("what stands in every such file" in problem.what for _, problem in made.left_out)
+
+
 def test_frames_with_one_name_in_c_are_left_out() -> None:
     text = "protocol: p\nframes:\n  a-b: {body: [{const: 01}]}\n  a.b: {body: [{const: 02}]}\n"
     assert generate(load_protocol_text(text, "small")).frames == ("a-b",)

@@ -79,6 +79,9 @@ class CFile:
         self.layouts = Layouts(protocol.frames, self.static, self, most)
         self.structs: dict[str, CStruct] = {}
         self.names = CNames(f"the C of '{protocol.name}'")
+        for own in ("parser", "context", "defaults"):
+            self.names.take(f"{self.prefix}_{own}", "what stands in every such file")
+        self.names.take(f"{self.prefix.upper()}_FRAME_UNKNOWN", "what stands in every such file")
         self.start_values = start_values(protocol)
         self.asked: dict[str, Val] = {}
         self.context = ""
@@ -112,6 +115,10 @@ class CFile:
 
     def frame_enum(self, frame: str) -> str:
         return f"{self.prefix}_{identifier(frame)}"
+
+    def number_name(self, frame: str) -> str:
+        """The constant that stands for a frame."""
+        return f"{self.prefix.upper()}_FRAME_{identifier(frame)}"
 
     def order_of(self, frames: tuple[str, ...]) -> tuple[str, ...]:
         return in_order(self.static, frames)
@@ -423,6 +430,7 @@ class _Writing:
             try:
                 self._known_inside(frame)
                 file.names.take(file.frame_enum(frame.name), f"the frame '{frame.name}'", frame.at)
+                file.names.take(file.number_name(frame.name), f"the number of '{frame.name}'", frame.at)
                 file.structs[frame.name] = file.layouts.struct(frame)
             except CannotSayError as error:
                 found[frame.name] = error.problem
@@ -549,10 +557,7 @@ class _Writing:
         with out.block(f"enum {prefix}_frame", ";"):
             out.add(f"{upper}_FRAME_UNKNOWN,")
             for frame in self.frames:
-                name = file.names.take(
-                    f"{upper}_FRAME_{identifier(frame.name)}", f"the number of '{frame.name}'", frame.at
-                )
-                out.add(f"{name},")
+                out.add(f"{file.number_name(frame.name)},")
         out.add("")
         self._enums(out)
         if self.given:
