@@ -604,7 +604,8 @@ class RunModel:
 
     `status`: whether blocks have their words in memory, where the memory profile has places for them. `points_words`:
     how much memory the points of channels take. `sinks`: where values go, each a `SinkKind` of the layer above.
-    `files`: those that sinks and the state have (absolute paths). `fleet`: which one it is of, if any.
+    `files`: those that sinks and the state have (absolute paths). `fleet`: which one it is of, if any. `only_reads`: it
+    writes into no device, and others write nothing into it.
     """
 
     name: str
@@ -623,6 +624,7 @@ class RunModel:
     sinks: tuple[Any, ...] = ()
     files: tuple[str, ...] = ()
     fleet: Any = None
+    only_reads: bool = False
     warnings: tuple[Problem, ...]
     at: Position
 

@@ -19,12 +19,16 @@ WRITES = {
 
 
 def only_reading(run: RunModel) -> RunModel:
-    """The same run, with channels whose clients may write nothing. Raises DefinitionError where it could write."""
+    """The same run, with channels whose clients may write nothing, and points that none writes.
+
+    Raises DefinitionError where it could write.
+    """
     problems = list(_writing(run))
     if problems:
         raise DefinitionError(problems)
     channels = {number: replace(channel, read_only=True) for number, channel in run.channels.items()}
-    return replace(run, channels=channels)
+    points = tuple(replace(point, is_writable=False) for point in run.points)
+    return replace(run, channels=channels, points=points, only_reads=True)
 
 
 def _writing(run: RunModel) -> Iterator[Problem]:

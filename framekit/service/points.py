@@ -29,15 +29,16 @@ MOST_WAITING = 64
 class PointService:
     """The points of one memory. `fire` makes a block due by its id; `at_work`: the run has started and not ended.
 
-    `force`: also what others may only read is written.
+    `force`: also what others may only read is written. `read_only`: no point is written, whatever its file says.
     """
 
     def __init__(
         self, points: Iterable[Point], blocks: Iterable[Block], memory: DeviceMemory, clock: Clock,
-        wake: Callable[[], None], fire: Callable[[int], None], *, force: bool = False,
+        wake: Callable[[], None], fire: Callable[[int], None], *, force: bool = False, read_only: bool = False,
     ) -> None:  # fmt: skip
         self.table = PointTable(points, memory, utc_at(clock), wake)
         self._memory, self._clock, self._wake, self._fire, self._force = memory, clock, wake, fire, force
+        self._read_only = read_only
         self._blocks: dict[int, Block] = {block.id: block for block in blocks}
         self.at_work = False
         self._waiting: dict[int, deque[tuple[bytes, Written]]] = {}
@@ -71,6 +72,9 @@ class PointService:
         value that does not fit.
         """
         point = self.point(name)
+        if self._read_only:
+            log.warning("point %s: %r was refused to %s: this run only reads", name, value, who)
+            raise ValueError(f"'{name}' can only be read: this run only reads – run the file without --read-only")
         if not point.is_writable:
             raise ValueError(f"'{name}' can only be read – access: rw of the point allows it")
         form = point.form

@@ -166,7 +166,9 @@ class RunService(ChannelOwner):
             )
             self.exchanges.take_job = self.jobs.take
         put_values(self.memory, run.initial)
-        self.points = PointService(run.points, run.blocks, self.memory, clock, self.loop.wake, self.fire)
+        self.points = PointService(
+            run.points, run.blocks, self.memory, clock, self.loop.wake, self.fire, read_only=run.only_reads
+        )
         self._has_points = bool(run.points)
         host = SinkHost(run.name, clock, self.points, partial(run_status, self))
         self.sinks = SinkService(run.sinks, run.points, self.points.table, clock, host)

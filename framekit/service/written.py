@@ -23,6 +23,10 @@ MOST_VALUES = 16
 """So many values of one write are shown; then how many more there were."""
 
 
+MOST_OF_A_NAME = 64
+"""So many characters of the name in a certificate are shown."""
+
+
 class WriteLog:
     """Tells the log of writes into what is called `name`. `client`: who asks now."""
 
@@ -68,9 +72,13 @@ def begun_log(name: str, protocol: Protocol) -> WriteLog | None:
 
 
 def client_of(port: Port) -> str:
-    """Who is on the other side of a port now, as the log names it."""
-    identity = port.identity if isinstance(port, AcceptedPort) else ""
-    return f"{port.sender or port.name}{f' ({identity})' if identity else ''}"
+    """Who is on the other side of a port now, as the log names it; the name in a certificate stands in quotes.
+
+    So no name can look like words of the log.
+    """
+    name = port.identity if isinstance(port, AcceptedPort) else ""
+    shown = repr(name[:MOST_OF_A_NAME]) + ("…" if len(name) > MOST_OF_A_NAME else "")
+    return f"{port.sender or port.name}{f' ({shown})' if name else ''}"
 
 
 class NamedServer:

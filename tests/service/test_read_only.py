@@ -143,6 +143,23 @@ def test_clients_of_a_run_that_only_reads_write_nothing(tmp_path: Path) -> None:
             assert run.memory["M0"] == (4711 if may else 0)
 
 
+def test_points_of_a_run_that_only_reads_are_written_by_none(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    from framekit.api.run import loaded, reads_only
+
+    caplog.set_level(logging.WARNING, "framekit")
+    file = tmp_path / "mixed.run.yaml"
+    more = "points:\n  limit: {address: MW10, access: rw}\nsinks:\n  - {mqtt: '127.0.0.1:1', commands: yes}\n"
+    file.write_text(RUN.format(number=free_number(), more=more), "utf-8")
+    assert [point.is_writable for point in loaded(file).points] == [True]
+    model = reads_only(loaded(file))
+    assert [point.is_writable for point in model.points] == [False]  # so no sink and no page offers it
+    with framekit.Run(model) as run:
+        with pytest.raises(framekit.RequestError, match="'limit' can only be read: this run only reads"):
+            run.points["limit"].write(777, who="10.9.9.9:1 by OPC UA")
+        assert run.memory["MW10"] == 0
+    assert "point limit: 777 was refused to 10.9.9.9:1 by OPC UA: this run only reads" in caplog.messages
+
+
 # ---- who wrote what ---------------------------------------------------------------------------------------------
 
 

@@ -18,7 +18,9 @@ from transport.real_world import Waiting, opened, run
 
 import framekit
 from framekit.cli.main import main
+from framekit.service.written import client_of as who_wrote
 from framekit.transport.clock import AsyncioClock
+from framekit.transport.network import TcpAcceptedPort
 from framekit.transport.port import AcceptedPort
 from framekit.transport.schemes import is_known, make_listener, open_port
 from framekit.transport.tls_port import TlsListener, TlsPort
@@ -256,7 +258,25 @@ def test_the_log_of_writes_names_who_the_certificate_names(
         assert main(["write", "modbus-tcp", "--port", client, "--station", "2", "40001", "5"]) == 0
     (told,) = [record.getMessage() for record in caplog.records if record.name == "framekit.written"]
     assert told.startswith("modbus-tcp 2: 40001: 0 → 5, written by 127.0.0.1:")
-    assert told.endswith(" (client)")
+    assert told.endswith(" ('client')")
+
+
+@pytest.mark.parametrize(
+    ("name", "shown"),
+    [
+        ("a) written by 10.9.9.9:1 (boss", "('a) written by 10.9.9.9:1 (boss')"),
+        ("a') written by 10.9.9.9:1 ('boss", """("a') written by 10.9.9.9:1 ('boss")"""),
+        ("""a"') written""", """('a"\\') written')"""),
+        ("x" * 65, f"('{'x' * 64}'…)"),
+    ],
+)
+def test_the_name_in_a_certificate_cannot_be_taken_for_words_of_the_log(name: str, shown: str) -> None:
+    async def check() -> None:
+        port = TcpAcceptedPort("127.0.0.1:5", AsyncioClock(asyncio.get_running_loop()))
+        port.identity = name
+        assert who_wrote(port) == f"127.0.0.1:5 {shown}"
+
+    run(check())
 
 
 def test_a_run_names_the_files_beside_it(files: Certificates, tmp_path: Path) -> None:
