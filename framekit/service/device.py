@@ -325,14 +325,14 @@ MOST_CONNECTIONS = 256
 """At once; one more is closed as soon as it is made."""
 
 MOST_STRANGERS = 256
-"""So many addresses that are not allowed are logged, each once."""
+"""So many addresses that are not allowed, or have too many connections, are logged, each once."""
 
 
 class Serving:
     """Serves devices, all of which hear the same line. `wrap` may put something around every port, faults say.
 
-    `line_errors` counts bad frames by their cause, bytes that were no frame, and connections refused or closed here;
-    `turned_away` those of clients that are not allowed, where it is given.
+    `line_errors` counts bad frames by their cause, bytes that were no frame, and connections closed here;
+    `turned_away` those that were refused, where it is given.
     """
 
     def __init__(
@@ -359,7 +359,7 @@ class Serving:
         self.listener: PortListener | None = None
         self._own_port: Port | None = None
         self._hosts: dict[Port, str] = {}
-        self._strangers: set[str] = set()
+        self._told: set[tuple[str, str]] = set()
         self._idle_alarm = clock.alarm(self._close_idle)
         for number, store in enumerate(self.stores):
             store.troubles.append(partial(self._trouble, number))
@@ -411,7 +411,7 @@ class Serving:
         """Answers every connection to `url`, over UDP every sender by itself. Raises ValueError, OSError."""
         self.listener = listener = make_listener(url, self.clock, self.accept)
         if isinstance(listener, NetworkListener):
-            listener.admits = self.admits
+            listener.admits, listener.refused = self.admits, self.refused
         await listener.start()
         return listener
 
@@ -421,7 +421,7 @@ class Serving:
             port.close()
             return
         if not self._has_room(port):
-            self.line_errors["connections refused"] += 1
+            self.refused(port.host)
             port.close()
             return
         self.connections += 1
@@ -439,10 +439,18 @@ class Serving:
         if self.limits.lets_in(host):
             return True
         self.turned_away["clients not allowed"] += 1
-        if host not in self._strangers and len(self._strangers) < MOST_STRANGERS:
-            self._strangers.add(host)
-            log.warning("%s is not allowed as a client: closed; it is counted from now on", host)
+        self._log_once(host, "%s is not allowed as a client: closed; it is counted from now on")
         return False
+
+    def refused(self, host: str) -> None:
+        """A connection was turned away because there were too many; that is counted, and logged once an address."""
+        self.turned_away["connections refused"] += 1
+        self._log_once(host, "%s has too many connections: connections refused; they are counted from now on")
+
+    def _log_once(self, host: str, what: str) -> None:
+        if (host, what) not in self._told and len(self._told) < MOST_STRANGERS:
+            self._told.add((host, what))
+            log.warning(what, host)
 
     def _has_room(self, port: AcceptedPort) -> bool:
         """Whether one more may be served. A sender of datagrams never ends by itself: it takes an older one's place."""
@@ -583,7 +591,7 @@ class ListeningPort(Port):
             [store], self.clock, channel.line, watch, limits=channel.limits, turned_away=turned_away
         )
         if isinstance(self.listener, NetworkListener):
-            self.listener.admits = serving.admits
+            self.listener.admits, self.listener.refused = serving.admits, serving.refused
 
     def _accept(self, port: AcceptedPort) -> None:
         assert self.serving is not None

@@ -307,7 +307,8 @@ class Closable(Protocol):
 class NetworkListener(ABC):
     """Listens at `host`; `accepted` gets a port, not yet opened, for each who comes. `number` 0 asks for a free one.
 
-    `admits`: whether a client with that address may come in, for those where coming in costs something.
+    `admits`: whether a client with that address may come in, for those where coming in costs something; `refused` is
+    told the address of one that was turned away because there were too many.
     """
 
     scheme: str
@@ -323,6 +324,7 @@ class NetworkListener(ABC):
         self._opening: asyncio.Task[None] | None = None
         self._at_work: Closable | None = None
         self.admits: Callable[[str], bool] = lambda host: True
+        self.refused: Callable[[str], None] = lambda host: None
         self._is_at(number)
 
     def _is_at(self, number: int) -> None:

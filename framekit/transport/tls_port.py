@@ -1,8 +1,8 @@
 """TLS over TCP, `tls://HOST:PORT`: a port that connects, and a listener that offers those whose handshake ends well.
 
 What a side needs stands behind `?` in the port's name, files in PEM: `ca` and `name` of one that connects, `clients`
-of one that listens, `cert` and `key` of both. Files are read whenever a port is opened, so a new certificate needs no
-restart. No key, and nothing of its file, is ever shown.
+of one that listens, `cert` and `key` of both. Files are read whenever a port is opened, and by one that listens when they
+have changed. So a new certificate needs no restart. No key, and nothing of its file, is ever shown.
 """
 
 from __future__ import annotations
@@ -13,7 +13,9 @@ import logging
 import os
 import socket
 import ssl
+from collections import Counter
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from urllib.parse import parse_qsl, quote, urlencode
 
@@ -42,7 +44,9 @@ HANDSHAKE_WITHIN = 10.0
 SHUTDOWN_WITHIN = 2.0
 """How long the other side has to say that it has closed, too (s)."""
 MOST_HANDSHAKES = 64
-"""At once; one more is closed as soon as it is made."""
+"""At once; one more takes the place of the oldest one, of the address that has the most."""
+MOST_OF_ONE_ADDRESS = 16
+"""Of these; one more takes the place of the oldest one of that address."""
 ACCEPTS_AGAIN = 1.0
 """After the system could not take one more connection (s)."""
 
@@ -225,11 +229,33 @@ class TlsListener(NetworkListener):
             raise ValueError(f"a tls: port that listens needs a certificate and its key – write {SERVER_FORM}")
         super().__init__(host, number, clock, accepted)
         self._context: ssl.SSLContext | None = None
-        self._handshakes: set[asyncio.Task[None]] = set()
+        self._loaded: list[tuple[int, int, int] | None] = []
+        """How the files were when they were read last."""
+        self._handshakes: dict[asyncio.Task[None], str] = {}
+        """The address of each that is under way, the oldest first."""
 
     def _bound(self, family: socket.AddressFamily, address: tuple[str, int]) -> socket.socket:
+        self._loaded = self._files()
         self._context = server_context(self._given)
         return socket.create_server(address, family=family)
+
+    def _files(self) -> list[tuple[int, int, int] | None]:
+        """How the files are now; None for one that is not there."""
+        return [_stamp(self._given[name]) for name in FILES if name in self._given]
+
+    def _context_now(self) -> ssl.SSLContext:
+        """What the files say now; while they cannot be used, as when one of two is replaced, what they said before."""
+        files = self._files()
+        if self._context is None or files != self._loaded:
+            self._loaded = files
+            try:
+                self._context = server_context(self._given)
+                log.info("%s: its certificate was read anew", self.name)
+            except OSError as error:
+                if self._context is None:
+                    raise
+                log.warning("%s goes on with the certificate that it has: %s", self.name, error)
+        return self._context
 
     async def _open(self, listening: socket.socket) -> None:
         listening.setblocking(False)
@@ -246,21 +272,42 @@ class TlsListener(NetworkListener):
                 log.warning("%s accepts nothing for now: %s", self.name, error)
                 await asyncio.sleep(ACCEPTS_AGAIN)
                 continue
-            if len(self._handshakes) >= MOST_HANDSHAKES or not self.admits(str(address[0])):
+            host = str(address[0])
+            if not self.admits(host):
                 connected.close()
                 continue
-            handshake = loop.create_task(self._shake_hands(connected, f"{bracketed(address[0])}:{address[1]}"))
-            self._handshakes.add(handshake)
-            handshake.add_done_callback(self._handshakes.discard)
+            self._make_room(host)
+            handshake = loop.create_task(self._shake_hands(connected, f"{bracketed(host)}:{address[1]}"))
+            self._handshakes[handshake] = host
+            handshake.add_done_callback(partial(self._ended, connected))
+            await asyncio.sleep(0)  # a connection that waits is there at once: else none of the others would go on
+
+    def _make_room(self, host: str) -> None:
+        """One more may begin: those that say nothing shut out none."""
+        each = Counter(self._handshakes.values())
+        if each[host] >= MOST_OF_ONE_ADDRESS:
+            in_the_way = host
+        elif len(self._handshakes) >= MOST_HANDSHAKES:
+            in_the_way = max(each, key=lambda one: each[one])
+        else:
+            return
+        oldest = next(one for one, of in self._handshakes.items() if of == in_the_way)
+        del self._handshakes[oldest]
+        oldest.cancel()
+        self.refused(in_the_way)
+
+    def _ended(self, connected: socket.socket, handshake: asyncio.Task[None]) -> None:
+        self._handshakes.pop(handshake, None)
+        if handshake.cancelled():
+            connected.close()
 
     async def _shake_hands(self, connected: socket.socket, client: str) -> None:
         def protocol() -> AcceptedConnection:
             return AcceptedConnection(TcpAcceptedPort(self.host, self.clock), self.accepted, "tls")
 
-        assert self._context is not None
         try:
             await self.clock.loop.connect_accepted_socket(
-                protocol, connected, ssl=self._context,
+                protocol, connected, ssl=self._context_now(),
                 ssl_handshake_timeout=HANDSHAKE_WITHIN, ssl_shutdown_timeout=SHUTDOWN_WITHIN,
             )  # fmt: skip
         except OSError as error:
@@ -271,6 +318,15 @@ class TlsListener(NetworkListener):
         super().stop()
         for handshake in list(self._handshakes):
             handshake.cancel()
+
+
+def _stamp(file: str) -> tuple[int, int, int] | None:
+    """What changes when a file is written or replaced."""
+    try:
+        found = os.stat(file)
+    except OSError:
+        return None
+    return found.st_mtime_ns, found.st_size, found.st_ino
 
 
 class Acceptance:

@@ -257,7 +257,7 @@ def test_a_channel_says_how_many_connections_an_address_may_have_and_how_long_th
             one, other = links
             assert await exchanged(one, MODBUS_READ, 13) == MODBUS_REPLY + bytes.fromhex("1234 5678")
             assert await other[0].read() == b"", "one more is closed"
-            assert port.serving.line_errors == {"connections refused": 1}
+            assert service.channels[1].counters.failed == {"connections refused": 1}
         finally:
             for _, writer in links:
                 writer.close()

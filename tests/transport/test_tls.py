@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import queue
 import socket
@@ -23,7 +24,7 @@ from framekit.transport.clock import AsyncioClock
 from framekit.transport.network import TcpAcceptedPort
 from framekit.transport.port import AcceptedPort
 from framekit.transport.schemes import is_known, make_listener, open_port
-from framekit.transport.tls_port import TlsListener, TlsPort
+from framekit.transport.tls_port import MOST_HANDSHAKES, MOST_OF_ONE_ADDRESS, TlsListener, TlsPort
 
 
 class Certificates:
@@ -246,6 +247,71 @@ def test_strangers_are_closed_before_a_handshake(files: Certificates, caplog: py
         assert server._server.line_errors["clients not allowed"] >= 1
     assert "127.0.0.1 is not allowed as a client" in caplog.text
     assert "no handshake" not in caplog.text
+
+
+def test_connections_that_say_nothing_shut_out_none(files: Certificates, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.WARNING, "framekit")
+    place = f"tls://127.0.0.1:0{files.listening()}"
+    with contextlib.ExitStack() as silent, framekit.serve("modbus-tcp", place, initial={"40001": 7}) as server:
+        number = int(server.port.rpartition(":")[2])
+        for _ in range(70):
+            silent.enter_context(socket.create_connection(("127.0.0.1", number)))
+        with framekit.connect("modbus-tcp", f"{server.port}?ca={files.ca}", station=1) as client:
+            assert client.read("40001") == [7]
+        assert server._server.line_errors["connections refused"] >= 70 - MOST_OF_ONE_ADDRESS
+    assert [one for one in caplog.messages if "connections refused" in one] == [
+        "127.0.0.1 has too many connections: connections refused; they are counted from now on"
+    ]
+
+
+def test_room_is_made_where_most_is_taken(files: Certificates) -> None:
+    async def check() -> None:
+        listener, _ = await listener_with(files.listening())
+        refused: list[str] = []
+        listener.refused = refused.append
+        for number in range(MOST_HANDSHAKES):
+            task = asyncio.get_running_loop().create_task(asyncio.Event().wait())
+            listener._handshakes[task] = "10.0.0.1" if number % 8 == 0 else f"10.0.1.{number}"  # type: ignore[index]
+        listener._make_room("10.0.0.2")
+        assert refused == ["10.0.0.1"]
+        assert len(listener._handshakes) == MOST_HANDSHAKES - 1
+        listener.stop()
+
+    run(check())
+
+
+def test_a_new_certificate_needs_no_restart(
+    files: Certificates, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO, "framekit")
+    cert, key = tmp_path / "mine.pem", tmp_path / "mine.key"
+
+    def put(one: Path, content: bytes) -> None:
+        new = one.with_suffix(".new")
+        new.write_bytes(content)
+        new.replace(one)
+
+    async def check() -> None:
+        put(cert, files.old[0].read_bytes())
+        put(key, files.old[1].read_bytes())
+        listener, _ = await listener_with(files.listening(cert=(cert, key)))
+        good = f"?ca={files.ca}"
+        assert "certificate has expired" in await refusal(listener, good)
+        put(cert, files.server.read_bytes())
+        assert "certificate has expired" in await refusal(listener, good)  # the key does not fit yet
+        put(key, files.key.read_bytes())
+        port = client_of(listener, good)
+        await opened(port)
+        port.close()
+        listener.stop()
+
+    run(check())
+    told = [one.partition(" ")[2] for one in caplog.messages if "certificate" in one and "no handshake" not in one]
+    assert told == [
+        f"goes on with the certificate that it has: {cert} and {key}: they hold no certificate in PEM"
+        " with the key that fits it",
+        "its certificate was read anew",
+    ]
 
 
 def test_the_log_of_writes_names_who_the_certificate_names(
