@@ -9,10 +9,11 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
+from itertools import combinations, pairwise
 from math import log, log2
 from typing import NamedTuple
 
+from framekit.definition.problems import plural
 from framekit.guess.model import (
     CheckGuess,
     Evidence,
@@ -35,6 +36,10 @@ LEAST_STEPS = 6
 MOST_COPIED = 6
 """A reply repeats so many bytes of the head of its request, at most."""
 LEAST_OF_KIND = 3
+ENOUGH_OF_FORM = 6
+"""In so many frames what is constant is no luck."""
+FEW = 0.1
+"""So much of the frames may be damaged, or say that something is wrong."""
 SURE = 20.0
 """Bits of luck from which a counter, a count or a copy is sure."""
 
@@ -46,6 +51,15 @@ class FrameShape(NamedTuple):
     head: int
     tail: int
     outside: int = 0
+
+
+class KindHints(NamedTuple):
+    """What requests and replies tell of kinds: `copies`: places that a reply repeats; `turned`: those of a reply that
+    have a byte of the request, or that with the same bits turned over; `is_asked_for`: the request tells the size."""
+
+    copies: set[int]
+    turned: frozenset[int]
+    is_asked_for: bool
 
 
 class AskedTold(NamedTuple):
@@ -96,8 +110,12 @@ def directed(frames: Sequence[HeardFrame], plain: Sequence[bytes]) -> tuple[list
 CLIENT_SERVER = ("client", "server")
 
 
-def function_place(texts: Sequence[bytes], shape: FrameShape, known: set[int], likely: set[int]) -> int | None:
-    """The byte of the head that goes with the form of frames, but for their counts; rather one of the likely ones."""
+def function_place(texts: Sequence[bytes], shape: FrameShape, known: set[int], hints: KindHints) -> int | None:
+    """The byte of the head that goes with the form of frames, but for their counts; rather one that replies repeat.
+
+    A byte that is not turned has to have as many forms as values, and the request must not tell the size already: else
+    it may be a value that was measured.
+    """
     shortest = min(len(text) for text in texts)
     before = _surprise(Counter(map(len, texts)))
     best: tuple[float, int] | None = None
@@ -111,15 +129,93 @@ def function_place(texts: Sequence[bytes], shape: FrameShape, known: set[int], l
             for value, count in values.items()
         ) / len(texts)  # fmt: skip
         sizes = len({len(text) for text in texts})
-        by_luck = 0.0 if place in likely else (len(values) - 1) * (sizes - 1) / (2 * len(texts) * log(2))
-        gain = before - after + (1.0 if place in likely else 0.0)
+        by_luck = 0.0 if place in hints.copies else (len(values) - 1) * (sizes - 1) / (2 * len(texts) * log(2))
+        gain = before - after + (1.0 if place in hints.copies else 0.0)
         if (
             before - after > 0.2 + 2 * by_luck
             and not _is_count(place, texts)
             and (best is None or gain > best[0] + 0.2)
+            and (place in hints.turned or (not hints.is_asked_for and _has_forms(place, texts, shape)))
         ):
             best = gain, place
     return None if best is None else best[1]
+
+
+def _has_forms(place: int, texts: Sequence[bytes], shape: FrameShape) -> bool:
+    """Whether frames differ in more than this byte, for each of its values: in size, or in what is constant."""
+    groups: dict[int, list[bytes]] = defaultdict(list)
+    for text in texts:
+        groups[text[place]].append(text)
+    forms = {value: _Form.of(own, place, shape) for value, own in groups.items() if len(own) >= LEAST_OF_KIND}
+    return len(forms) > 1 and not any(
+        forms[one].is_like(forms[two])
+        or (forms[one].sizes & forms[two].sizes and _drifts([text[place] for text in texts], one, two))
+        for one, two in combinations(forms, 2)
+    )
+
+
+def _drifts(values: Sequence[int], one: int, two: int) -> bool:
+    """Whether one value follows the other rarely, as with what changes with time."""
+    own = [value for value in values if value in (one, two)]
+    changes = sum(before != after for before, after in pairwise(own))
+    return changes < 0.5 * min(own.count(one), own.count(two))
+
+
+class _Form(NamedTuple):
+    """Frames with one value of a byte: the sizes of most of them, their number, and what is constant but for it."""
+
+    sizes: frozenset[int]
+    frames: int
+    constants: dict[int, int]
+
+    @classmethod
+    def of(cls, texts: Sequence[bytes], place: int, shape: FrameShape) -> _Form:
+        sizes = Counter(map(len, texts))
+        often = frozenset(size for size, count in sizes.items() if count >= FEW * len(texts))
+        inner = min(len(text) for text in texts) - shape.tail
+        places = {at: {text[at] for text in texts} for at in range(shape.head, min(inner, shape.head + HEAD))}
+        return cls(often, len(texts), {at: min(own) for at, own in places.items() if at != place and len(own) == 1})
+
+    def is_like(self, other: _Form) -> bool:
+        """Whether nothing is seen in which they differ."""
+        if not self.sizes & other.sizes:
+            return False
+        if min(self.frames, other.frames) < ENOUGH_OF_FORM:
+            return True
+        return all(other.constants.get(at, value) == value for at, value in self.constants.items())
+
+
+def _turned(pairs: Sequence[AskedTold], shape: FrameShape, known: set[int]) -> frozenset[int]:
+    """Places in which most replies have a byte of the request's head, or that with the same bits turned over: few
+    values, that come again."""
+    if len(pairs) < LEAST_STEPS:
+        return frozenset()
+    found = set()
+    shortest = min(min(len(pair.request), len(pair.reply)) for pair in pairs)
+    places = range(shape.head, min(shape.head + MOST_COPIED, shortest - shape.tail))
+    for asked in places:
+        values = {pair.request[asked] for pair in pairs}
+        if asked in known or not 2 <= len(values) <= min(MOST_KINDS, len(pairs) // 2):
+            continue
+        for told in places:
+            bits = Counter(pair.request[asked] ^ pair.reply[told] for pair in pairs)
+            if told not in known and bits.most_common(1)[0][1] >= 0.8 * len(pairs):
+                found.add(told)
+                found |= {asked} if asked == told else set()
+    return frozenset(found)
+
+
+def _is_asked_for(pairs: Sequence[AskedTold], shape: FrameShape, copies: set[int]) -> bool:
+    """Whether the size of most replies is told by their request, but for what the reply repeats of it."""
+    sizes: dict[bytes, Counter[int]] = defaultdict(Counter)
+    for pair in pairs:
+        inner = pair.request[: len(pair.request) - shape.tail]
+        key = bytes(byte for at, byte in enumerate(inner) if at not in copies)
+        sizes[key][len(pair.reply)] += 1
+    again = [own for own in sizes.values() if own.total() > 1]
+    count = sum(own.total() for own in again)
+    alike = sum(own.most_common(1)[0][1] for own in again)
+    return count >= 0.5 * len(pairs) > 0 and alike >= 0.9 * count
 
 
 def _is_count(place: int, texts: Sequence[bytes]) -> bool:
@@ -154,7 +250,9 @@ def kinds_of(
         known = _known_places(framing, check)
         some = [AskedTold(plain[one], plain[two]) for one, two in pairs if rule == rules[one] == rules[two]]
         copies = _copies(some, shape, known)
-        groups = _by_function([(number, sides[number]) for number in own], plain, shape, known, copies)
+        turned = _turned(some, shape, known)
+        hints = KindHints({*copies}, turned, _is_asked_for(some, shape, set(copies) - turned))
+        groups = _by_function([(number, sides[number]) for number in own], plain, shape, known, hints)
         heads = {plain[number][shape.head : shape.head + 1] for number in own}
         rule_form = {shape.head} if len(checks) > 1 and len(heads) == 1 else set[int]()
         asked, told = ([plain[number] for number in own if sides[number] == side] for side in CLIENT_SERVER)
@@ -163,8 +261,9 @@ def kinds_of(
             name = {"client": "asked", "server": "told"}.get(side, "frame")
             name = name if value is None else f"{name}_{value:02x}"
             texts = [plain[number] for number in numbers]
+            own_copies = _copies_of({*numbers}, pairs, plain, set(copies))
             fields = fields_of(
-                texts, shape, framing.length, check, copies, is_reply=side == "server", function=place, forms=forms
+                texts, shape, framing.length, check, own_copies, is_reply=side == "server", function=place, forms=forms
             )
             own_frames = tuple(frames[number] for number in numbers)
             found.append((numbers[0], FrameKind(name, own_frames[0].direction, fields, own_frames, side, check)))
@@ -174,7 +273,7 @@ def kinds_of(
 
 def _by_function(
     numbers: Sequence[tuple[int, str]], plain: Sequence[bytes], shape: FrameShape, known: set[int],
-    copies: dict[int, Evidence],
+    hints: KindHints,
 ) -> dict[tuple[str, int | None, int | None], list[int]]:  # fmt: skip
     """Frames of each side by the byte that tells their form: (side, the byte, its place) → numbers.
 
@@ -184,10 +283,15 @@ def _by_function(
     for number, side in numbers:
         sides[side].append(number)
     places = {
-        side: function_place([plain[number] for number in own], shape, known, set(copies))
+        side: function_place(
+            [plain[number] for number in own],
+            shape,
+            known,
+            hints._replace(is_asked_for=hints.is_asked_for and side == CLIENT_SERVER[1]),
+        )
         for side, own in sides.items()
     }
-    repeated = [place for place in places.values() if place in copies]
+    repeated = [place for place in places.values() if place in hints.copies]
     groups: dict[tuple[str, int | None, int | None], list[int]] = defaultdict(list)
     for side, own in sides.items():
         place = places[side]
@@ -235,6 +339,20 @@ def _copies(pairs: Sequence[AskedTold], shape: FrameShape, known: set[int]) -> d
     return found
 
 
+def _copies_of(
+    numbers: set[int], pairs: Sequence[tuple[int, int]], plain: Sequence[bytes], places: set[int]
+) -> dict[int, Evidence]:
+    """The evidence of copies in frames of one kind alone."""
+    own = [(plain[one], plain[two]) for one, two in pairs if one in numbers or two in numbers]
+    found = {}
+    for place in places:
+        both = [(one[place], two[place]) for one, two in own if place < min(len(one), len(two))]
+        same = sum(one == two for one, two in both)
+        values = len({one for one, two in both if one == two})
+        found[place] = Evidence(same, len(both), 8.0 * max(0, values - 1))
+    return found
+
+
 def fields_of(
     texts: Sequence[bytes], shape: FrameShape, length: LengthField | None, check: CheckGuess | None,
     copies: dict[int, Evidence], *, is_reply: bool, function: int | None, forms: frozenset[int],
@@ -258,8 +376,11 @@ def fields_of(
             value, name = f"{texts[0][at]:02X}", "function" if at == function else "form"
             field = GuessedField(name, at, 1, "constant", value, Evidence(len(texts), len(texts)), is_mark=True)
         elif at in copies:
-            about = "as in the request" if is_reply else "the reply repeats it"
-            field = GuessedField(f"copy_{at}", at, 1, "copy", about, copies[at])
+            about, evidence = "as in the request" if is_reply else "the reply repeats it", copies[at]
+            steps = None if is_reply else _steps(at, 1, "big", texts)
+            if steps is not None:
+                about, evidence = f"{ONE_UP}; {about}", steps
+            field = GuessedField(f"copy_{at}", at, 1, "copy", about, evidence)
         else:
             field = _field_at(at, inner, texts, length, check)
         found.append(field)
@@ -298,7 +419,7 @@ def _field_at(
     at: int, inner: int, texts: Sequence[bytes], length: LengthField | None, check: CheckGuess | None
 ) -> GuessedField:
     if length is not None and at == length.offset and length.end <= inner:
-        return GuessedField("length", at, length.size, "length", f"the frame has {length.plus} bytes more")
+        return GuessedField("length", at, length.size, "length", _more(length.plus, length.unit))
     if check is not None and check.place.at == at:
         return GuessedField("check", at, check.place.size, "check", check.name)
     value, often = Counter(text[at] for text in texts).most_common(1)[0]
@@ -320,17 +441,37 @@ def _counter(at: int, inner: int, texts: Sequence[bytes]) -> GuessedField | None
     """A number that goes up by one from frame to frame: the widest that does."""
     choices: tuple[tuple[int, Order], ...] = ((2, "big"), (2, "little"), (1, "big"))
     for width, order in choices:
-        if at + width > inner or len(texts) <= LEAST_STEPS:
+        if at + width > inner:
             continue
-        numbers = [int.from_bytes(text[at : at + width], order) for text in texts]
-        steps = sum((two - one) % (1 << 8 * width) == 1 for one, two in pairwise(numbers))
-        low = {number & 0xFF for number in numbers}
-        if width > 1 and not any(two == one + 1 and two & 0xFF == 0 for one, two in pairwise(numbers)):
-            continue  # no carry was seen: the low byte counts, and the other one is beside it
-        if steps >= 0.9 * (len(numbers) - 1) and len(low) > LEAST_STEPS:
-            about = "goes up by one from frame to frame" + ("" if width == 1 else f", {order}")
-            return GuessedField("counter", at, width, "counter", about, Evidence(steps, len(numbers) - 1, 8.0 * steps))
+        steps = _steps(at, width, order, texts)
+        if steps is not None:
+            about = ONE_UP + ("" if width == 1 else f", {order}")
+            return GuessedField("counter", at, width, "counter", about, steps)
     return None
+
+
+ONE_UP = "goes up by one from frame to frame"
+
+
+def _steps(at: int, width: int, order: Order, texts: Sequence[bytes]) -> Evidence | None:
+    """How often a number goes up by one, where it nearly always does."""
+    if len(texts) <= LEAST_STEPS:
+        return None
+    numbers = [int.from_bytes(text[at : at + width], order) for text in texts]
+    steps = sum((two - one) % (1 << 8 * width) == 1 for one, two in pairwise(numbers))
+    low = {number & 0xFF for number in numbers}
+    if width > 1 and not any(two == one + 1 and two & 0xFF == 0 for one, two in pairwise(numbers)):
+        return None  # no carry was seen: the low byte counts, and the other one is beside it
+    if steps < 0.9 * (len(numbers) - 1) or len(low) <= LEAST_STEPS:
+        return None
+    return Evidence(steps, len(numbers) - 1, 8.0 * steps)
+
+
+def _more(plus: int, unit: int) -> str:
+    """How a number goes with the size of its frame."""
+    if unit == 1:
+        return f"the frame has {plural(plus, 'byte')} more"
+    return f"it counts words: the frame has twice that, and {plural(plus, 'byte')} more"
 
 
 def _count(at: int, texts: Sequence[bytes]) -> GuessedField | None:
@@ -340,7 +481,7 @@ def _count(at: int, texts: Sequence[bytes]) -> GuessedField | None:
         rest, often = rests.most_common(1)[0]
         sizes = len({len(text) for text in texts})
         if often >= NEARLY * len(texts) and sizes > 1 and at < rest <= at + 40:
-            about = f"the frame has {rest} bytes more than {'that' if unit == 1 else 'twice that'}"
+            about = _more(rest, unit)
             evidence = Evidence(often, len(texts), 8.0 * (sizes - 1))
             return GuessedField("count", at, 1, "count", about, evidence, plus=rest, unit=unit)
     return None

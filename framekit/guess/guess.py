@@ -9,7 +9,7 @@ from itertools import pairwise
 
 from framekit.definition.problems import plural
 from framekit.guess.checks import find_checks, holds
-from framekit.guess.fields import SURE, directed, kinds_of
+from framekit.guess.fields import ONE_UP, SURE, directed, kinds_of
 from framekit.guess.framing import SURE as SURE_FRAMING
 from framekit.guess.framing import CutLine, framings_of, readings_of
 from framekit.guess.model import (
@@ -36,6 +36,8 @@ MOST_PIECES = 4
 """A frame that the system handed over in pieces has fewer than that, mostly."""
 ENOUGH_CHECKED = 0.9
 """A check that holds in so much of the frames tells that they are cut right."""
+MOST_NAMED = 3
+"""Kinds of replies that are named in a statement."""
 MOST_SHOWN = 16
 """Bytes of a request that are shown in a statement."""
 MOST_CHECKED = 400
@@ -176,10 +178,10 @@ def _of_framing(cut: CutLine) -> Iterator[Statement]:
         others = [_place_of(one) for one in readings_of(length, frames)]
         what += f" (or {', or '.join(others)})" if others else ""
         unit = "" if length.unit == 1 else f"{length.unit} × "
-        text = f"its size is {unit}the number in {what}, and {length.plus} bytes"
+        text = f"its size is {unit}the number in {what}, and {plural(length.plus, 'byte')}"
         yield Statement(text, framing.evidence, sure, "a frame of another size")
     elif framing.kind == "fixed":
-        yield Statement(f"every frame has {framing.fixed} bytes", alike, False, "a frame of another size")
+        yield Statement(f"every frame has {plural(framing.fixed, 'byte')}", alike, False, "a frame of another size")
     elif framing.kind == "pauses":
         yield Statement("frames are told apart by pauses", alike, False, "a pause inside of a frame")
     else:
@@ -229,7 +231,7 @@ def _of_check(check: CheckGuess | None, which: str) -> Iterator[Statement]:
     if check.others:
         text += f" (or {', or '.join(check.others[:3])})"
     yield Statement(
-        f"{text}, in different frames",
+        f"{text}; equal frames count once",
         check.evidence,
         check.is_sure,
         "a frame in which it does not hold, and that was not damaged",
@@ -274,7 +276,9 @@ def _of_times(times: GuessedTimes) -> Iterator[Statement]:
     for answers in times.answers:
         if not answers.told:
             continue
-        names = [f"{name} ({count})" if len(answers.told) > 1 else name for name, count in answers.told[:3]]
+        names = [f"{name} ({count})" if len(answers.told) > 1 else name for name, count in answers.told[:MOST_NAMED]]
+        if others := answers.told[MOST_NAMED:]:
+            names.append(f"{len(others)} more ({sum(count for _, count in others)})")
         delay = f", after {answers.delay}" if answers.delay is not None else ""
         text = f"{answers.asked} is answered by {' or '.join(names)}{delay}"
         yield Statement(text, Evidence(answers.answered, answers.of), False, "another frame after it")
@@ -299,7 +303,9 @@ def _of_times(times: GuessedTimes) -> Iterator[Statement]:
 def _of_fields(kinds: Sequence[FrameKind]) -> Iterator[Statement]:
     for kind in kinds:
         for field in kind.fields:
-            if field.kind in ("counter", "count") or (field.kind == "copy" and kind.side == "server"):
+            if field.kind in ("counter", "count") or (
+                field.kind == "copy" and (kind.side == "server" or field.about.startswith(ONE_UP))
+            ):
                 where = (
                     f"byte {field.offset}"
                     if field.size == 1

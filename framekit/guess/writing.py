@@ -241,11 +241,9 @@ def _length(field: GuessedField, kind: FrameKind, framing: Framing) -> str:
             return f"{{const: {_hex(wires.pop())}}}  # {field.name}: {field.about}"
         return f"{{field: {field.name}, type: {wire}{order}}}"
     more = _around(kind) - plus
-    if unit == 2:
-        return f"{{field: {field.name}, type: {wire}{order}}}  # counts words" if more else (
-            f"{{length: {field.name}, type: {wire}{order}, of: [{data}], unit: words}}"
-        )  # fmt: skip
-    return f"{{length: {field.name}, type: {wire}{order}, of: [{data}]" + (f", plus: {more}" if more else "") + "}"
+    plus = -(-more // unit)
+    keys = f"of: [{data}]" + (", unit: words" if unit == 2 else "") + (f", plus: {plus}" if plus else "")
+    return f"{{length: {field.name}, type: {wire}{order}, {keys}}}"
 
 
 def _size_of_data(field: GuessedField, kind: FrameKind, framing: Framing) -> str:
