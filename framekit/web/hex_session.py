@@ -14,6 +14,7 @@ from framekit import __version__
 from framekit.api.guess import Statement
 from framekit.api.hex_table import NOISE, HexLine, HexSpan, HexTable, guessed_spans, shown_as
 from framekit.api.named_guess import NamedGuess
+from framekit.definition.problems import printable
 from framekit.guess.naming import TYPES, FieldNaming, NamingError, types_of
 from framekit.web.access import Access, Visitor
 from framekit.web.messages import Actions, Message, Told, answered, plain_text, whole_number
@@ -141,8 +142,8 @@ class HexSession:
     # ---- rows ---------------------------------------------------------------------------------------------
 
     async def _lines(self, first: Any, told: Told) -> Message:
-        kind, width = told.get("kind"), told.get("width")
-        if kind is not None and kind != NOISE and whole_number(kind) >= len(self.board.table.kinds):
+        kind, width = told.get("kind"), whole_number(told.get("width"))
+        if kind is not None and (type(kind) is not int or not NOISE <= kind < len(self.board.table.kinds)):
             raise ValueError("this is no message")
         if width not in WIDTHS:
             raise ValueError("this is no message")
@@ -284,14 +285,14 @@ class HexSession:
 
     async def _tried(self, told: Told, action: Any, what: str) -> Message:
         """Whether it was done, and why not."""
-        answer = {"done": told.get("id")}
+        answer: Message = {"done": whole_number(told.get("id"))}
         why = self.visitor.refused()
         if why:
             return {**answer, "why": why}
         try:
             await action()
         except NamingError as error:
-            log.warning("web: refused to %s: %s", self.visitor.who, error)
+            log.warning("web: refused to %s: %s", self.visitor.who, printable(str(error)))
             return {**answer, "why": str(error)}
-        log.info("web: %s, by %s", what, self.visitor.who)
+        log.info("web: %s, by %s", printable(what), self.visitor.who)
         return answer

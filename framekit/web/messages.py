@@ -8,7 +8,8 @@ from typing import Any, Protocol
 from framekit.web.access import Access
 
 LONGEST_TEXT = 300
-"""Characters of a text that a browser sends."""
+LARGEST_NUMBER = 2**53
+"""Characters of a text that a browser sends; above this number not every whole one can be written in JavaScript."""
 
 Message = dict[str, Any]
 Told = Mapping[str, Any]
@@ -65,7 +66,7 @@ def plain_text(given: Any) -> str:
 
 
 def whole_number(given: Any) -> int:
-    """A number of a message, 0 or more. Raises ValueError."""
-    if not isinstance(given, int) or isinstance(given, bool) or given < 0:
+    """A number of a message, 0 or more: no true, and no 16.0. Raises ValueError."""
+    if not isinstance(given, int) or isinstance(given, bool) or not 0 <= given <= LARGEST_NUMBER:
         raise ValueError("this is no message")
     return given

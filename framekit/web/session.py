@@ -20,6 +20,7 @@ from framekit.api.points import RunPoint
 from framekit.api.rows import POINT_HEAD
 from framekit.codec.plain import PlainValues
 from framekit.codec.shown import explain
+from framekit.definition.problems import printable
 from framekit.web.access import Access, Visitor
 from framekit.web.changes import ChangingRows, ChangingValues, PointHistory, value_cells
 from framekit.web.messages import Actions, Message, Told, answered, plain_text, whole_number
@@ -244,13 +245,14 @@ class WebSession:
 
     def _tried(self, told: Told, action: Callable[[], None]) -> Message:
         """Whether it was done, and why not."""
-        answer, why = {"done": told.get("id")}, self.visitor.refused()
+        answer: Message = {"done": whole_number(told.get("id"))}
+        why = self.visitor.refused()
         if why:
             return {**answer, "why": why}
         try:
             action()
         except FramekitError as error:
-            log.warning("web: refused to %s: %s", self.visitor.who, error)
+            log.warning("web: refused to %s: %s", self.visitor.who, printable(str(error)))
             return {**answer, "why": str(error)}
         return answer
 
@@ -267,8 +269,9 @@ class WebSession:
         try:
             await there.put(found[0], who=f"the page, from {self.visitor.who}")
         except FramekitError as error:
+            why = printable(str(error))
             log.warning(
-                "point %s: %r was refused to the page, from %s: %s", there.name, found[0], self.visitor.who, error
+                "point %s: %r was refused to the page, from %s: %s", there.name, found[0], self.visitor.who, why
             )
             return {**answer, "why": str(error)}
         return answer

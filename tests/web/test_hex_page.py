@@ -180,7 +180,14 @@ def test_names_need_the_token_and_reach_the_file(page: HexPage) -> None:
 @pytest.mark.parametrize(
     "told",
     [[], {}, None, {"other": 1}, {"lines": 0}, {"lines": -1, "most": 1, "width": 16}, {"fields": 99},
-     {"lines": 0, "most": 1, "width": 7}, {"lines": 0, "most": 1, "width": 16, "kind": 99}, {"point": 0},
+     {"lines": 0, "most": 1, "width": 7}, {"lines": 0, "most": 1, "width": 16.0},
+     {"lines": 0.0, "most": 1, "width": 16},
+     {"lines": 0, "most": 1.0, "width": 16}, {"lines": 0, "most": 1, "width": [16]},
+     {"lines": 0, "most": 1, "width": True},
+     {"lines": 0, "most": 1, "width": 16, "kind": -1.0}, {"lines": 0, "most": 1, "width": 16, "kind": -2},
+     {"lines": 0, "most": 1, "width": 16, "kind": False}, {"lines": 0, "most": 10**400, "width": 16}, {"fields": 0.0},
+     {"point": 0, "first": 0, "size": 1.0}, {"forget": "told", "first": 2, "id": float("nan")},
+     {"forget": "told", "first": 2, "id": [1]}, {"lines": 0, "most": 1, "width": 16, "kind": 99}, {"point": 0},
      {"point": 10**12, "first": 0, "size": 1}, {"point": 0, "first": 0, "size": 10**12},
      {"point": 0, "first": 99, "size": 1},
      {"course": 0, "first": 0, "size": 1, "type": "f32", "order": "big"}, {"name": 5}, {"name": "x" * 1000},
@@ -189,6 +196,35 @@ def test_names_need_the_token_and_reach_the_file(page: HexPage) -> None:
 def test_what_is_no_message_is_refused(page: HexPage, told: object) -> None:
     with pytest.raises(ValueError, match="this is no message"):
         asyncio.run(page.session().answer(told))
+
+
+def test_a_float_is_refused_and_leaves_no_traceback(page: HexPage, caplog: pytest.LogCaptureFixture) -> None:
+    app = PageApp(Access(TOKEN))
+    app.board = page.board
+    with TestClient(app.app, base_url=HOME).websocket_connect(LIVE) as there:
+        assert [there.receive_json() for _ in range(2)][1]["round"] == 1
+        there.send_text('{"lines": 0, "width": 16.0, "most": 5, "kind": null}')
+        there.send_text('{"forget": "told", "first": 2, "id": NaN}')
+        there.send_json({"lines": 0, "width": 16, "most": 5, "kind": None})
+        answers = [there.receive_json()]
+        while "list" not in answers[-1]:
+            answers.append(there.receive_json())
+    assert answers[:-1] == [{"trouble": "this is no message"}] * 2 and len(answers[-1]["list"]) == 5
+    assert not [record for record in caplog.records if record.exc_info]
+
+
+def test_a_browser_writes_no_lines_of_its_own_into_the_log(page: HexPage, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO", "framekit.web")
+    session = page.session()
+    answered(session, token=TOKEN)
+    good = {"name": "level", "kind": "told", "first": 2, "size": 4, "type": "f32", "order": "big", "id": 1}
+    for key in ("name", "kind", "type", "order"):
+        answered(session, **{**good, key: "x\nINFO told\r\x1b[2K\u2028"})
+    answered(session, forget="x\nINFO told", first=2, id=2)
+    assert answered(session, **good) == {"done": 1}
+    logged = [record.getMessage() for record in caplog.records]
+    assert len(logged) == 6 and all(line.isprintable() for line in logged)
+    assert sum("x\\nINFO told" in line for line in logged) == 4 and logged[-1].startswith("web: 'level' for byte 2")
 
 
 def test_a_browser_names_over_a_socket(page: HexPage) -> None:

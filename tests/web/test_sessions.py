@@ -151,8 +151,23 @@ def test_blocks_are_fired_and_switched_with_the_token(page: Page) -> None:
         assert "why" in answered(session, do=line, id=4)
 
 
+def test_a_browser_writes_no_lines_of_its_own_into_the_log(page: Page, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO", "framekit.web")
+    session = page.session()
+    answered(session, token=TOKEN)
+    forged = "\nINFO told\r\x1b[2K\u2028"
+    for line in (f"fire{forged}", f"fire 'x{forged}'", f"enable set{forged}", f"disable {forged} \ud800", f"x{forged}"):
+        assert "why" in answered(session, do=line, id=1)
+    assert "why" in answered(session, write=1, value=f"5{forged}", id=2)
+    logged = [record.getMessage() for record in caplog.records]
+    assert len(logged) == 6 and all(line.isprintable() for line in logged)
+
+
 @pytest.mark.parametrize(
     "told", [[], {}, "x", None, {"other": 1}, {"frame": "1"}, {"frame": True}, {"frame": -1}, {"history": 5},
+             {"frame": 1.0}, {"history": [0.0], "last": 1}, {"history": [0], "last": 1.0}, {"frame": 10**400},
+             {"write": 0.0, "value": "1", "id": 1}, {"do": "fire 0"}, {"do": "fire 0", "id": float("nan")},
+             {"do": "fire 0", "id": {}},
              {"history": [0]}, {"history": ["0"], "last": 1}, {"filter": 1}, {"filter": "x" * 1000}, {"write": 99}],
 )  # fmt: skip
 def test_what_is_no_message_is_refused(page: Page, told: object) -> None:
