@@ -178,6 +178,7 @@ class ChannelService:
             protocol, codec, access.memory, mapping=self.channel.mapping, refresh=access.refresh,
             counters=self.counters.served, read_only=self.channel.read_only,
             written=None if self._writes is None else self._writes.note,
+            kept=None if self._writes is None else self._writes.note_kept,
         )  # fmt: skip
 
     def _on_state(self, state: str) -> None:

@@ -75,8 +75,12 @@ class DeviceStore:
                 device.protocol, codec, self.memory, mapping=device.mapping,
                 refresh=None if self.system is None else self.refresh, refuses=refuses,
                 counters=self.counters, read_only=device.read_only, written=None if writes is None else writes.note,
+                kept=None if writes is None else writes.note_kept,
             )  # fmt: skip
         self.server = server
+        if device.read_only and (set_anyway := device.protocol.set_by_sequences(device.role)):
+            names = ", ".join(set_anyway)
+            log.warning("%s only reads, but its sequences change variables by themselves: %s", device.name, names)
         if access is None:
             access = AddressedMemory(self.memory, device.grammar, self.refresh, read_only=device.read_only)
         self.access = access

@@ -23,6 +23,9 @@ MOST_VALUES = 16
 """So many values of one write are shown; then how many more there were."""
 
 
+MOST_OF_A_VALUE = 100
+"""So many characters of a variable's value are shown."""
+
 MOST_OF_A_NAME = 64
 """So many characters of the name in a certificate are shown."""
 
@@ -42,6 +45,10 @@ class WriteLog:
     def note_bytes(self, address: str, before: bytes, after: bytes) -> None:
         """Bytes have been stored by a sequence."""
         self._tell(address, before.hex(" ").upper(), after.hex(" ").upper())
+
+    def note_kept(self, name: str, before: Any, after: Any) -> None:
+        """A variable of the device has another value; None is one that is not there."""
+        self._tell(name, _value(before), _value(after))
 
     def _tell(self, place: str, before: str, after: str) -> None:
         log.info("%s: %s: %s → %s, written by %s", self.name, place, before, after, self.client)
@@ -64,6 +71,20 @@ def _shown(unit: AreaUnit, data: bytes, count: int) -> str:
         values = values_of(data, unit.unit, count)
     more = f" and {len(values) - MOST_VALUES} more" if len(values) > MOST_VALUES else ""
     return ", ".join(map(str, values[:MOST_VALUES])) + more
+
+
+def _value(value: Any) -> str:
+    """A value of a variable, not longer than a line."""
+    if value is None:
+        return "nothing"
+    if isinstance(value, bytes):
+        return value[:MOST_VALUES].hex(" ").upper() + (
+            f" and {len(value) - MOST_VALUES} more" * (len(value) > MOST_VALUES)
+        )
+    if isinstance(value, int | float):
+        return str(value)
+    shown = repr(value[:MOST_OF_A_VALUE] if isinstance(value, str) else value)
+    return shown if len(shown) <= MOST_OF_A_VALUE else f"{shown[:MOST_OF_A_VALUE]}…"
 
 
 def begun_log(name: str, protocol: Protocol) -> WriteLog | None:

@@ -1,7 +1,7 @@
 """TLS over TCP, `tls://HOST:PORT`: a port that connects, and a listener that offers those whose handshake ends well.
 
 What a side needs stands behind `?` in the port's name, files in PEM: `ca` and `name` of one that connects, `clients`
-of one that listens, `cert` and `key` of both. Files are read whenever a port is opened, and by one that listens when they
+of one that listens, `cert` and `key` of both. Files are read whenever a port is opened; one that listens sees when they
 have changed. So a new certificate needs no restart. No key, and nothing of its file, is ever shown.
 """
 

@@ -63,6 +63,71 @@ def test_serve_with_read_only(capsys: pytest.CaptureFixture[str], tmp_path: Path
         assert capsys.readouterr().out == "40001  9\n"
 
 
+def test_what_a_device_keeps_in_variables_is_refused_too(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO, "framekit.written")
+    for read_only in (False, True):
+        with (
+            framekit.serve("ve-direct", "tcp://127.0.0.1:0", read_only=read_only) as server,
+            framekit.connect("ve-direct", server.port) as client,
+        ):
+            if read_only:
+                with pytest.raises(framekit.RefusedError):
+                    client.call("set", {"register": 0xEDF0, "value": b"\x2a\x00"})
+            else:
+                client.call("set", {"register": 0xEDF0, "value": b"\x2a\x00"})
+            assert client.call("get", {"register": 0xEDF0})["value"] == (0 if read_only else 42)
+    (told,) = caplog.messages
+    assert told.startswith("ve-direct: registers[60912]: 0 → 42, written by 127.0.0.1:")
+
+
+WORDS = """protocol: words
+extends: standard
+station: {type: none}
+line: {kind: stream, tcp: 1}
+state:
+  level: {scope: device, type: u8, initial: 3}
+  asked: {scope: device, type: u8}
+  seen: {scope: device, table: 0..9, holds: u8}
+  mine: {type: u8}
+groups:
+  request: {from: client}
+  reply: {from: server}
+frames:
+  ask: {group: request, body: [{const: 01}, {field: what, type: u8}]}
+  told: {group: reply, body: [{const: 02}, {field: level, type: u8}]}
+  no: {group: reply, body: [{const: 03}, {field: code, type: u8}]}
+errors: {frame: no, code: code, answer: {no: {code: code}}, memory: {access: 9, unknown: 8, range: 7, no_service: 6}}
+services:
+"""
+ROWS = {
+    "set: {level: request.what}": {3: 0, 4: 9},
+    "set: {mine: request.what}": {3: 0, 4: 0},
+    "set: {asked: asked + 1}, no_write: yes": {3: 0, 4: 0},
+    "set: {'seen[request.what]': 1}": {4: 9},
+    "drop: {from: seen, when: key == request.what}": {4: 0},
+}
+
+
+@pytest.mark.parametrize("work", ROWS)
+def test_which_work_of_a_row_is_a_write(work: str) -> None:
+    service = (
+        "  one:\n    - takes: {what: {type: number}}\n      request: {ask: {what: what}}\n"
+        f"      serve: {{{work}}}\n      reply: {{told: {{level: level}}}}\n"
+    )
+    for what, code in ROWS[work].items():
+        loop = Loop(WORDS + service, read_only=True)
+        loop.do("call", "one", {"what": what})
+        assert loop.log[-1][2].refusal == code, what
+        assert loop.device["level"] == 3
+
+
+def test_variables_that_sequences_change_are_named(caplog: pytest.LogCaptureFixture) -> None:
+    with framekit.serve("uss", "tcp://127.0.0.1:0", read_only=True):
+        pass
+    (told,) = [one for one in caplog.messages if "only reads" in one]
+    assert told.endswith("but its sequences change variables by themselves: drive_control, drive_setpoint, drive_fault")
+
+
 def test_sequences_store_nothing_either() -> None:
     areas, grammar = memory_of(load_protocol("modbus-tcp"))
     access = AddressedMemory(DeviceMemory(areas), grammar)

@@ -109,6 +109,13 @@ class Protocol:
                 waiting += [step.call.sequence for step in sequence.steps if step.call is not None]
         return tuple(found.values())
 
+    def set_by_sequences(self, role: str | None) -> list[str]:
+        """Variables of the device that what the role listens with sets by itself, beside what services do."""
+        found = self.called_from(self.roles[role].listens) if role is not None and role in self.roles else ()
+        parts: list[Step | Action] = [*parts_of(found, Step), *parts_of(found, Action)]
+        names = {target.name for part in parts for target, _ in part.set}
+        return [name for name, variable in self.state.items() if variable.scope == "device" and name in names]
+
     def frames_of(self, name: str) -> tuple[str, ...]:
         """The frames a row means by a frame's or a group's name; frames that exist to be refused come last."""
         if name in self.frames:

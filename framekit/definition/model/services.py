@@ -406,7 +406,8 @@ class Refusal:
 class ServeWork:
     """What a server does for a row, in the language's order; each part is kept as name → value.
 
-    `block` is an exchange with the other side that follows; `each`/`each_as` repeat span or read over a list.
+    `block` is an exchange with the other side that follows; `each`/`each_as` repeat span or read over a list. With
+    `no_write` what `set` and `drop` change of the device is no write, and is done by a server that only reads, too.
     """
 
     at: Position
@@ -416,6 +417,7 @@ class ServeWork:
     update: Expression | None = key("update", EXPRESSION, default=None)
     set: tuple[tuple[Target, Value], ...] = key("set", SETTINGS, default=())
     drop: Mapping[str, Value] | None = key("drop", PLACE, default=None)
+    no_write: bool = key("no_write", FLAG, default=False)
     read: Mapping[str, Value] | Expression | None = key(
         "read",
         Form({}, lambda r, node: (EXPRESSION if isinstance(node, Scalar) else PLACE).read(r, node)),

@@ -30,6 +30,9 @@ Written = Callable[["AreaUnit", int, int, bytes, bytes], None]
 """Is told of elements that were written: area, first, how many, and what stood there before and after, in memory's
 form."""
 
+Kept = Callable[[str, Any, Any], None]
+"""Is told of a variable of the device that a request has changed: its name, and its value before and after."""
+
 Codes = dict[Any, list[tuple[str, str]]]
 """What stands for areas on the wire: code → areas with the unit it counts in."""
 
@@ -194,8 +197,9 @@ class DeviceAreas:
     """Access to a device's memory through the areas of a protocol.
 
     `mapping` puts a protocol's area somewhere else: area → memory area and the number, in the protocol area's units, of
-    its element 0 there. With `read_only` nothing may be written; `written` is told of every write. Methods raise
-    DeviceMemoryError for places that are not there or may not be written.
+    its element 0 there. With `read_only` nothing may be written; `written` is told of every write, `kept` of every
+    variable of the device that requests change. Methods raise DeviceMemoryError for places that are not there or may
+    not be written.
     """
 
     def __init__(
@@ -207,7 +211,9 @@ class DeviceAreas:
         *,
         read_only: bool = False,
         written: Written | None = None,
+        kept: Kept | None = None,
     ) -> None:
+        self.kept = kept
         self.areas = protocol.areas
         self._forms = protocol.addresses
         self.read_only = read_only

@@ -23,7 +23,7 @@ from framekit.link.construct_values import EACH, compile_value
 from framekit.link.events import Served
 from framekit.link.frame_table import ProtocolCodec
 from framekit.link.packing import numbers_of
-from framekit.link.services.areas import Codes, DeviceAreas, Written, codes_of
+from framekit.link.services.areas import Codes, DeviceAreas, Kept, Written, codes_of
 from framekit.link.services.matching import (
     DamagedBufferError,
     DataError,
@@ -189,7 +189,8 @@ class MemoryServer:
 
     `on_block` starts blocks of a run for requests that ask for one. `refresh` brings the memory up to date before each
     request, `refuses` refuses requests that the device would serve, `counters` count what is done and refused. With
-    `read_only` a write is refused as one that is not allowed; `written` is told of every write.
+    `read_only` a write is refused as one that is not allowed. `written` is told of every write, `kept` of every
+    variable of the device that a request changes.
     """
 
     def __init__(
@@ -205,12 +206,13 @@ class MemoryServer:
         counters: ServiceCounters | None = None,
         read_only: bool = False,
         written: Written | None = None,
+        kept: Kept | None = None,
     ) -> None:
         self.on_block = on_block
         self.refresh = refresh
         self.refuses = refuses
         self.counters = ServiceCounters() if counters is None else counters
-        self.areas = DeviceAreas(protocol, codec, memory, mapping, read_only=read_only, written=written)
+        self.areas = DeviceAreas(protocol, codec, memory, mapping, read_only=read_only, written=written, kept=kept)
         self.shared = rows_of(protocol, codec)
         self._refuse = self.shared.refuse
         self._rows: dict[str, list[ServedRow]] = {}

@@ -19,7 +19,7 @@ from framekit.link.services.areas import Codes, DeviceAreas, Span, span_of
 from framekit.link.services.matching import MatchedRow
 from framekit.link.services.rows import RowFacts
 from framekit.link.values import Evaluate, Names, bare_name, compile_expression, compile_optional
-from framekit.memory.memory import unit_bits
+from framekit.memory.memory import AccessError, unit_bits
 
 CompilePart = Callable[[str, Value], Compute]
 """Compiles one word of a place, such as area or start."""
@@ -153,6 +153,9 @@ class Work:
         self._update = compile_optional(work.update)
         self._set = [(target, compile_optional(target.key), self._kept(target, value)) for target, value in work.set]
         self._drop = None if work.drop is None else (_word(work.drop["from"]), self._values.compile(work.drop["when"]))
+        kept = {name for name, item in shared.protocol.state.items() if item.scope == "device"} | {"clock"}
+        self._of_device = frozenset() if work.no_write else frozenset(kept)
+        """What the device keeps, where changing it is a write."""
         self._read = work.read
         self._read_fields = self._fields(work.read) if isinstance(work.read, Mapping) else None
         self._read_spans = compile_expression(work.read) if isinstance(work.read, Expression) else None
@@ -194,12 +197,14 @@ class Work:
         scope = scope_of(names)
         for name, compute in self._let:
             names[name] = compute(names)
+        if self.areas.read_only:
+            self._check_kept(names, scope)
         if self._write is not None:
             self._do_write(self._write, names)
         if self._update is not None:
             self._do_update(self._update, reading)
         for target, key, compute in self._set:
-            assign(scope, target, None if key is None else key(names), compute(names))
+            self._do_set(scope, target, None if key is None else key(names), compute(names))
         if self._drop is not None:
             self._do_drop(*self._drop, names, scope)
         data = self._do_read(names)
@@ -216,6 +221,29 @@ class Work:
         span = self.span_of(fields, names)
         data = fields["data"](names)
         self.areas.write(span, self.facts.packers[span.unit].to_memory(data, span.start, span.count))
+
+    def _check_kept(self, names: Names, scope: Scope) -> None:
+        """Raises AccessError where the device would keep something else afterwards."""
+        for target, key, compute in self._set:
+            if target.name in self._of_device:
+                found = held(scope, target, None if key is None else key(names))
+                if found is NOT_HELD or found != compute(names):
+                    raise AccessError(f"{target.name} can only be read")
+        if self._drop is not None and self._drop[0] in self._of_device:
+            table, when = self._drop
+            if any(when(Names({"key": key, "entry": entry}, names)) for key, entry in scope[table].items()):
+                raise AccessError(f"{table} can only be read")
+
+    def _do_set(self, scope: Scope, target: SetTarget, key: Any, value: Any) -> None:
+        told = self.areas.kept
+        if told is None or target.name not in self._of_device:
+            assign(scope, target, key, value)
+            return
+        before = held(scope, target, key)
+        assign(scope, target, key, value)
+        after = held(scope, target, key)
+        if before is NOT_HELD or before != after:
+            told(_told_name(target, key), None if before is NOT_HELD else before, after)
 
     def _do_update(self, update: Evaluate, reading: MatchedRow) -> None:
         """Reads, changes and writes element by element; all places are validated before the first is written."""
@@ -238,6 +266,8 @@ class Work:
         for key, entry in list(holder.items()):
             if when(Names({"key": key, "entry": entry}, names)):
                 scope.drop_entry(table, key)
+                if self.areas.kept is not None and table in self._of_device:
+                    self.areas.kept(f"{table}[{key}]", entry, None)
 
     def _do_read(self, names: Names) -> list[bytes] | None:
         if self._read_spans is not None:
@@ -273,6 +303,25 @@ def _word(value: Any) -> str:
     if isinstance(node, Name):
         return node.name
     return node.value if isinstance(node, Text) else ""
+
+
+NOT_HELD = object()
+
+
+def held(scope: Scope, target: SetTarget, key: Any) -> Any:
+    """What stands where `assign` puts a value; NOT_HELD where nothing does."""
+    try:
+        value = scope[target.name]
+        if target.key is not None:
+            value = value[key]
+        return value if target.field is None else value[target.field]
+    except (LookupError, TypeError, AttributeError):
+        return NOT_HELD
+
+
+def _told_name(target: SetTarget, key: Any) -> str:
+    entry = "" if target.key is None else f"[{key!r:.40}]"
+    return f"{target.name}{entry}{'' if target.field is None else f'.{target.field}'}"
 
 
 def assign(scope: Scope, target: SetTarget, key: Any, value: Any) -> None:
