@@ -314,7 +314,7 @@ def rows_of(chunks: Sequence[HeardBytes], frames: Sequence[FramePlace], shared: 
             if place < 0:
                 continue
             found += _between(stream, at, place, fault)
-            piece = stream.piece_at(place)
+            piece = stream.heard_at(place)
             row = HexRow(stream.times[piece], stream.direction, frame.data, frame.kind, frame.fault)
             found.append((stream.numbers[piece], place, row))
             begin, at, fault = place + 1, place + len(frame.data), ""
@@ -326,8 +326,8 @@ def rows_of(chunks: Sequence[HeardBytes], frames: Sequence[FramePlace], shared: 
 def _between(stream: PieceStream, begin: int, end: int, fault: str) -> Iterator[tuple[int, int, HexRow]]:
     """What is no frame, piece by piece as it came."""
     while begin < end:
-        piece = stream.piece_at(begin)
-        until = min(end, stream.starts[piece + 1] if piece + 1 < len(stream.starts) else end)
+        piece = stream.heard_at(begin)
+        until = min(end, stream.heard[piece + 1] if piece + 1 < len(stream.heard) else end)
         row = HexRow(stream.times[piece], stream.direction, stream.data[begin:until], NOISE, fault)
         yield stream.numbers[piece], begin, row
         begin = until

@@ -85,6 +85,18 @@ def code_of(check: CheckGuess, data: bytes) -> int:
     return fletcher(data) if check.method.kind == "fold" else compute(check.method, data)
 
 
+def alike(check: CheckGuess) -> list[CheckGuess]:
+    """Listed CRCs that differ from this one in register and end only, from the first byte on too."""
+    method = check.method
+    own = Family(method.width, method.poly, method.refin, method.refout)
+    return [
+        replace(check, place=replace(check.place, start=start), method=ready_methods()[name], name=name, others=())
+        for (family, _, _), name in _ready_crcs().items()
+        for start in dict.fromkeys((0, check.place.start))
+        if family == own
+    ]
+
+
 def holds(check: CheckGuess, frame: bytes) -> bool:
     """Whether the check of a frame, without its stuffing, is right."""
     cut = cut_at(check.place, frame)

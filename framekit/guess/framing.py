@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from math import log2
 
 from framekit.guess.model import Evidence, Framing, HeardBytes, HeardFrame, LengthField, Order
-from framekit.guess.pieces import PieceStream, joined, streams_of
+from framekit.guess.pieces import Cutting, PieceStream, joined, streams_of
 from framekit.guess.stuffing import StuffingError, find_stuffing, plain_frame
 
 MOST_MARK = 2
@@ -41,13 +41,18 @@ class CutLine:
     fit: float
 
 
-def framings_of(chunks: Sequence[HeardBytes]) -> list[CutLine]:
-    """What the framing may be, the most likely first; the last one takes the pieces as they came."""
-    pieces = joined(chunks)
-    streams = streams_of(pieces)
+def as_heard(chunks: Sequence[HeardBytes]) -> Cutting:
+    """The pieces as they came, those without a pause between them as one."""
+    return Cutting("heard", tuple(joined(chunks)))
+
+
+def framings_of(chunks: Sequence[HeardBytes], cutting: Cutting) -> list[CutLine]:
+    """What the framing may be, the most likely first; the last one takes the pieces as they are cut."""
+    pieces, is_whole = cutting.pieces, cutting.kind == "whole"
+    streams = streams_of(pieces, () if cutting.kind == "heard" else chunks)
     ordered = sorted(
-        (number, piece) for stream in streams
-        for number, start, piece in zip(stream.numbers, stream.starts, stream.pieces, strict=True)
+        (stream.numbers[stream.heard_at(start)], piece) for stream in streams
+        for start, piece in zip(stream.starts, stream.pieces, strict=True)
         if start not in stream.signals
     )  # fmt: skip
     texts = [piece for _, piece in ordered[:MOST_PIECES]] or [piece.data for piece in pieces[:MOST_PIECES]]
@@ -55,9 +60,9 @@ def framings_of(chunks: Sequence[HeardBytes]) -> list[CutLine]:
     for framing in _hypotheses(texts, streams):
         if framing not in seen:
             seen.add(framing)
-            cut = cut_line(framing, streams)
+            cut = cut_line(framing, streams, is_whole)
             if cut.fit >= ENOUGH:
-                cut = _weighed(cut, texts)
+                cut = _weighed(cut, texts, is_whole)
                 if framing.kind != "length" or cut.fit >= ENOUGH_ALONE or cut.framing.evidence.chance > 0:
                     found.append(cut)
     found.sort(key=_rank, reverse=True)
@@ -77,6 +82,8 @@ ENOUGH = 0.7
 come in two pieces, or two in one."""
 ENOUGH_ALONE = 0.8
 """And a length that was seen with one size of pieces only, which any constant fits."""
+BY_CUTTING = 1.0
+"""Bits of luck of marks or of a length that lead through a stream without pieces."""
 _PREFERRED = {"marks": 2, "length": 1, "fixed": 0, "pauses": 0}
 
 
@@ -92,26 +99,27 @@ def _rank(cut: CutLine) -> tuple[float, ...]:
 # ---- cutting ----------------------------------------------------------------------------------------------------
 
 
-def cut_line(framing: Framing, streams: Sequence[PieceStream]) -> CutLine:
-    """The frames that a framing finds."""
+def cut_line(framing: Framing, streams: Sequence[PieceStream], is_whole: bool = False) -> CutLine:
+    """The frames that a framing finds. `is_whole`: there are no pieces, and frames that follow each other fit."""
     frames: list[tuple[int, int, HeardFrame]] = []
     covered = whole = bounds = hit = ends = hit_ends = 0
     for stream in streams:
         found = cut_stream(framing, stream)
         starts = {*stream.starts, len(stream.data)}
         for begin, end in found:
-            piece = stream.piece_at(begin)
+            piece = stream.heard_at(begin)
             frame = HeardFrame(stream.times[piece], stream.direction, stream.data[begin:end])
             frames.append((stream.numbers[piece], begin, frame))
         covered += sum(end - begin for begin, end in found)
         whole += len(stream.data)
         edges = {edge for pair in found for edge in pair}
+        ending = starts | {begin for begin, _ in found} if is_whole else starts
         bounds += len(starts)
         hit += len(starts & edges)
         ends += len(found)
         begin_mark = framing.start
         hit_ends += sum(
-            end in starts or (bool(begin_mark) and stream.data.startswith(begin_mark, end)) for _, end in found
+            end in ending or (bool(begin_mark) and stream.data.startswith(begin_mark, end)) for _, end in found
         )
     frames.sort(key=lambda one: one[:2])
     fit = 0.0
@@ -410,8 +418,9 @@ def _told_apart(length: LengthField, frames: Sequence[HeardFrame]) -> LengthFiel
     return narrow if _fitting(narrow, frames) >= _fitting(length, frames) else length
 
 
-def _weighed(cut: CutLine, texts: Sequence[bytes]) -> CutLine:
-    """With the evidence for the framing: frames that it finds, and what that would be as luck."""
+def _weighed(cut: CutLine, texts: Sequence[bytes], is_whole: bool) -> CutLine:
+    """With the evidence for the framing: frames that it finds, and what that would be as luck. Where there were no
+    pieces to hold it against, the frames are what it made itself, and show next to nothing."""
     framing, frames = cut.framing, cut.frames
     plain = []
     for frame in frames:
@@ -436,4 +445,5 @@ def _weighed(cut: CutLine, texts: Sequence[bytes]) -> CutLine:
         text = all(0x20 <= byte < 0x7F for one in frames for byte in one.data[around[0] : len(one.data) - around[1]])
         if inside and text and not 0x20 <= framing.end[-1] < 0x7F:
             chance += SURE
+    chance = min(chance, BY_CUTTING) if is_whole else chance
     return replace(cut, framing=replace(framing, evidence=Evidence(len(plain), len(frames), chance)))

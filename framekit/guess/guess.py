@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 from framekit.definition.problems import plural
-from framekit.guess.checks import find_checks, holds
+from framekit.guess.checks import alike, find_checks, holds
 from framekit.guess.fields import ONE_UP, SURE, directed, kinds_of
+from framekit.guess.framing import BY_CUTTING, CutLine, as_heard, framings_of, readings_of
 from framekit.guess.framing import SURE as SURE_FRAMING
-from framekit.guess.framing import CutLine, framings_of, readings_of
 from framekit.guess.model import (
     CheckGuess,
     Evidence,
@@ -24,7 +24,7 @@ from framekit.guess.model import (
     Statement,
     Stuffing,
 )
-from framekit.guess.pieces import LARGEST_SIGNAL
+from framekit.guess.pieces import LARGEST_SIGNAL, Cutting, are_portions, other_cuttings, say_little
 from framekit.guess.rules import rules_of
 from framekit.guess.stuffing import StuffingError, plain_frame
 from framekit.guess.times import GuessedTimes, TimedFrame, shown, times_of
@@ -38,6 +38,16 @@ ENOUGH_CHECKED = 0.9
 """A check that holds in so much of the frames tells that they are cut right."""
 MOST_NAMED = 3
 """Kinds of replies that are named in a statement."""
+WELL = 0.95
+"""So much of the bytes and ends fits, where nothing else has to be tried."""
+LEAST_PIECES = 3
+"""Pauses cut a line into so many pieces, at least."""
+MOST_TOGETHER = 0.5
+"""So many of the pieces are several frames, where it is believed that some are."""
+WIDE = 16
+"""Bits of a check that holds hardly ever by luck, wherever a piece is cut."""
+LONGEST_PART = 512
+"""Bytes in which the end of a frame is looked for, where several came as one piece."""
 MOST_SHOWN = 16
 """Bytes of a request that are shown in a statement."""
 MOST_CHECKED = 400
@@ -49,7 +59,8 @@ def guess(chunks: Sequence[HeardBytes]) -> Guess:
     found = Guess(chunks)
     if not any(chunk.data for chunk in chunks):
         return found
-    cut, plain, check = _cut_and_check(chunks)
+    best = _best_cut(chunks)
+    cut, plain, check = best.cut, best.plain, best.check
     if check is not None:
         cut, plain = _mended(cut, plain, check)
     rules = rules_of(cut.frames, plain, cut.framing, check)
@@ -63,7 +74,12 @@ def guess(chunks: Sequence[HeardBytes]) -> Guess:
         sides, luck = directed(frames, texts)
         checks = [rule.check for rule in rules]
         kinds = kinds_of(frames, texts, sides, cut.framing, checks, [rule_of[number] for number in whole])
-        found.kinds = named_apart(kinds)
+        is_sure = any(check is not None and check.is_sure for check in checks)
+        is_shown = is_sure or (best.cutting.kind == "heard" and best.is_seen)
+        found.kinds = named_apart(kinds if is_shown else [_unsure(kind) for kind in kinds])
+        if not is_sure and not best.is_seen:
+            found.statements = [_of_pieces(best.cutting.pieces)]
+            return found
         found.times = times_of(_timed(cut.frames, found.kinds, len({one.direction for one in frames}) > 1))
         found.statements = [
             *_of_framing(cut),
@@ -75,26 +91,149 @@ def guess(chunks: Sequence[HeardBytes]) -> Guess:
     return found
 
 
-def _cut_and_check(chunks: Sequence[HeardBytes]) -> tuple[CutLine, list[bytes | None], CheckGuess | None]:
+@dataclass(frozen=True, slots=True)
+class TriedCut:
+    """The likeliest framing of one cutting: its frames as they stood on the line and without their stuffing (None where
+    that is none), and their check."""
+
+    cutting: Cutting
+    cut: CutLine
+    plain: list[bytes | None]
+    check: CheckGuess | None
+
+    @property
+    def is_checked(self) -> bool:
+        return self.check is not None and self.check.is_sure and _share(self.check) >= ENOUGH_CHECKED
+
+    @property
+    def is_marked(self) -> bool:
+        """Whether marks or a length tell where frames end."""
+        return self.cut.framing.kind in ("marks", "length")
+
+    @property
+    def is_told(self) -> bool:
+        """Whether these explain nearly all of the bytes."""
+        few = LEAST_PIECES * len(self.cutting.pieces) if self.cutting.kind == "whole" else 0
+        return self.is_marked and self.cut.fit >= WELL and len(self.cut.frames) > few
+
+    @property
+    def is_seen(self) -> bool:
+        """Whether anything but the cutting shows where frames are."""
+        framing = self.cut.framing
+        if self.is_checked or framing.kind in ("marks", "length") or framing.start or framing.end:
+            return True
+        return not say_little(self.cutting.pieces)
+
+    @property
+    def good(self) -> list[HeardFrame]:
+        """The frames in which the check holds."""
+        check, pairs = self.check, zip(self.cut.frames, self.plain, strict=True)
+        return [] if check is None else [one for one, text in pairs if text is not None and holds(check, text)]
+
+    @property
+    def rank(self) -> tuple[float, int]:
+        """The share of all bytes in which the check holds, where that is not nearly all of them; and the frames: two
+        that follow each other at once often have a check together, and each has one of its own."""
+        good = self.good
+        share = sum(len(one.data) for one in good) / sum(len(piece.data) for piece in self.cutting.pieces)
+        return min(share, ENOUGH_CHECKED), len(good)
+
+
+def _best_cut(chunks: Sequence[HeardBytes]) -> TriedCut:
+    """The bytes as they came, where that explains them; else the cutting whose check holds in the most bytes; else,
+    where the pieces say little, the first one that has marks or a length, or else that at the clearest pauses."""
+    first = _tried(chunks, as_heard(chunks))
+    framing = first.cut.framing
+    is_sure = first.is_told and framing.evidence.chance >= SURE_FRAMING
+    if first.is_checked or (is_sure and not say_little(chunks)):
+        return _in_parts(first) or first
+    best, most = first, first.rank
+    little = not (framing.start or framing.end) and (
+        say_little(first.cutting.pieces) or are_portions(first.cutting.pieces)
+    )
+    apart: TriedCut | None = None
+    for cutting in other_cuttings(chunks):
+        tried = _tried(chunks, cutting)
+        tried = _in_parts(tried) or tried
+        if tried.is_checked and (tried.rank > most or not best.is_checked):
+            best, most = tried, tried.rank
+        elif little and not best.is_checked and tried.is_told and not best.is_told:
+            best = tried
+        if apart is None and cutting.kind == "pauses" and not say_little(cutting.pieces):
+            apart = tried if len(cutting.pieces) >= LEAST_PIECES else None
+    if little and not best.is_checked and not best.is_told and apart is not None:
+        best = apart
+    return _doubted(best)
+
+
+def _in_parts(tried: TriedCut) -> TriedCut | None:
+    """Frames that followed each other at once, as request and reply on one wire: the CRC of both together is the same
+    with another register, and each has the usual one. None: they are no such."""
+    check, framing = tried.check, tried.cut.framing
+    if not tried.is_checked or check is None or check.name or check.method.kind != "crc":
+        return None
+    if framing.kind == "marks" or check.place.at is not None:
+        return None
+    for usual in alike(check):
+        frames, together = list[HeardFrame](), 0
+        for frame in tried.cut.frames:
+            parts = _parts(usual, frame.data)
+            together += len(parts) > 1
+            frames += [frame._replace(data=part) for part in parts or [frame.data]]
+        if together >= MOST_TOGETHER * len(tried.cut.frames):
+            held = sum(holds(usual, one.data) for one in frames)
+            usual = replace(usual, evidence=Evidence(held, len(frames), check.evidence.chance))
+            plain = Framing("pauses", evidence=Evidence(held, len(frames)))
+            cut = replace(tried.cut, frames=tuple(frames), framing=plain)
+            return replace(tried, cut=cut, plain=[one.data for one in frames], check=usual)
+    return None
+
+
+def _parts(check: CheckGuess, data: bytes) -> list[bytes]:
+    """The frames that follow each other in these bytes, two or more at once; nothing where the rest is none."""
+    least = check.place.start + check.place.size + check.place.tail + 1
+    for end in range(least, min(len(data) - least, LONGEST_PART) + 1):
+        if holds(check, data[:end]):
+            rest = data[end:]
+            return [data[:end], *([rest] if holds(check, rest) else _parts(check, rest) or [rest])]
+    return []
+
+
+def _doubted(tried: TriedCut) -> TriedCut:
+    """Where only pauses cut one wire, a piece may be a request and its reply: what is said of the size and of a check
+    that no one lists is not sure."""
+    check, cut = tried.check, tried.cut
+    two_ways = len({piece.direction for piece in tried.cutting.pieces}) > 1
+    if tried.cutting.kind != "pauses" or two_ways or (check is not None and check.name):
+        return tried
+    framing = cut.framing
+    if framing.kind == "length":
+        evidence = replace(framing.evidence, chance=min(framing.evidence.chance, BY_CUTTING))
+        cut = replace(cut, framing=replace(framing, evidence=evidence))
+    return replace(tried, cut=cut, check=None if check is None else replace(check, is_sure=False))
+
+
+def _tried(chunks: Sequence[HeardBytes], cutting: Cutting) -> TriedCut:
     """The likeliest framing in nearly all of whose frames a check holds; else that in most of whose frames one does;
     without any, the likeliest one."""
-    first: tuple[CutLine, list[bytes | None], CheckGuess | None] | None = None
-    best: tuple[CutLine, list[bytes | None], CheckGuess] | None = None
-    cuts = framings_of(chunks)
+    first: TriedCut | None = None
+    best: tuple[float, TriedCut] | None = None
+    cuts = framings_of(chunks, cutting)
     for cut in [*cuts[:-1][:MOST_FRAMINGS], cuts[-1]]:
         plain = [_plain(cut.framing, frame.data) for frame in cut.frames]
         texts = [text for text in plain if text is not None][:MOST_CHECKED]
-        first = first or (cut, plain, None)
+        first = first or TriedCut(cutting, cut, plain, None)
         checks = find_checks(texts, *_around(cut.framing)) if texts else []
         if not checks:
             continue
         found = _of_digits(cut, checks[0]) or (cut, plain, checks[0])
-        if found[2].is_sure and _share(found[2]) >= ENOUGH_CHECKED:
-            return found
-        if best is None or _share(found[2]) > _share(best[2]):
-            best = found
+        tried = TriedCut(cutting, *found)
+        if tried.is_checked:
+            return tried
+        if best is None or _share(found[2]) > best[0]:
+            best = _share(found[2]), tried
     assert first is not None
-    return best or first
+    return first if best is None else best[1]
 
 
 def _around(framing: Framing) -> tuple[int, int]:
@@ -122,7 +261,7 @@ def _of_digits(cut: CutLine, check: CheckGuess) -> tuple[CutLine, list[bytes | N
 
 
 def _mended(cut: CutLine, plain: list[bytes | None], check: CheckGuess) -> tuple[CutLine, list[bytes | None]]:
-    """Frames that came in two pieces are one, where the check says so."""
+    """Frames that came in two pieces are one, and a piece that is several frames is cut, where the check says so."""
     if cut.framing.kind not in ("pauses", "fixed") or cut.framing.stuffing is not None:
         return cut, plain
     frames: list[HeardFrame] = []
@@ -132,6 +271,10 @@ def _mended(cut: CutLine, plain: list[bytes | None], check: CheckGuess) -> tuple
         at += 1
         whole = frame.data
         if not holds(check, whole):
+            parts = _parts(check, whole) if check.method.width >= WIDE else []
+            if parts and holds(check, parts[-1]):
+                frames += [frame._replace(data=part) for part in parts]
+                continue
             for more in range(1, MOST_PIECES):
                 after = cut.frames[at : at + more]
                 if len(after) < more or any(one.direction != frame.direction for one in after):
@@ -154,7 +297,20 @@ def _plain(framing: Framing, data: bytes) -> bytes | None:
         return None
 
 
+def _unsure(kind: FrameKind) -> FrameKind:
+    """Fields of frames that were cut so here, and that nothing else shows to be frames."""
+    fields = (replace(one, evidence=replace(one.evidence, chance=0.0)) for one in kind.fields)
+    return replace(kind, fields=tuple(fields))
+
+
 # ---- statements -------------------------------------------------------------------------------------------------
+
+
+def _of_pieces(pieces: Sequence[HeardBytes]) -> Statement:
+    """All that is said where pieces are as bytes are handed over, and nothing shows the frames in them."""
+    size, often = Counter(len(piece.data) for piece in pieces).most_common(1)[0]
+    text = f"pieces of {plural(size, 'byte')} are how the bytes were handed over; where frames end was not found"
+    return Statement(text, Evidence(often, len(pieces)), False, "frames of that size")
 
 
 def _of_framing(cut: CutLine) -> Iterator[Statement]:

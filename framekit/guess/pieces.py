@@ -6,7 +6,9 @@ from bisect import bisect_right
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import accumulate, pairwise
+from math import sqrt
+from typing import Literal, NamedTuple
 
 from framekit.guess.model import Direction, HeardBytes
 
@@ -21,13 +23,14 @@ SECOND = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class PieceStream:
-    """All bytes that went one way. `starts`: where pieces begin, the first at 0; `times`: when those came, if known;
-    `numbers`: which pieces of the whole line they are; `signals`: the starts of short answers that are always the same,
-    such as ACK."""
+    """All bytes that went one way. `starts`: where pieces begin, the first at 0; `heard`: where that begins which came
+    together, which is less than a piece where pieces were joined; `times`: when that came, if known; `numbers`: which
+    of the whole line it is; `signals`: the starts of short answers that are always the same, such as ACK."""
 
     direction: Direction
     data: bytes
     starts: tuple[int, ...]
+    heard: tuple[int, ...]
     times: tuple[int | None, ...]
     numbers: tuple[int, ...]
     signals: frozenset[int] = frozenset()
@@ -38,9 +41,9 @@ class PieceStream:
         ends = (*self.starts[1:], len(self.data))
         return [self.data[start:end] for start, end in zip(self.starts, ends, strict=True)]
 
-    def piece_at(self, place: int) -> int:
-        """The index of the piece in which a byte stands."""
-        return bisect_right(self.starts, place) - 1
+    def heard_at(self, place: int) -> int:
+        """The index of what a byte came together with."""
+        return bisect_right(self.heard, place) - 1
 
 
 def character_time(chunks: Sequence[HeardBytes]) -> tuple[float, int] | None:
@@ -123,19 +126,136 @@ def apart(pieces: Sequence[HeardBytes], signals: frozenset[bytes]) -> list[Heard
     return found
 
 
-def streams_of(pieces: Sequence[HeardBytes]) -> list[PieceStream]:
-    """A stream for each way."""
+def streams_of(pieces: Sequence[HeardBytes], heard: Sequence[HeardBytes] = ()) -> list[PieceStream]:
+    """A stream for each way. `heard`: what the pieces were joined from, for the times of frames inside of them."""
     signals = signals_of([piece.data for piece in pieces])
     pieces = apart(pieces, signals) if signals else pieces
     found = []
     for direction in dict.fromkeys(piece.direction for piece in pieces):
-        own = [(number, piece) for number, piece in enumerate(pieces) if piece.direction == direction]
-        starts, at = [], 0
-        for _, piece in own:
-            starts.append(at)
-            at += len(piece.data)
-        times = tuple(piece.time for _, piece in own)
-        data = b"".join(piece.data for _, piece in own)
-        short = frozenset(start for start, (_, piece) in zip(starts, own, strict=True) if piece.data in signals)
-        found.append(PieceStream(direction, data, tuple(starts), times, tuple(number for number, _ in own), short))
+        own = [piece.data for piece in pieces if piece.direction == direction]
+        parts = [(number, one) for number, one in enumerate(heard or pieces) if one.direction == direction and one.data]
+        starts = _starts(own)
+        found.append(
+            PieceStream(
+                direction, b"".join(own), starts, _starts([one.data for _, one in parts]),
+                tuple(one.time for _, one in parts), tuple(number for number, _ in parts),
+                frozenset(start for start, data in zip(starts, own, strict=True) if data in signals),
+            )
+        )  # fmt: skip
     return found
+
+
+def _starts(parts: Sequence[bytes]) -> tuple[int, ...]:
+    return tuple(accumulate((len(part) for part in parts[:-1]), initial=0))
+
+
+# ---- other cuttings ---------------------------------------------------------------------------------------------
+
+LATENCY = 20_000_000
+"""Adapters hand over what came every 16 ms; a little more counts as that."""
+MOST_GAPS = 3
+"""So many pauses are tried as the shortest between frames."""
+LEAST_RATIO = 1.4
+"""The pauses between frames are so many times those inside of them, at least."""
+LEAST_JOINED = 0.05
+"""A pause that joins fewer of the pieces than that tells nothing new."""
+LEAST_TURNS = 6
+SMALL = 2
+MANY = 0.2
+MOSTLY = 0.5
+NEARLY_ALL = 0.85
+USUAL_SIZES = frozenset({1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024})
+"""What programs and adapters hand over at once, or write on a line of a dump."""
+
+
+class Cutting(NamedTuple):
+    """One way to cut a line into pieces: as it was `heard`, at `pauses` that are longer than others, at `turns` from
+    one direction to the other, or not at all (`whole`)."""
+
+    kind: Literal["heard", "pauses", "turns", "whole"]
+    pieces: tuple[HeardBytes, ...]
+
+
+def other_cuttings(chunks: Sequence[HeardBytes]) -> list[Cutting]:
+    """How else the bytes may be cut than as they came, without one that is the same as another."""
+    chunks = [chunk for chunk in chunks if chunk.data]
+    found = [Cutting("pauses", _within(chunks, gap)) for gap in _gaps(chunks)]
+    turns = _within(chunks, None)
+    if len(turns) >= LEAST_TURNS:
+        found.append(Cutting("turns", turns))
+    ways = {chunk.direction: chunk for chunk in reversed(chunks)}
+    data = {way: b"".join(chunk.data for chunk in chunks if chunk.direction == way) for way in ways}
+    found.append(Cutting("whole", tuple(first._replace(data=data[way]) for way, first in ways.items())))
+    sizes, different = {tuple(len(chunk.data) for chunk in chunks)}, list[Cutting]()
+    for cutting in found:
+        own = tuple(len(piece.data) for piece in cutting.pieces)
+        if own not in sizes:
+            sizes.add(own)
+            different.append(cutting)
+    return different
+
+
+def _within(chunks: Sequence[HeardBytes], gap: float | None) -> tuple[HeardBytes, ...]:
+    """Chunks of one direction between which there was no longer pause are one; None: however long it was."""
+    found: list[HeardBytes] = []
+    parts: list[bytes] = []
+    for before, chunk in zip([None, *chunks], chunks, strict=False):
+        if before is not None and before.direction == chunk.direction and _is_near(before, chunk, gap):
+            parts.append(chunk.data)
+            continue
+        if found:
+            found[-1] = found[-1]._replace(data=b"".join(parts))
+        found.append(chunk)
+        parts = [chunk.data]
+    if found:
+        found[-1] = found[-1]._replace(data=b"".join(parts))
+    return tuple(found)
+
+
+def _is_near(before: HeardBytes, chunk: HeardBytes, gap: float | None) -> bool:
+    if gap is None:
+        return True
+    return before.time is not None and chunk.time is not None and 0 <= chunk.time - before.time <= gap
+
+
+def _gaps(chunks: Sequence[HeardBytes]) -> list[float]:
+    """Pauses that may be the longest inside of a frame: where there are shorter and longer ones, and hardly any
+    between; and the latency of an adapter."""
+    steps = sorted(
+        max(1000, after.time - before.time)
+        for before, after in pairwise(chunks)
+        if before.time is not None and after.time is not None and before.direction == after.direction
+        if after.time >= before.time
+    )
+    if not steps:
+        return []
+    least = max(1, round(LEAST_JOINED * len(chunks)))
+    jumps = [
+        (two / one, sqrt(one * two))
+        for at, (one, two) in enumerate(pairwise(steps), 1)
+        if two >= LEAST_RATIO * one and at >= least
+    ]
+    best = [gap for _, gap in sorted(jumps, reverse=True)[:MOST_GAPS]]
+    joined_by_latency = sum(step <= LATENCY for step in steps)
+    return [*best, LATENCY] if joined_by_latency >= least else best
+
+
+def say_little(pieces: Sequence[HeardBytes]) -> bool:
+    """Whether pieces are as programs and adapters hand bytes over: mostly one or two bytes, or nearly all of one usual
+    size."""
+    sizes = Counter(len(piece.data) for piece in pieces)
+    count = sum(sizes.values())
+    if count < 2:
+        return False
+    usual, often = sizes.most_common(1)[0]
+    return sum(sizes[size] for size in range(SMALL + 1)) > MOSTLY * count or (
+        usual in USUAL_SIZES and often >= NEARLY_ALL * count
+    )
+
+
+def are_portions(pieces: Sequence[HeardBytes]) -> bool:
+    """Whether many pieces follow another one of their direction so soon as an adapter hands over parts of a frame."""
+    soon = sum(
+        before.direction == piece.direction and _is_near(before, piece, LATENCY) for before, piece in pairwise(pieces)
+    )
+    return soon >= MANY * len(pieces) > 0
