@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,13 +11,13 @@ from framekit.api.errors import RequestError
 from framekit.codec.codec import compile_protocol
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import DefinitionError
+from framekit.link.events import Seen
 from framekit.link.frame_table import table_of
 from framekit.link.scope import Scope
 from framekit.link.services.overheard import KnownValue, Overheard
 from framekit.link.values import CODEC_ERRORS, Names
 from framekit.run.points import iso_time
 from framekit.runfile.devices import load_devices
-from framekit.service.capture import CaptureDecoder
 
 HEAD = ("time", "point", "value", "unit", "quality", "reason")
 """The columns, as those of the sink csv."""
@@ -32,9 +32,10 @@ class CapturedValue(NamedTuple):
 
 
 def captured_values(
-    found: CaptureDecoder, protocol: Protocol, name: str, params: Mapping[str, Any]
+    found: Iterable[tuple[int, Seen]], protocol: Protocol, name: str, params: Mapping[str, Any]
 ) -> Iterator[CapturedValue]:
-    """The values in a capture, each the first time and whenever it is another one. `name`: the protocol's name or file.
+    """The values in what was seen on channels, each the first time and whenever it is another one. `name`: the
+    protocol's name or file.
 
     Raises RequestError for a protocol in which nothing asks for places, and CaptureError (a ValueError).
     """
@@ -54,7 +55,7 @@ def captured_values(
     known: dict[tuple[int, str], Any] = {}
     if line_of(1).hears_nothing:
         raise RequestError(f"no frame of '{protocol.name}' asks for places of memory")
-    for channel, seen in found.seen():
+    for channel, seen in found:
         if seen.kind != "frame":
             continue
         try:

@@ -9,10 +9,13 @@ from __future__ import annotations
 import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
+from framekit.api.captured import captured_values
+from framekit.api.errors import RequestError
 from framekit.codec.codec import compile_protocol
 from framekit.definition.load.protocol import load_protocol
 from framekit.definition.model.protocol import Protocol
@@ -149,6 +152,31 @@ def listen(
 # ---- going on ---------------------------------------------------------------------------------------------------
 
 
+class HeardPoint(NamedTuple):
+    """What a line told of one element of a device's memory: its address behind its station, and its values in turn."""
+
+    name: str
+    values: list[Any]
+
+    @property
+    def told(self) -> str:
+        """The values in words: the only one, or how many, from the least to the greatest."""
+        numbers = sorted(one for one in self.values if isinstance(one, (int, float)))
+        if len(self.values) == 1 or len(numbers) < len(self.values):
+            return str(self.values[-1])
+        return f"{numbers[0]} to {numbers[-1]}, {len(numbers)} values"
+
+
+def heard_points(name: str | Path, chunks: Sequence[HeardBytes]) -> list[HeardPoint]:
+    """What requests and replies of a definition say of the values in devices; nothing where they say none."""
+    protocol = load_protocol(name)
+    found: dict[str, list[Any]] = {}
+    with suppress(RequestError):
+        for one in captured_values(((1, seen) for seen in seen_by(protocol, chunks)), protocol, str(name), {}):
+            found.setdefault(one.point, []).append(one.value)
+    return [HeardPoint(point, values) for point, values in sorted(found.items())]
+
+
 class DefinitionReading(NamedTuple):
     """What a definition makes of recordings: in words, and for programs."""
 
@@ -177,6 +205,9 @@ def reading_of(name: str | Path, chunks: Sequence[HeardBytes]) -> DefinitionRead
             if told:
                 lines.append(f"{frame}.{key}: {told}")
                 data["fields"][f"{frame}.{key}"] = told
+    points = heard_points(name, chunks)
+    lines += [f"{point.name}: {point.told}" for point in points]
+    data["values"] = {point.name: point.values for point in points}
     return DefinitionReading("\n".join(lines), data)
 
 

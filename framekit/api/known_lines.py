@@ -35,16 +35,20 @@ FAR_MORE = 3.0
 
 @dataclass(frozen=True, slots=True)
 class KnownProtocol:
-    """A definition that reads a line: frames that are good, bytes in them, of how many."""
+    """A definition that reads a line: frames that are good, bytes in them, of how many; and how many files it is of."""
 
     name: str
     frames: int
     covered: int
     of: int
+    files: int = 1
 
 
 def known_protocols(chunks: Sequence[HeardBytes]) -> list[KnownProtocol]:
-    """The shipped definitions with checks that read nearly all of a line, the best first."""
+    """The shipped definitions with checks that read nearly all of a line, the best first.
+
+    Of two that read as much, the one that stands on fewer files: others are made from it.
+    """
     few = _first_of(chunks, MOST_TRIED)
     index: dict[str, list[str]] = json.loads((shipped_folder("frames") / INDEX).read_text("utf-8"))
     found: list[KnownProtocol] = []
@@ -63,7 +67,7 @@ def known_protocols(chunks: Sequence[HeardBytes]) -> list[KnownProtocol]:
     best: dict[str, KnownProtocol] = {}
     for one in sorted(likely, key=lambda one: one.covered):
         best[one.name] = one
-    return sorted(best.values(), key=lambda one: -one.covered)
+    return sorted(best.values(), key=lambda one: (-one.covered, one.files))
 
 
 def _may_be(starts: Sequence[str], chunks: Sequence[HeardBytes]) -> bool:
@@ -91,7 +95,7 @@ def _explained(protocol: Protocol, chunks: Sequence[HeardBytes], client: Literal
     both = len({chunk.direction for chunk in chunks}) > 1
     listen(protocol, chunks, client if both else None, monitor)
     whole = sum(len(chunk.data) for chunk in chunks)
-    return KnownProtocol(protocol.name, len(good), sum(map(len, good)), whole)
+    return KnownProtocol(protocol.name, len(good), sum(map(len, good)), whole, len(protocol.sources))
 
 
 def _first_of(chunks: Sequence[HeardBytes], most: int) -> list[HeardBytes]:

@@ -419,7 +419,7 @@ def _values(protocol: Protocol, arguments: argparse.Namespace) -> int:
     try:
         with in_words():
             found = decoder(path, protocol, line=line_of(protocol, arguments), params=given, client=arguments.client)
-            values = captured_values(found, protocol, arguments.protocol, given)
+            values = captured_values(found.seen(), protocol, arguments.protocol, given)
             with ProgressLine("decode"):
                 count, points = write_values(values, arguments.values)
     except OSError as error:

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from framekit.api.guess import Guess, GuessedTimes, HeardBytes, TimeSpread
     from framekit.web.hex_session import HexBoard
 
+MOST_POINTS = 20
+"""So many values of a known protocol are shown."""
 FILES_HELP = "captures (pcap, JSON lines), pcap files of TCP or UDP, or hex text: a line for each frame"
 
 
@@ -87,19 +89,26 @@ def _of_definition(arguments: argparse.Namespace, chunks: list[HeardBytes], page
 
 def _of_guess(arguments: argparse.Namespace, chunks: list[HeardBytes], page: WebPage) -> int:
     """What can be said of the bytes."""
-    from framekit.api.guess import Evidence, Statement, guess
+    from framekit.api.guess import Evidence, Statement, guess, heard_points
     from framekit.api.known_lines import known_protocols
 
     with ProgressLine("guess"):
         found, known = guess(chunks), known_protocols(chunks)
+        points = heard_points(known[0].name, chunks) if known else []
     source = _named(arguments.files)
 
     def tell() -> None:
         if arguments.json:
-            print_json(data_of(found) | {"known": [{"protocol": one.name, "frames": one.frames} for one in known]})
+            values = {point.name: point.values for point in points}
+            rows = [{"protocol": one.name, "frames": one.frames} for one in known]
+            print_json(data_of(found) | {"known": rows, "values": values})
         else:
-            for one in known:
+            for number, one in enumerate(known):
                 print(f"this is {one.name}: {plural(one.frames, 'frame')}, {one.covered} of {one.of} bytes")
+                for point in points[:MOST_POINTS] if number == 0 else ():
+                    print(f"  {point.name}: {point.told}")
+                if number == 0 and len(points) > MOST_POINTS:
+                    print(f"  and {len(points) - MOST_POINTS} more: --with {one.name} shows all")
             print(text_of(found))
         if arguments.write is not None:
             write(found, arguments.write, source)

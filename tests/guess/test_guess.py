@@ -142,7 +142,7 @@ def test_connections_of_a_pcap_file_are_read(tmp_path: Path) -> None:
 
 
 def test_a_protocol_that_is_there_is_named() -> None:
-    assert [one.name for one in known_protocols(polls(10))] == ["ge-rtu", "modbus-rtu"]
+    assert [one.name for one in known_protocols(polls(10))] == ["modbus-rtu", "ge-rtu"]
     assert known_protocols([HeardBytes(None, "", b"T=21.5 ")] * 9) == []
 
 
