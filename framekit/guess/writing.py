@@ -137,8 +137,10 @@ def _body(kind: FrameKind, framing: Framing, guess: Guess) -> Iterator[str]:
         for text, field in zip(segments, kind.fields, strict=True)
         if field.wire or field.name not in ("start", "end", "check")[: 3 if framing.behind else 2]
     ]
-    if framing.start:
-        yield f"- {{const: {_hex(framing.start)}}}"
+    apart = 0 if kind.check is None or kind.check.place.at is not None else kind.check.place.start
+    for part in (framing.start[:apart], framing.start[apart:]):  # a check may begin to count within the mark
+        if part:
+            yield f"- {{const: {_hex(part)}}}"
     coding = _wrap(framing, [frame for one in guess.kinds for frame in one.frames])
     yield from ("- name: content", f"  wrap: {coding}") if framing.behind else (f"- wrap: {coding}",)
     yield "  of:"
@@ -153,7 +155,8 @@ def _check_behind(check: CheckGuess, framing: Framing, name: str) -> str:
     order = ", order: little" if check.place.order == "little" and check.place.size > 1 else ""
     digits = ", as: hex" if check.place.form == "hex" else ""
     mark = "" if check.place.stop else f", {{bytes: \"h'{framing.plain_end.hex().upper()}'\"}}"
-    return f"{{check: {name}{order}{digits}, over: [content{mark}]}}"
+    start = f"{check.place.start}.." if check.place.start < len(framing.start) else ""
+    return f"{{check: {name}{order}{digits}, over: [{start}content{mark}]}}"
 
 
 def _wrap(framing: Framing, frames: Sequence[HeardFrame]) -> str:
@@ -191,7 +194,7 @@ def _segments(kind: FrameKind, framing: Framing, check: str) -> Iterator[str]:
             case "length" | "count" if field is sized:
                 yield _length(field, kind, framing)
             case "check":
-                yield "" if framing.behind else _check(kind, framing, check)
+                yield "" if framing.behind else _check(kind, field, framing, check)
             case "constant":
                 yield f"{_plain(field)}  # always {field.about}"
             case _:
@@ -261,7 +264,8 @@ def _around(kind: FrameKind) -> int:
     return sum(field.size for field in kind.fields)
 
 
-def _check(kind: FrameKind, framing: Framing, check: str) -> str:
+def _check(kind: FrameKind, field: GuessedField, framing: Framing, check: str) -> str:
+    """The check, or, where the language cannot say in a wrap what it counts, a field with a comment."""
     assert kind.check is not None
     place = kind.check.place
     keys = [f"check: {check}"]
@@ -271,11 +275,16 @@ def _check(kind: FrameKind, framing: Framing, check: str) -> str:
         keys.append("order: little")
     first = len(framing.start) if framing.stuffing is not None else 0  # in a wrap its own content counts
     if place.at is not None:
-        keys.append(f"over: {place.at + place.size + place.start}..{_last_counted(kind)}")
-    elif place.start != first or place.stop:
-        named = [one.name for one in kind.fields if one.offset == place.start and not _is_unnamed(one, kind)]
-        begin = named[0] if named else str(place.start - first)
-        keys.append(f"over: {begin}..{_before_mark(kind, first) if place.stop else 'here'}")
+        start, last = place.at + place.size + place.start, _last_counted(kind)
+    else:
+        start, last = place.start, _before_mark(kind) if place.stop else "here"
+    if place.at is not None or start != first or place.stop:
+        named = [one.name for one in kind.fields if one.offset == start and not _is_unnamed(one, kind)]
+        if framing.stuffing is not None and (
+            last.isdigit() or (not named and start > first)
+        ):  # offsets within a wrap have no meaning
+            return f"{_plain(field)}  # {check}, counted from byte {start} on: no name stands where that begins or ends"
+        keys.append(f"over: {named[0] if named and start >= first else start}..{last}")
     return "{" + ", ".join(keys) + "}"
 
 
@@ -287,11 +296,11 @@ def _is_unnamed(field: GuessedField, kind: FrameKind) -> bool:
     return field.is_mark or field.name in ("start", "end", "function") or is_fixed
 
 
-def _before_mark(kind: FrameKind, first: int) -> str:
+def _before_mark(kind: FrameKind) -> str:
     """The field before the bytes that do not count before a code, or its last byte."""
     before = next(number for number, field in enumerate(kind.fields) if field.name == "mark") - 1
     last = kind.fields[before]
-    return str(last.offset + last.size - 1 - first) if _is_unnamed(last, kind) else last.name
+    return str(last.offset + last.size - 1) if _is_unnamed(last, kind) else last.name
 
 
 def _last_counted(kind: FrameKind) -> str:

@@ -245,13 +245,13 @@ def test_data_of_varying_size_is_compared_byte_by_byte() -> None:
     assert [(one.offset, one.first, one.second) for one in found] == [(2, "00", "01")]
 
 
-@pytest.mark.parametrize("name", ["crc16-arc", "lrc8"])
-def test_a_code_behind_the_end_mark_is_found(name: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("name", "start"), [("crc16-arc", b""), ("lrc8", b""), ("crc16-arc", b"\x10\x02")])
+def test_a_code_behind_the_end_mark_is_found(name: str, start: bytes, tmp_path: Path) -> None:
     """As of DF1: the CRC counts the content without its stuffing and ETX, the sum the content alone."""
     rng, chunks = random.Random(13), list[HeardBytes]()
     for _ in range(40):
         data = bytes(rng.choice([0x10, rng.randrange(256)]) for _ in range(rng.choice([5, 8, 12])))
-        counted = data + b"\x03" if name == "crc16-arc" else data
+        counted = start + data + b"\x03" if name == "crc16-arc" else data
         method = ready_methods()[name]
         code = compute(method, counted).to_bytes(method.size, "little")
         chunks.append(HeardBytes(None, "out", b"\x10\x02" + data.replace(b"\x10", b"\x10\x10") + b"\x10\x03" + code))
@@ -264,6 +264,42 @@ def test_a_code_behind_the_end_mark_is_found(name: str, tmp_path: Path) -> None:
     assert write_definition(found, path, "made up").problems == ()
     told = reading_of(path, chunks).data
     assert (told["frames"], told["bad"], told["noise"]) == (80, 0, 0)
+
+
+@pytest.mark.parametrize(("start", "counted"), [(b"\x10\x02", 2), (b"\x10\x02", 1), (b"\x7e", 1)])
+def test_a_check_in_a_wrap_counts_the_start_mark(start: bytes, counted: int, tmp_path: Path) -> None:
+    rng, chunks = random.Random(17), list[HeardBytes]()
+    for number in range(40):
+        data = bytes([0x3A, 0x27, *(rng.choice([0x10, 0x7D, 0x7E, rng.randrange(256)]) for _ in range(4 + number % 7))])
+        data += compute(ready_methods()["crc16-modbus"], start[-counted:] + data).to_bytes(2, "little")
+        if start == b"\x7e":
+            inner, end = data.replace(b"\x7d", b"\x7d\x5d").replace(b"\x7e", b"\x7d\x5e"), start
+        else:
+            inner, end = data.replace(b"\x10", b"\x10\x10"), b"\x10\x03"
+        chunks.append(HeardBytes(None, "", start + inner + end))
+    found = guess(chunks)
+    assert found.check is not None and found.check.name == "crc16-modbus"
+    assert found.check.place.start == len(start) - counted
+    path = tmp_path / "found.yaml"
+    assert write_definition(found, path, "made up").problems == ()
+    assert f"over: {len(start) - counted}..here" in path.read_text("utf-8")
+    told = reading_of(path, chunks).data
+    assert (told["frames"], told["bad"], told["noise"]) == (40, 0, 0)
+
+
+def test_a_check_that_begins_within_a_field_of_a_wrap_is_left_out(tmp_path: Path) -> None:
+    rng, chunks = random.Random(19), list[HeardBytes]()
+    for number in range(40):
+        data = bytes([0x3A, 0x27, *(rng.choice([0x10, rng.randrange(256)]) for _ in range(4 + number % 7))])
+        data += compute(ready_methods()["crc16-modbus"], data[1:]).to_bytes(2, "little")
+        chunks.append(HeardBytes(None, "", b"\x10\x02" + data.replace(b"\x10", b"\x10\x10") + b"\x10\x03"))
+    found = guess(chunks)
+    assert found.check is not None and found.check.place.start == 3
+    path = tmp_path / "found.yaml"
+    assert write_definition(found, path, "made up").problems == ()
+    assert "# crc16-modbus, counted from byte 3 on: no name stands where that" in path.read_text("utf-8")
+    told = reading_of(path, chunks).data
+    assert (told["frames"], told["bad"], told["noise"]) == (40, 0, 0)
 
 
 @pytest.mark.parametrize(("form", "shown"), [("decimal", "03d"), ("hex", "04X")])
