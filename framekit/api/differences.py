@@ -1,12 +1,13 @@
-"""Two recordings of one line, such as pump off and pump on: the fields that have no value in common.
+"""Two recordings of one line, such as pump off and pump on: the fields whose values differ.
 
-The fields are guessed from both recordings together, or are those of a definition.
+The fields are guessed from both recordings together, or are those of a definition. Replies are compared with replies to
+the same request.
 """
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,9 +20,12 @@ from framekit.definition.load.protocol import load_protocol
 from framekit.definition.model.frames import everything
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Count, Length
+from framekit.definition.problems import plural
+from framekit.guess.checks import holds
+from framekit.guess.fields import ONE_UP
 from framekit.guess.framing import cut_line
-from framekit.guess.guess import guess
-from framekit.guess.model import GuessedField, HeardBytes
+from framekit.guess.guess import guess, own_name
+from framekit.guess.model import FrameKind, Guess, HeardBytes
 from framekit.guess.pieces import joined, streams_of
 from framekit.guess.stuffing import plain_frame
 from framekit.guess.texts import shown_text
@@ -37,60 +41,213 @@ class Difference(NamedTuple):
     second: str
 
 
+class SeenFrame(NamedTuple):
+    """A frame of one recording: its kind, what was asked before it ('' where it is no reply), and its values."""
+
+    kind: str
+    asked: str
+    size: int
+    values: dict[tuple[int, str], Any]
+
+
 def differences(one: Sequence[HeardBytes], two: Sequence[HeardBytes]) -> list[Difference]:
     """The bytes of frames, guessed from both together, that have other values in the second recording.
 
-    Counters and checks differ always, and are left out.
+    Counters and checks differ always, and are left out, as is what a reply repeats: it is compared in the request.
     """
-    found = guess([*one, *two])
+    if others := _other_protocols(one, two):
+        return others
+    found = guess([*one, *_behind(one, two)])
     framing = found.framing
     if framing is None:
         return []
-    own = [{frame.data for frame in cut_line(framing, streams_of(joined(part))).frames} for part in (one, two)]
-    rows: list[Difference] = []
-    for kind in found.kinds:
-        halves = [
-            [plain_frame(framing, frame.data) for frame in kind.frames if frame.data in part] for part in own
-        ]  # fmt: skip
-        for field in kind.fields:
-            if field.kind not in ("counter", "check", "length", "count"):
-                rows += _of_guessed(kind.name, field, halves)
+    kind_of = {id(frame): kind for kind in found.kinds for frame in kind.frames}
+    frames = [frame for frame in found.frames if id(frame) in kind_of]
+    texts = {id(frame): plain_frame(framing, frame.data) for frame in frames}
+    requests: dict[str, list[bytes]] = defaultdict(list)
+    for frame in frames:
+        if (kind := kind_of[id(frame)]).side == "client":
+            requests[kind.name].append(texts[id(frame)])
+    fixed = {kind.name: _asked_places(kind, requests[kind.name]) for kind in found.kinds if requests[kind.name]}
+    halves: tuple[list[SeenFrame], list[SeenFrame]] = [], []
+    first, at, asked = sum(len(frame.data) for frame in cut_line(framing, streams_of(joined(one))).frames), 0, ""
+    for frame in found.frames:
+        half = halves[at >= first]
+        at += len(frame.data)
+        if (known := kind_of.get(id(frame))) is None:
+            continue
+        text = texts[id(frame)]
+        if known.side == "client":
+            places = fixed[known.name]
+            asked = " ".join(f"{byte:02X}" if place in places else ".." for place, byte in enumerate(text[:MOST_SHOWN]))
+            asked = asked.rstrip(" .")
+        key = asked if known.side == "server" else ""
+        half.append(SeenFrame(known.name, key, len(text), dict(_guessed_values(known, text))))
+    return compared(*halves)
+
+
+MOST_ASKED = 12
+"""A byte of requests with more values is none that tells what is asked for."""
+MOST_SHOWN = 24
+
+
+def _behind(one: Sequence[HeardBytes], two: Sequence[HeardBytes]) -> list[HeardBytes]:
+    """The second recording, as if it had been made after the first."""
+    last = max((chunk.time for chunk in one if chunk.time is not None), default=0)
+    first = min((chunk.time for chunk in two if chunk.time is not None), default=0)
+    later = last - first + LONG_AFTER
+    return [chunk if chunk.time is None else chunk._replace(time=chunk.time + later) for chunk in two]
+
+
+LONG_AFTER = 10_000_000_000
+
+
+def _other_protocols(one: Sequence[HeardBytes], two: Sequence[HeardBytes]) -> list[Difference]:
+    """Where the check of neither recording holds in frames of the other one."""
+    both = guess(one), guess(two)
+    for found, other in (both, both[::-1]):
+        checks = [kind.check for kind in found.kinds if kind.check is not None and kind.check.is_sure]
+        texts = [frame.data for frame in other.frames]
+        if not checks or len(texts) < LEAST_KNOWN or not _is_sure(other):
+            return []
+        if sum(any(holds(check, text) for check in checks) for text in texts) > FEW * len(texts):
+            return []
+    return [Difference("all frames", 0, "another protocol", *(_check_name(found) for found in both))]
+
+
+LEAST_KNOWN = 5
+FEW = 0.1
+
+
+def _is_sure(found: Guess) -> bool:
+    return found.check is not None and found.check.is_sure
+
+
+def _check_name(found: Guess) -> str:
+    assert found.check is not None
+    return found.check.name or own_name(found.check)
+
+
+def _asked_places(kind: FrameKind, texts: Sequence[bytes]) -> frozenset[int]:
+    """The bytes of a request that tell what is asked for: no counters, no codes, nothing that is ever different."""
+    end = min(map(len, texts)) + min((field.offset for field in kind.fields if field.offset < 0), default=0)
+    counted = {
+        place
+        for field in kind.fields
+        if field.kind == "counter" or field.about.startswith(ONE_UP)
+        for place in range(field.offset, field.offset + field.size)
+    }
+    return frozenset(
+        place for place in range(end) if place not in counted and len({text[place] for text in texts}) <= MOST_ASKED
+    )
+
+
+def _guessed_values(kind: FrameKind, text: bytes) -> Iterator[tuple[tuple[int, str], Any]]:
+    """The values of a frame, by place and name; data of varying size byte by byte."""
+    end = len(text) + min((field.offset for field in kind.fields if field.offset < 0), default=0)
+    for field in kind.fields:
+        if field.kind in ("counter", "check", "length", "count") or field.offset < 0:
+            continue
+        if field.kind == "copy" and (kind.side == "server" or field.about.startswith(ONE_UP)):
+            continue
+        if field.kind == "text" and field.size:
+            yield (field.offset, field.name), shown_text(text[field.offset : field.offset + field.size])
+            continue
+        for place in range(field.offset, field.offset + field.size if field.size else end):
+            yield (place, field.name), text[place : place + 1]
+
+
+# ---- two recordings ---------------------------------------------------------------------------------------------
+
+
+def compared(one: Sequence[SeenFrame], two: Sequence[SeenFrame]) -> list[Difference]:
+    """Frames of each kind, replies to equal requests, value by value; and what only one of the recordings has."""
+    groups: dict[tuple[str, str], tuple[list[SeenFrame], list[SeenFrame]]] = defaultdict(lambda: ([], []))
+    kinds: dict[str, tuple[list[SeenFrame], list[SeenFrame]]] = defaultdict(lambda: ([], []))
+    for number, part in enumerate((one, two)):
+        for frame in part:
+            groups[frame.kind, frame.asked][number].append(frame)
+            kinds[frame.kind][number].append(frame)
+    often = Counter(kind for kind, _ in groups)
+    rows = [_of_one(kind, *halves) for kind, halves in kinds.items() if not all(halves)]
+    for (kind, asked), halves in groups.items():
+        name = f"{kind} (asked {asked})" if asked and often[kind] > 1 else kind
+        if all(halves):
+            rows += _of_values(name, *halves)
+        elif all(kinds[kind]):
+            rows.append(_of_one(name, *halves))
     return rows
 
 
-def _of_guessed(kind: str, field: GuessedField, halves: list[list[bytes]]) -> Iterator[Difference]:
-    """Where no value is in both halves; in data of varying size byte by byte, of frames of one size."""
-    if field.size:
-        parts = [(field.offset, field.size, halves)]
-    else:
-        sizes = Counter(len(text) for half in halves for text in half)
-        size = max(sizes, key=lambda one: (sizes[one], one), default=0)
-        same = [[text for text in half if len(text) == size] for half in halves]
-        parts = [(place, 1, same) for place in range(field.offset, size)]
-    shown = shown_text if field.kind == "text" else _hex
-    for place, width, texts in parts:
-        values = [{text[place : place + width] for text in half} for half in texts]
-        if all(values) and not values[0] & values[1]:
-            yield Difference(kind, place, field.name, *(_some(map(shown, sorted(one))) for one in values))
+def _of_one(name: str, one: Sequence[SeenFrame], two: Sequence[SeenFrame]) -> Difference:
+    counts = (plural(len(part), "frame") if part else "none" for part in (one, two))
+    return Difference(name, 0, "all of it", *counts)
 
 
-def _hex(data: bytes) -> str:
-    return data.hex(" ").upper()
+def _of_values(name: str, one: Sequence[SeenFrame], two: Sequence[SeenFrame]) -> Iterator[Difference]:
+    """The fields that differ, in frames of the size that most have."""
+    sizes = Counter(frame.size for frame in (*one, *two))
+    both = {frame.size for frame in one} & {frame.size for frame in two}
+    size = max(both or sizes, key=lambda size: (sizes[size], size))
+    for place, field in dict.fromkeys(key for frame in (*one, *two) for key in frame.values):
+        values = [
+            [frame.values[place, field] for frame in part if frame.size == size and (place, field) in frame.values]
+            or [frame.values[place, field] for frame in part if (place, field) in frame.values]
+            for part in (one, two)
+        ]
+        if all(values) and _differ(*values):
+            shown = (_some(list(dict.fromkeys(part))) for part in values)
+            yield Difference(name, place, field, *shown)
 
 
-def _some(values: Iterable[str]) -> str:
-    shown = list(values)
-    return ", ".join(shown[:3]) + (f" … {len(shown)} values" if len(shown) > 3 else "")
+def _differ(one: Sequence[Any], two: Sequence[Any]) -> bool:
+    """Whether they have no value in common and do not lie among each other, or nearly all are greater than the others.
+
+    Numbers that go up by the same each time differ always.
+    """
+    first, second = (list(map(_number, part)) for part in (one, two))
+    if _is_counter(first) or _is_counter(second):
+        return False
+    if None in first or None in second:
+        return not {*map(str, one)} & {*map(str, two)}
+    low, high = sorted((sorted(part) for part in (first, second)), key=lambda part: (part[0], part[-1]))
+    if not {*first} & {*second}:
+        return bool(low[-1] < high[0]) or all(3 * len({*part}) <= len(part) for part in (first, second))
+    if min(len(low), len(high)) < ENOUGH or any(_only_rises(part) for part in (first, second)):
+        return False
+    return bool(low[len(low) * 9 // 10] < high[len(high) // 10] or high[len(high) * 9 // 10] < low[len(low) // 10])
+
+
+ENOUGH = 5
+"""So many values have a range that tells something."""
+
+
+def _number(value: Any) -> Any:
+    """A value to be compared by size; None for what has none."""
+    if isinstance(value, bytes):
+        return int.from_bytes(value, "big")
+    return value if isinstance(value, (int, float)) else None
+
+
+def _only_rises(values: Sequence[Any]) -> bool:
+    """Whether they never go down: a sum, or a time, goes on from one recording to the next."""
+    return len({*values}) > 1 and all(one <= two for one, two in pairwise(values))
+
+
+def _some(values: Sequence[Any]) -> str:
+    """Different values, or from which to which, if they are many."""
+    if len(values) <= 3 or any(_number(one) is None for one in values):
+        shown = sorted(map(_shown, values))
+        return ", ".join(shown[:3]) + (f" … {len(shown)} values" if len(shown) > 3 else "")
+    ordered = sorted(values, key=_number)
+    return f"{_shown(ordered[0])} to {_shown(ordered[-1])}, {len(values)} values"
+
+
+def _shown(value: Any) -> str:
+    return value.hex(" ").upper() if isinstance(value, bytes) else str(value)
 
 
 # ---- of a definition --------------------------------------------------------------------------------------------
-
-
-class FieldValues(NamedTuple):
-    """The values that a field had in one recording, in their order, and where it first stood."""
-
-    offset: int
-    values: list[Any]
 
 
 def definition_differences(name: str | Path, one: Sequence[HeardBytes], two: Sequence[HeardBytes]) -> list[Difference]:
@@ -99,35 +256,57 @@ def definition_differences(name: str | Path, one: Sequence[HeardBytes], two: Seq
     Lengths and counts, and what goes up by the same from frame to frame, are left out.
     """
     protocol = load_protocol(name)
-    before, after = (_values_of_fields(protocol, part) for part in (one, two))
-    rows = []
-    for (frame, path), first in before.items():
-        second = after.get((frame, path))
-        if second is None or _is_counter(first.values) or _is_counter(second.values):
-            continue
-        sets = [dict.fromkeys(part.values) for part in (first, second)]
-        if not sets[0].keys() & sets[1].keys():
-            rows.append(Difference(frame, first.offset, path, *(_some(map(str, values)) for values in sets)))
-    return rows
+    halves = [_read(protocol, part) for part in (one, two)]
+    values: dict[tuple[str, str], list[Any]] = defaultdict(list)
+    for frame in (*halves[0], *halves[1]):
+        if protocol.frames[frame.kind].side == "client":
+            for (_, path), value in frame.values.items():
+                values[frame.kind, path].append(value)
+    often = Counter(frame.kind for half in halves for frame in half)
+    telling = {
+        key
+        for key, own in values.items()
+        if (len({*map(str, own)}) > 1 or len(own) < often[key[0]])
+        and len({*map(str, own)}) <= MOST_ASKED
+        and not _is_counter(own)
+    }
+    return compared(*(_with_asked(protocol, half, telling) for half in halves))
 
 
-def _values_of_fields(protocol: Protocol, chunks: Sequence[HeardBytes]) -> dict[tuple[str, str], FieldValues]:
-    """The values of each field, by its frame and path."""
+def _with_asked(protocol: Protocol, frames: Sequence[SeenFrame], telling: set[tuple[str, str]]) -> list[SeenFrame]:
+    """Replies with what was asked before them."""
+    found, asked = [], ""
+    for frame in frames:
+        if protocol.frames[frame.kind].side == "client":
+            told = [(path, value) for (_, path), value in frame.values.items() if (frame.kind, path) in telling]
+            asked = " ".join(f"{path.rpartition('.')[2]}={_shown(value)}" for path, value in told)
+        elif protocol.frames[frame.kind].side == "server":
+            frame = frame._replace(asked=asked)
+        found.append(frame)
+    return found
+
+
+def _read(protocol: Protocol, chunks: Sequence[HeardBytes]) -> list[SeenFrame]:
+    """The frames in their order, with the values of their fields, as far as one frame has those by itself."""
     codec, plain, counting = compile_protocol(protocol), PlainValues(protocol), _counting(protocol)
-    found: dict[tuple[str, str], FieldValues] = {}
+    known: dict[tuple[str, str], int] = {}
+    found = []
     for seen in seen_by(protocol, chunks):
         if seen.kind != "frame":
             continue
         places: dict[str, int] | None = None
+        values = {}
         for path, value in _paths(plain.to_plain(seen.frame, seen.fields), seen.fields):
-            known = found.get((seen.frame, path))
-            if known is None:
-                if path.rpartition(".")[2] in counting:
-                    continue
+            if path.rpartition(".")[2] in counting:
+                continue
+            if (seen.frame, path) not in known:
                 if places is None:
                     places = {row.path: row.offset for row in field_rows(codec, protocol, seen)}
-                known = found[seen.frame, path] = FieldValues(_offset(path, places), [])
-            known.values.append(plain.named(seen.frame, path, value))
+                known[seen.frame, path] = _offset(path, places)
+            values[known[seen.frame, path], path] = (
+                value if isinstance(value, bytes) else plain.named(seen.frame, path, value)
+            )
+        found.append(SeenFrame(seen.frame, "", len(seen.raw), values))
     return found
 
 
@@ -137,7 +316,7 @@ def _paths(shown: Any, fields: Any, path: str = "") -> Iterator[tuple[str, Any]]
         for key, value in fields.items():
             yield from _paths(shown.get(key), value, f"{path}.{key}" if path else str(key))
     elif isinstance(fields, (bytes, bytearray)):
-        yield from ((f"{path}[{number}]", f"{byte:02X}") for number, byte in enumerate(fields))
+        yield from ((f"{path}[{number}]", bytes([byte])) for number, byte in enumerate(fields))
     elif isinstance(fields, list) and isinstance(shown, list):
         for number, (one, item) in enumerate(zip(shown, fields, strict=True)):
             yield from _paths(one, item, f"{path}[{number}]")

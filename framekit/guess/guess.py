@@ -378,7 +378,7 @@ def _of_check(check: CheckGuess | None, which: str) -> Iterator[Statement]:
     where = f"at {place.at}" if place.at is not None else "at the end"
     if place.at is None and place.tail:
         where = f"before the last {place.tail} byte{'s' * (place.tail > 1)}"
-    name = check.name or _own_name(check)
+    name = check.name or own_name(check)
     where += f" of frames {which}" if which else ""
     text = f"the check {where} is {name}, from byte {place.start} on"
     text += f" without the {place.stop} before it" if place.stop and place.at is None else ""
@@ -394,7 +394,8 @@ def _of_check(check: CheckGuess | None, which: str) -> Iterator[Statement]:
     )
 
 
-def _own_name(check: CheckGuess) -> str:
+def own_name(check: CheckGuess) -> str:
+    """A check that is no ready one, in words."""
     method = check.method
     if method.kind == "crc":
         reflected = ", reflected" if method.refin else ""
