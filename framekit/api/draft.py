@@ -56,6 +56,10 @@ class Draft:
 def protocol_name(path: Path) -> str:
     """The name of a protocol in this file. Raises DraftError."""
     name = path.name.removesuffix(".yaml")
+    if path.suffix != ".yaml":
+        raise DraftError(
+            f"'{path.name}' is no file of a definition – write {path.name.partition('.')[0] or 'meter'}.yaml"
+        )
     if re.fullmatch(r"[a-z][a-z0-9_-]*", name) is None:
         raise DraftError(
             f"'{name}' is no name of a protocol – write small letters, digits, - and _, such as meter.yaml"

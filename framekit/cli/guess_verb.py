@@ -184,6 +184,8 @@ def write(found: Guess, path: Path, source: str) -> None:
         raise VerbError(str(error)) from None
     for problem in draft.problems:
         print(f"not right yet: {problem}")
+    if draft.problems:
+        print(f"{path} is written all the same, and its vectors beside it, to go on from there")
     if not draft.problems:
         print(f"{path} is written, and its vectors beside it – framekit test {path}")
 
