@@ -99,16 +99,11 @@ def _value(segment: Segment, name: str) -> Schema:
     type_ = segment.number_type
     if type_ is not None:
         told = _typed(type_)
-        is_other = any(getattr(segment, key, None) for key in ("plus", "long")) or _zero_means(segment)
-        return {"type": told["type"]} if is_other and told["type"] == "integer" else told
+        limits = segment.span if isinstance(segment, Field) else None
+        return _whole(limits) if told["type"] == "integer" else told
     kind = dict(segment.value_kinds()).get(name, "any")
     kinds: dict[str, Schema] = {"bytes": _BYTES, "text": {"type": "string"}, "number": {"type": "integer"}}
     return kinds.get(kind, {})
-
-
-def _zero_means(segment: Segment) -> bool:
-    """Whether 0 on the wire stands for a larger number than the type holds."""
-    return getattr(segment, "zero_means", None) is not None
 
 
 def _one_frame(frame: str) -> Schema:
@@ -126,12 +121,16 @@ def _typed(type_: FieldType) -> Schema:
     if not type_.is_whole_number:
         empty = type_.form is not None and type_.form.empty
         return {"type": ["number", "string", *(["null"] if empty else [])]}
-    least, most = type_.bounds or (None, None)
+    return _whole(None if type_.scale is not None else type_.bounds)
+
+
+def _whole(limits: tuple[int, int] | None) -> Schema:
+    """A whole number, with its limits where programs in JavaScript can hold them."""
     found: Schema = {"type": "integer"}
-    if least is not None and type_.scale is None and abs(least) < _SAFE:
-        found["minimum"] = least
-    if most is not None and most < _SAFE:
-        found["maximum"] = most
+    if limits is not None and limits[0] > -_SAFE:
+        found["minimum"] = limits[0]
+    if limits is not None and limits[1] < _SAFE:
+        found["maximum"] = limits[1]
     return found
 
 

@@ -165,11 +165,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _folders(words: list[str]) -> tuple[list[str], list[str]]:
     """The folders of `--path` before the verb, and the other words."""
     folders: list[str] = []
-    while words[:1] == ["--path"] and len(words) > 1:
-        folders.append(words[1])
-        del words[:2]
-    while words and words[0].startswith("--path="):
-        folders.append(words.pop(0).removeprefix("--path="))
+    while words:
+        option, equals, folder = words[0].partition("=")
+        if option != "--path" or not (equals or len(words) > 1):
+            break
+        folders.append(folder if equals else words.pop(1))
+        del words[0]
     return folders, words
 
 

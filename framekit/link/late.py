@@ -144,7 +144,7 @@ class LateReplies:
         answered_by = min(max(now, started + within), now + LONGEST)
         self.until = max(self.until, answered_by + self.time(names, within))
 
-    def came(self, frame: str, is_awaited: bool = False) -> bool:
+    def came(self, frame: str, is_awaited: bool) -> bool:
         """A good frame came that no step waits for. Tells whether it is one of the replies that are due.
 
         `is_awaited`: such frames come by themselves too, so one that is not due holds nothing back.

@@ -345,23 +345,25 @@ class Reception:
     def flush(self) -> None:
         """Drops what has come and is no frame yet; but frames that are wanted whenever they come are taken first."""
         names = tuple(name for name in self._all if name in self.awaited)
+        cutting, self.cutting = self.cutting, True  # a step is under way: bad frames are shown, and nothing more
         while names and (event := self.receiver.next((), names)) is not None:
             if isinstance(event, FrameArrived):
-                self._by_itself(event)
+                self._note_good(event)
+                self._hand_over(event.value)
             elif isinstance(event, BadFrame):
                 self._bad(event)
             else:
                 self.show_noise([event])
+        self.cutting = cutting
         self.show_noise(self.receiver.flush())
 
-    def _by_itself(self, event: FrameArrived) -> None:
-        """A frame that no step was offered."""
+    def _note_good(self, event: FrameArrived) -> None:
+        """Counts and shows a frame; `_frame` has these lines itself, for every reply passes there."""
         machine = self.machine
         self.counters.received += 1
         machine.last_frame = machine.scope.now
         if machine.monitor is not None:
             machine.show_received(event.value, event.raw, event.times[0])
-        self._hand_over(event.value)
 
     def show_noise(self, found: Iterable[Noise]) -> None:
         for noise in found:

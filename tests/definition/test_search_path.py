@@ -64,6 +64,7 @@ def test_the_option_counts_for_one_command(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv(PATH_VARIABLE, str(tmp_path / "two"))
     assert main(["--path", "one", "encode", "lamp", "SWITCH"]) == 0 and capsys.readouterr().out == "01\n"
+    assert main(["--path=two", "--path", "one", "encode", "lamp", "SWITCH"]) == 0 and capsys.readouterr().out == "01\n"
     assert main(["--path=one", "encode", "bell", "SWITCH"]) == 0 and capsys.readouterr().out == "03\n"
     assert os.environ[PATH_VARIABLE] == str(tmp_path / "two")
     assert main(["encode", "lamp", "SWITCH"]) == 2

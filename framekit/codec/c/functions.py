@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Protocol
 
@@ -12,7 +12,7 @@ from framekit.codec.c.expressions import CExpressionWriter, CFacts, CScope, Val
 from framekit.codec.c.layout import CStruct, Layouts
 from framekit.codec.c.source import CannotSayError, CSource, identifier, string
 from framekit.codec.python.facts import is_followed, names_asked_for
-from framekit.codec.python.function import covered_names, on_the_wire
+from framekit.codec.python.function import covered_names, wire_names
 from framekit.definition.expression import Call, Expression, Name, walk
 from framekit.definition.model.frames import StaticSizes, everything, expressions_of
 from framekit.definition.model.segments import Check, Const, FieldType, Inner, Length, Segment, Segments, Wrap
@@ -83,20 +83,11 @@ class CFunctionWriter:
                 found.update(covered_names(segment, self.segments))
             elif isinstance(segment, Length) and not is_followed(segment, self.segments):
                 found.update(segment.of)
-                found.update(self.wire_names(segment.of))
+                found.update(wire_names(self.segments, segment.of))
         for expression in expressions_of(self.segments):
             for node in walk(expression.root):
                 if isinstance(node, Call) and node.function == "len" and isinstance(node.arguments[0], Name):
                     found.add(node.arguments[0].name)
-        return found
-
-    def wire_names(self, names: Iterable[str]) -> list[str]:
-        """The names of what takes bytes where these segments stand: a case, or what is optional, is what is in it."""
-        found: list[str] = []
-        for name in names:
-            every = [one for one in everything(self.segments) if one.name == name]
-            inside = any(one.has_cases for one in every)
-            found += [part.name or "" for part in on_the_wire(every)] if inside else [name]
         return found
 
     # ---- names --------------------------------------------------------------------------------------------

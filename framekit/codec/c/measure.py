@@ -15,7 +15,7 @@ from framekit.codec.c.layout import CStruct, scope_of
 from framekit.codec.c.shared import case_tests
 from framekit.codec.c.source import INDENT, CannotSayError, CSource, identifier, number, string
 from framekit.codec.python.choices import fixed_bytes
-from framekit.codec.python.facts import leading, may_be_empty
+from framekit.codec.python.facts import fixed_and_conditional, leading, may_be_empty
 from framekit.codec.python.function import covered_names
 from framekit.codec.python.measure import MOST, Finished, ending_checks, needed_names
 from framekit.definition.codings import Hex
@@ -368,13 +368,8 @@ class CMeasureWriter(CFunctionWriter):
         return when is None or not (names_in(when.root) & self.by_value_name.keys()) - self.read
 
     def _size_of(self, after: Pairs) -> str:
-        fixed, texts = 0, []
-        for segment, scope in after:
-            size = self.static.present(segment).fixed or 0
-            if segment.when is None:
-                fixed += size
-            elif size:
-                texts.append(f"({self.condition(segment.when, scope)} ? {size} : 0)")
+        fixed, conditional = fixed_and_conditional(self.static, after)
+        texts = [f"({self.condition(when, scope)} ? {size} : 0)" for size, when, scope in conditional]
         return " + ".join([str(fixed), *texts])
 
     def _until_silence(self, after: Pairs) -> None:

@@ -14,7 +14,7 @@ from framekit.codec.c.shared import case_tests, put_code, work_out
 from framekit.codec.c.source import CannotSayError, number, string
 from framekit.codec.python.expressions import constant_of
 from framekit.codec.python.facts import comes_with, is_followed, is_plain_name, may_be_empty, targets_of
-from framekit.codec.python.function import covers_later
+from framekit.codec.python.function import covers_later, wire_names
 from framekit.definition.codings import Plain
 from framekit.definition.expression import Expression, Text
 from framekit.definition.model.segments import (
@@ -604,7 +604,7 @@ def _wanted_length(r: ReadWriter, length: Length) -> Callable[[], str] | None:
         raise CannotSayError(length.at, "a length before conversion, compared with what is converted")
     counted = [name for name in length.of if name not in converted]
     room = r.file.helper("room")
-    spans = [r.span(name) for name in r.wire_names(counted)]
+    spans = [r.span(name) for name in wire_names(r.segments, counted)]
 
     def text() -> str:
         total = " + ".join(f"{room}(&{span})" for span in spans if span is not None) or "0"

@@ -14,6 +14,7 @@ from framekit.codec.c.expressions import CScope, Val
 from framekit.codec.c.functions import CFunctionWriter, FileFacts, pruned
 from framekit.codec.c.layout import CMember, CStruct, val_of
 from framekit.codec.c.source import CannotSayError, CSource, identifier, string
+from framekit.codec.python.facts import fixed_and_conditional, parts_around
 from framekit.definition.expression import Expression, names_in
 from framekit.definition.kinds.base import Segment
 from framekit.definition.model.frames import Frame, everything, flat, without_when
@@ -323,7 +324,7 @@ class ReadWriter(CFunctionWriter):
         if frame is not None and frame.delimited and frame.tail and isinstance(frame.tail[0], Const):
             self._delimited(frame, here, frame.tail[0].data[:1])
         else:
-            front, middle, tail = self._parts(segments)
+            front, middle, tail = parts_around(self.static, segments)
             behind = tuple((segment, scope) for segment in tail)
             self.list(front, here, (), finish=False)
             if middle:
@@ -347,25 +348,6 @@ class ReadWriter(CFunctionWriter):
             self.list(frame.body, here, (), finish=False)
         self.is_sure = sure
         self.list(frame.tail, here, (), finish=False)
-
-    def _parts(self, segments: Segments) -> tuple[Segments, Segments, Segments]:
-        front, tail = self.static.split(segments)
-        has_bytes = any(self.static.present(segment).fixed != 0 for segment in tail)
-        if not has_bytes or not self._known_before(front, tail):
-            return segments, (), ()
-        first = next(place for place, segment in enumerate(front) if self.static.is_variable(segment))
-        return front[:first], front[first:], tail
-
-    def _known_before(self, front: Segments, tail: Segments) -> bool:
-        late: set[str] = set()
-        variable = False
-        for segment in front:
-            variable = variable or self.static.is_variable(segment)
-            if variable:
-                late.update(name for one in everything((segment,)) for name in one.value_names)
-        wanted = {name for segment in tail if segment.when is not None for name in names_in(segment.when.root)}
-        own = {name for segment in everything(tail) for name in segment.value_names}
-        return not wanted & (late | own)
 
     def list(
         self, segments: Iterable[Segment], here: Here, after: Behind, finish: bool = True, all_is_read: bool = True
@@ -484,13 +466,8 @@ class ReadWriter(CFunctionWriter):
         after = tuple(self._in_place_of_records(after))
         if not self.knows_behind(after):
             return self._constant_behind(after[0][0])
-        fixed, parts = 0, []
-        for segment, scope in after:
-            size = self.static.present(segment).fixed or 0
-            if segment.when is None:
-                fixed += size
-            elif size:
-                parts.append(f"({self.writer(scope).condition(segment.when)} ? {size} : 0)")
+        fixed, conditional = fixed_and_conditional(self.static, after)
+        parts = [f"({self.writer(scope).condition(when)} ? {size} : 0)" for size, when, scope in conditional]
         if not parts:
             return str(fixed)
         text = " + ".join([str(fixed), *parts])

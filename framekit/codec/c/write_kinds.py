@@ -15,7 +15,7 @@ from framekit.codec.python import forms
 from framekit.codec.python.encode_plan import Task
 from framekit.codec.python.expressions import constant_of
 from framekit.codec.python.facts import is_fixed
-from framekit.codec.python.function import standing_any_way
+from framekit.codec.python.function import standing_any_way, wire_names
 from framekit.definition.codings import Plain
 from framekit.definition.expression import Attribute, Expression, Name, Text, walk
 from framekit.definition.model.frames import expressions_of, flat
@@ -485,7 +485,7 @@ def _room_of(w: WriteWriter, length: Length, taken: Taken) -> str:
     if w.in_list:
         raise CannotSayError(length.at, "a length in items of a list, of what is put together in several ways")
     room = w.file.helper("room")
-    spans = [w.span(name) for name in w.wire_names(length.of)]
+    spans = [w.span(name) for name in wire_names(w.segments, length.of)]
     local = w.local("int64_t", f"{length.name}_room")
     w.lengths.append((local, lambda: " + ".join(f"{room}(&{one})" for one in spans if one is not None) or "0"))
     return local

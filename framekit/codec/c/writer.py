@@ -16,7 +16,7 @@ from framekit.codec.c.layout import CMember, CStruct
 from framekit.codec.c.source import CannotSayError, CSource, string
 from framekit.codec.python.encode_plan import Task, run_in_order
 from framekit.codec.python.facts import ending_constants, follows_its_length
-from framekit.codec.python.function import covered_names, covers_later
+from framekit.codec.python.function import covered_names, covers_later, wire_names
 from framekit.definition.expression import Call, Expression, Name, names_in, walk
 from framekit.definition.model.frames import Frame, bytes_of, everything, flat
 from framekit.definition.model.segments import Check, Const, Data, Field, FieldType, Length, Repeat, Segment, Segments
@@ -67,7 +67,7 @@ class WriteWriter(CFunctionWriter):
         self.inn = "out"
         for one in everything(segments):  # what a length counts may have to be put together first
             if isinstance(one, Length):
-                self.tracked |= {*one.of, *self.wire_names(one.of)}
+                self.tracked |= {*one.of, *wire_names(self.segments, one.of)}
         self.used |= {"out", "w", "v", "context", "bad", "to", "round", "number", "index"}
         self.scopes: dict[int, Taken] = {}
         self.chosen: dict[int, str] = {}

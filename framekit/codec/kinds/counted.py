@@ -11,7 +11,7 @@ from framekit.codec.python.encode import EncodeWriter, Given
 from framekit.codec.python.encode_plan import Lengths, Rules, RuleWriter, Task
 from framekit.codec.python.expressions import NameEntry, Scope
 from framekit.codec.python.facts import comes_with, is_followed, is_plain_name, targets_of
-from framekit.codec.python.function import FunctionWriter
+from framekit.codec.python.function import FunctionWriter, wire_names
 from framekit.codec.python.reader import BufferReader, Comparison, Item, not_possible
 from framekit.codec.python.registry import type_text
 from framekit.codec.python.source import Code, literal, quoted, text_source
@@ -106,7 +106,7 @@ def counted_room(d: DiagnosisWriter, length: Length) -> tuple[list[str], dict[st
         for name, target in targets.items()
         if length.plain and any(isinstance(one, Data) and one.convert is not None for one in target.segments)
     }
-    return d.wire_names([name for name in length.of if name not in converted]), converted
+    return wire_names(d.segments, [name for name in length.of if name not in converted]), converted
 
 
 def _room_of(d: DiagnosisWriter, length: Length) -> str | None:

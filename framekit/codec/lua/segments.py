@@ -18,6 +18,7 @@ from framekit.codec.lua.source import NotSaidError, flag, listed, number, string
 from framekit.codec.python.choices import in_order
 from framekit.codec.python.diagnosis import DiagnosisWriter, checks_option, inside_of
 from framekit.codec.python.expressions import Scope, constant_of
+from framekit.codec.python.facts import parts_around
 from framekit.codec.python.function import covered_names, covered_parts, covers_later, standing_any_way
 from framekit.codec.python.module import Module
 from framekit.codec.python.runtime_diagnosis import shown
@@ -125,7 +126,7 @@ class SegmentWriter:
 
     def region(self, segments: Segments, scope: Scope) -> Entries:
         """A whole buffer: its segments, and those up to its last variable one by themselves."""
-        front, middle, _ = self.diagnosis.parts(segments)
+        front, middle, _ = parts_around(self.diagnosis.static, segments)
         if not middle:
             return {"of": self.listed(segments, scope), "front": None}
         sizes = (len(front), len(front) + len(middle))

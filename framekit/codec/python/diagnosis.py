@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 from framekit.codec.python import forms
 from framekit.codec.python.expressions import Scope, default_text, entries_read
-from framekit.codec.python.facts import names_asked_for
-from framekit.codec.python.function import FunctionWriter, covered_names, on_the_wire, standing_any_way
+from framekit.codec.python.facts import names_asked_for, parts_around
+from framekit.codec.python.function import FunctionWriter, covered_names, standing_any_way, wire_names
 from framekit.codec.python.module import Module
 from framekit.codec.python.registry import kind_of, write_docstring
 from framekit.codec.python.source import Source, bytes_literal, literal, quoted
@@ -85,16 +85,7 @@ class DiagnosisWriter(FunctionWriter):
             if isinstance(segment, Check):
                 found.update(covered_names(segment, self.segments))
             elif isinstance(segment, Length):
-                found.update(segment.of, self.wire_names(segment.of))
-        return found
-
-    def wire_names(self, names: Iterable[str]) -> list[str]:
-        """The names of what takes bytes where these segments stand: a case, or what is optional, is what is in it."""
-        found: list[str] = []
-        for name in names:
-            every = [one for one in everything(self.segments) if one.name == name]
-            inside = any(one.has_cases for one in every)
-            found += [part.name or "" for part in on_the_wire(every)] if inside else [name]
+                found.update(segment.of, wire_names(self.segments, segment.of))
         return found
 
     # ---- texts --------------------------------------------------------------------------------------------
@@ -183,7 +174,7 @@ class DiagnosisWriter(FunctionWriter):
         if frame is not None and frame.delimited and frame.tail and isinstance(frame.tail[0], Const):
             self._delimited(frame, scope, frame.tail[0].data[0])
         else:
-            front, middle, tail = self.parts(segments)
+            front, middle, tail = parts_around(self.static, segments)
             behind = tuple((segment, scope) for segment in tail)
             self.list(front, scope, (), finish=False)
             if middle:
@@ -200,32 +191,6 @@ class DiagnosisWriter(FunctionWriter):
         with self.out.block(f"with n.part(n.until_tail({mark:#04x}){surplus}{checks_option(frame.body)}):"):
             self.list(frame.body, scope, (), finish=False)
         self.list(frame.tail, scope, (), finish=False)
-
-    def parts(
-        self, segments: tuple[Segment, ...]
-    ) -> tuple[tuple[Segment, ...], tuple[Segment, ...], tuple[Segment, ...]]:
-        """The fixed segments at the start, those up to the last variable one, and the fixed ones behind it.
-
-        The last two are empty if the size of the end cannot be told beforehand.
-        """
-        front, tail = self.static.split(segments)
-        has_bytes = any(self.static.present(segment).fixed != 0 for segment in tail)
-        if not has_bytes or not self._known_before(front, tail):
-            return segments, (), ()
-        first = next(place for place, segment in enumerate(front) if self.static.is_variable(segment))
-        return front[:first], front[first:], tail
-
-    def _known_before(self, front: tuple[Segment, ...], tail: tuple[Segment, ...]) -> bool:
-        """Whether the size of the tail can be told before the first variable segment is read."""
-        late: set[str] = set()
-        variable = False
-        for segment in front:
-            variable = variable or self.static.is_variable(segment)
-            if variable:
-                late.update(name for one in everything((segment,)) for name in one.value_names)
-        wanted = {name for segment in tail if segment.when is not None for name in names_in(segment.when.root)}
-        own = {name for segment in everything(tail) for name in segment.value_names}
-        return not wanted & (late | own)
 
     def list(
         self,

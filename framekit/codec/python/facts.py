@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import TypeVar
 
 from framekit.codec.python.codings import starts
 from framekit.definition.expression import Attribute, Call, Expression, Name, Node, children, names_in, walk
@@ -199,3 +200,46 @@ def follows_its_length(length: Length, target: Segment) -> bool:
     if isinstance(target, Wrap):
         return is_plain_name(target.size, length.name)
     return isinstance(target, Field) and is_plain_name(target.type.size, length.name) and target.long is None
+
+
+def parts_around(static: StaticSizes, segments: Segments) -> tuple[Segments, Segments, Segments]:
+    """The fixed segments at the start, those up to the last variable one, and the fixed ones behind it.
+
+    The last two are empty if the size of the end cannot be told beforehand.
+    """
+    front, tail = static.split(segments)
+    has_bytes = any(static.present(segment).fixed != 0 for segment in tail)
+    if not has_bytes or not _is_known_before(static, front, tail):
+        return segments, (), ()
+    first = next(place for place, segment in enumerate(front) if static.is_variable(segment))
+    return front[:first], front[first:], tail
+
+
+def _is_known_before(static: StaticSizes, front: Segments, tail: Segments) -> bool:
+    """Whether the size of the tail can be told before the first variable segment is read."""
+    late: set[str] = set()
+    variable = False
+    for segment in front:
+        variable = variable or static.is_variable(segment)
+        if variable:
+            late.update(name for one in everything((segment,)) for name in one.value_names)
+    wanted = {name for segment in tail if segment.when is not None for name in names_in(segment.when.root)}
+    own = {name for segment in everything(tail) for name in segment.value_names}
+    return not wanted & (late | own)
+
+
+Placed = TypeVar("Placed")
+
+
+def fixed_and_conditional(
+    static: StaticSizes, placed: Iterable[tuple[Segment, Placed]]
+) -> tuple[int, list[tuple[int, Expression, Placed]]]:
+    """The bytes of segments of fixed size: of those always there, and of each under a condition with that."""
+    fixed, conditional = 0, list[tuple[int, Expression, Placed]]()
+    for segment, scope in placed:
+        size = static.present(segment).fixed or 0
+        if segment.when is None:
+            fixed += size
+        elif size:
+            conditional.append((size, segment.when, scope))
+    return fixed, conditional

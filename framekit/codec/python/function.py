@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from framekit.codec.python.expressions import ExpressionWriter, Scope, entries_read
-from framekit.codec.python.facts import Target, is_followed, names_asked_for
+from framekit.codec.python.facts import Target, fixed_and_conditional, is_followed, names_asked_for
 from framekit.codec.python.forms import value_range, wire_range
 from framekit.codec.python.module import Module
 from framekit.codec.python.source import Identifiers, Source, quoted
@@ -82,14 +82,10 @@ class FunctionWriter:
 
     def sizes_of(self, placed: Iterable[tuple[Segment, Scope]], level: int) -> tuple[int, list[str]]:
         """The bytes of segments of fixed size: of those always there, and a text for each under a condition."""
-        fixed, parts = 0, list[str]()
-        for segment, scope in placed:
-            size = self.static.present(segment).fixed or 0
-            if segment.when is None:
-                fixed += size
-            elif size:
-                parts.append(f"({size} if {self.writer(scope).text(segment.when, level)} else 0)")
-        return fixed, parts
+        fixed, conditional = fixed_and_conditional(self.static, placed)
+        return fixed, [
+            f"({size} if {self.writer(scope).text(when, level)} else 0)" for size, when, scope in conditional
+        ]
 
     def write_hoisted(self, out: Source) -> None:
         """Writes what fetches the values of the context."""
@@ -364,6 +360,16 @@ def tracked_names(segments: tuple[Segment, ...]) -> set[str]:
         for node in walk(expression.root):
             if isinstance(node, Call) and node.function == "len" and isinstance(node.arguments[0], Name):
                 found.add(node.arguments[0].name)
+    return found
+
+
+def wire_names(segments: Segments, names: Iterable[str]) -> list[str]:
+    """The names of what takes bytes where these segments stand: a case, or what is optional, is what is in it."""
+    found: list[str] = []
+    for name in names:
+        every = [one for one in everything(segments) if one.name == name]
+        inside = any(one.has_cases for one in every)
+        found += [part.name or "" for part in on_the_wire(every)] if inside else [name]
     return found
 
 

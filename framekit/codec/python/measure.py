@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from framekit.codec.python import forms
 from framekit.codec.python.choices import fixed_bytes
 from framekit.codec.python.expressions import NameEntry, Scope, default_text, entries_read, may_fail
-from framekit.codec.python.facts import leading
+from framekit.codec.python.facts import fixed_and_conditional, leading
 from framekit.codec.python.function import FunctionWriter, Offset, between, covered_names, index
 from framekit.codec.python.module import Module
 from framekit.codec.python.registry import kind_of, write_docstring
@@ -397,13 +397,8 @@ class MeasureWriter(FunctionWriter):
 
     def _size_of(self, after: Pairs) -> str:
         """Text of the bytes of segments that are of fixed size when they are there."""
-        fixed, texts = 0, []
-        for segment, scope in after:
-            size = self.static.present(segment).fixed or 0
-            if segment.when is None:
-                fixed += size
-            elif size:
-                texts.append(f"({size} if {self.text(segment.when, scope, SUM)} else 0)")
+        fixed, conditional = fixed_and_conditional(self.static, after)
+        texts = [f"({size} if {self.text(when, scope, SUM)} else 0)" for size, when, scope in conditional]
         return " + ".join([str(fixed), *texts])
 
     def _until_silence(self, after: Pairs) -> None:
