@@ -24,6 +24,7 @@ from tshark_world import (
     compare,
     needs_tshark,
     packets_of,
+    preferences,
     run,
     serial_capture,
     tcp_capture,
@@ -53,6 +54,14 @@ def test_vectors_show_what_framekit_reads(name: str, tmp_path: Path) -> None:
     assert found.vectors and found.fields > found.vectors and not found.left_out
     if name in QUICK:
         assert found.checks > 5, "wrong check codes are told by both"
+
+
+def test_preferences_say_the_parameters_of_vectors() -> None:
+    protocol = load_protocol("df1")
+    context = base_context(protocol) | {"check_kind": "bcc", "max_packet": 100}
+    assert preferences(protocol, context) == {
+        "check_kind": ("set_check_kind", "bcc"), "max_packet": ("set_max_packet", "100")
+    }  # fmt: skip
 
 
 @needs_tshark

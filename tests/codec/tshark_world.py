@@ -21,7 +21,7 @@ from test_construct_vectors import plain_values
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import FrameError
 from framekit.codec.functions import candidates, fitting, nearest
-from framekit.codec.lua.generate import generate_dissector, prefix_of
+from framekit.codec.lua.generate import generate_dissector, preference_of, prefix_of
 from framekit.codec.lua.source import identifier
 from framekit.codec.plain import PlainValues
 from framekit.definition.load import load_protocol
@@ -156,6 +156,16 @@ def trial(name: str, folder: Path, damage: bool = True) -> Trial:
     return found
 
 
+def preferences(protocol: Protocol, context: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
+    """What Wireshark's preferences can say of a context: by parameter, the preference and its text."""
+    source, found = generate_dissector(protocol, base_context(protocol)).source, {}
+    for parameter in protocol.params.values():
+        key, value = preference_of(parameter), context.get(parameter.name)
+        if f'key = "{key}"' in source and value != base_context(protocol)[parameter.name]:
+            found[parameter.name] = (key, str(value).upper() if parameter.type == "flag" else str(value))
+    return found
+
+
 def _damaged(frame: bytes, seed: int) -> bytes:
     """A frame with one bit turned, mostly in what a check code covers."""
     place = (7 * seed + 3) % len(frame)
@@ -168,11 +178,13 @@ def compare(
     """One capture, one run of tshark: its fields beside the values of framekit; the first `good` ones are vectors."""
     place.mkdir(parents=True, exist_ok=True)
     script, capture, prefix = place / "dissector.lua", place / "frames.pcap", prefix_of(protocol)
-    script.write_text(generate_dissector(protocol, context).source, encoding="utf-8")
+    preferred = preferences(protocol, context)
+    made_with = {name: base_context(protocol).get(name) if name in preferred else context[name] for name in context}
+    script.write_text(generate_dissector(protocol, made_with).source, encoding="utf-8")
     serial_capture(capture, frames)
-    pdml = run(
-        script, capture, "-2", "-T", "pdml", "-o", f"{prefix}.side:not looked at", "-o", f"{prefix}.follows:FALSE"
-    )
+    chosen = {"side": "not looked at", "follows": "FALSE", **dict(preferred.values())}
+    options = [word for name, text in chosen.items() for word in ("-o", f"{prefix}.{name}:{text}")]
+    pdml = run(script, capture, "-2", "-T", "pdml", *options)
     packets = packets_of(pdml, prefix)
     assert len(packets) == len(frames)
     codec = compile_protocol(protocol)

@@ -78,6 +78,41 @@ local function utf8_of(text)
   end))
 end
 
+-- Parameters that frames depend on: those of the file, until a preference says another.
+for _, one in ipairs(P.params) do
+  local value, about = R.given[one.name], one.doc
+  if one.kind == "choice" then
+    local rows, chosen = {}, 1
+    for place, text in ipairs(one.of) do
+      rows[place] = { utf8_of(text), utf8_of(text), place } -- its name is what -o and the profile say
+      chosen = text == value and place or chosen
+    end
+    proto.prefs[one.key] = Pref.enum(one.name, chosen, about, rows)
+  elseif one.kind == "flag" then
+    proto.prefs[one.key] = Pref.bool(one.name, value == 1, about)
+  elseif one.kind == "number" then
+    one.made_with = value
+    about = string.format("%s (%.0f to %.0f; another number counts as %.0f)", about, one.low, one.high, value)
+    proto.prefs[one.key] = Pref.uint(one.name, value, about)
+  else
+    proto.prefs[one.key] = Pref.string(one.name, utf8_of(value), about)
+  end
+end
+
+function proto.prefs_changed()
+  for _, one in ipairs(P.params) do
+    local value = proto.prefs[one.key]
+    if one.kind == "choice" then
+      value = one.of[value]
+    elseif one.kind == "flag" then
+      value = value and 1 or 0
+    elseif one.kind == "number" and (value < one.low or value > one.high) then
+      value = one.made_with
+    end
+    R.given[one.name] = value
+  end
+end
+
 -- The two halves of a number of 64 bits; nil for a larger one.
 local function halves(value)
   if type(value) == "number" then

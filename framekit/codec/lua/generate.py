@@ -25,10 +25,14 @@ from framekit.codec.python.module import Module
 from framekit.definition.expression import Expression, names_in
 from framekit.definition.model.frames import WIRE, Frame, everything
 from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.sections import Parameter
 from framekit.definition.model.segments import Inner, Nested
 from framekit.definition.model.values import Table
 from framekit.definition.problems import Problem
 
+_UINT32 = 0xFFFF_FFFF
+_PREFERENCES = ("number", "flag", "choice", "text")
+"""The types of parameters that Wireshark's preferences can show."""
 _FEW = 200
 """A byte that may have more values than this tells frames apart too seldom."""
 
@@ -50,6 +54,11 @@ def _part(name: str) -> str:
 def prefix_of(protocol: Protocol) -> str:
     """What the names of a protocol's fields begin with."""
     return f"fk_{identifier(protocol.name)}"
+
+
+def preference_of(parameter: Parameter) -> str:
+    """What a parameter is called among Wireshark's preferences, behind `prefix_of` and a point."""
+    return f"set_{identifier(parameter.name)}"
 
 
 def generate_dissector(protocol: Protocol, given: Any = None) -> Dissector:
@@ -102,6 +111,27 @@ class _DissectorWriter:
                 "name": string(prefix_of(protocol)), "label": utf8(protocol.name), "about": utf8(protocol.about),
                 "tcp": None if protocol.line.tcp is None else str(protocol.line.tcp),
                 **{side: listed(map(string, names)) for side, names in sides.items()},
+                "params": listed(filter(None, map(self._preference, self.protocol.params.values()))),
+            }
+        )  # fmt: skip
+
+    def _preference(self, parameter: Parameter) -> str | None:
+        """A parameter that frames depend on, for Wireshark's preferences. Secrets and formulas are never there."""
+        try:
+            value = self.given[parameter.name]
+        except (*EVALUATION_ERRORS, MissingName):
+            return None  # a preference always has a value: only --set gives this one
+        low, high = parameter.limits or (0, _UINT32)
+        fits = parameter.type != "number" or (isinstance(value, int) and low >= 0 and high <= _UINT32)
+        is_asked = parameter.name in self.expressions.asked and parameter.type in _PREFERENCES and fits
+        if not is_asked or parameter.secret or parameter.is_ is not None:
+            return None
+        return table(
+            {
+                "name": string(parameter.name), "key": string(preference_of(parameter)),
+                "kind": string(parameter.type), "doc": utf8(parameter.doc),
+                "of": listed(map(string, parameter.choices)) if parameter.choices else None,
+                **({"low": str(low), "high": str(high)} if parameter.type == "number" else {}),
             }
         )  # fmt: skip
 
