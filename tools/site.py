@@ -88,6 +88,25 @@ def gallery(pages: Path) -> list[str]:
     return ["gallery/index.md", *(f"gallery/{name}.md" for _, name, _ in rows)]
 
 
+def api(pages: Path) -> str:
+    """The page of what `import framekit` offers, made of the docstrings."""
+    import framekit
+
+    lines = [
+        "# Python API",
+        "",
+        "What `import framekit` offers, from the docstrings. [Python](docs/python-api.md) shows it at work.",
+        "",
+    ]
+    homes = {name: home for home, names in framekit._HOMES.items() for name in names}
+    for name in sorted(framekit.__all__, key=str.lower):
+        hidden = name in ("connect", "serve")  # their arguments are those of aconnect and aserve
+        options = "\n    options: {show_signature: false}" if hidden else ""
+        lines.append(f"::: framekit.{homes[name]}.{name}{options}")
+    (pages / "api.md").write_text("\n\n".join(lines) + "\n", "utf-8")
+    return "api.md"
+
+
 def mermaid(pages: Path) -> bool:
     """Whether the package that draws diagrams could be had; then its one file stands among the pages."""
     if shutil.which("npm") is None:
@@ -100,11 +119,13 @@ def mermaid(pages: Path) -> bool:
     return True
 
 
-def navigation(folder: Path, made: list[str]) -> list[object]:
-    """The pages by section, and those that no section names."""
+def navigation(folder: Path, drawn: list[str], api_page: str) -> list[object]:
+    """The pages by section, those that no section names, and those made here: the gallery and the API."""
+    made = [*drawn, api_page]
     known = {page for listed in SECTIONS.values() for page in listed}
     there = {str(page.relative_to(folder)) for page in folder.glob("**/*.md")} - {"index.md"} - set(made)
-    sections = {**SECTIONS, "More": sorted(there - known), "Gallery": made}
+    sections = {**SECTIONS, "More": sorted(there - known), "Gallery": drawn}
+    sections["Reference"] = [*sections["Reference"], api_page]
     found: list[object] = ["index.md"]
     for name, listed in sections.items():
         inside = [page for page in listed if page in there or page in made]
@@ -116,11 +137,11 @@ def build(place: Path, with_diagrams: bool = True) -> int:
     """The site in `place/site`; the exit status of MkDocs, which is not 0 for a link that leads nowhere."""
     pages = place / "pages"
     lay_out(pages)
-    made = gallery(pages)
+    drawn, api_page = gallery(pages), api(pages)
     extra = ["mermaid.min.js"] if with_diagrams and mermaid(pages) else []
     for page in [] if extra else pages.glob("**/*.md"):  # else the theme would ask another server for the program
         page.write_text(page.read_text("utf-8").replace("```mermaid\n", "```text\n"), "utf-8")
-    rest = {"nav": navigation(pages, made), "extra_javascript": extra}
+    rest = {"nav": navigation(pages, drawn, api_page), "extra_javascript": extra}
     lines = [f"INHERIT: {ROOT / 'mkdocs.yml'}", f"docs_dir: {pages}", f"site_dir: {place / 'site'}"]
     settings = place / "mkdocs.yml"
     settings.write_text("\n".join([*lines, yaml.safe_dump(rest, sort_keys=False)]), "utf-8")

@@ -42,7 +42,8 @@ class Client(Closing):
     """A client on an open port, made by `framekit.connect`; `with` or `close` closes it.
 
     Threads may call it side by side. Where a program forgets to close it, the port closes when nothing refers to
-    the client any more, or at the program's end.
+    the client any more, or at the program's end. `read_many`, `write`, `write_many`, `call`, `command`, `send` and
+    `wait_for` take and give what those of `AsyncClient` do.
     """
 
     def __init__(self, client: AsyncClient) -> None:

@@ -15,6 +15,8 @@ import pytest
 from docs.pages import PAGES, ROOT
 from web.chromium import browser, needs_chromium
 
+import framekit
+
 pytest.importorskip("mkdocs", reason="mkdocs-material is not installed")
 pytestmark = pytest.mark.long
 
@@ -79,3 +81,10 @@ def test_a_browser_shows_it_and_finds_pages(address: str) -> None:
         found = "return [...document.querySelectorAll('.md-search-result__item a')].map(one => one.innerText)"
         assert any("Fault plans" in text for text in page.until(lambda: page.run(found)))
         assert page.errors() == []
+
+
+def test_the_api_has_every_public_name(site: Path) -> None:
+    text = (site / "api.html").read_text("utf-8")
+    shown = set(re.findall(r'<h2 id="framekit\.[a-z_.]*\.(\w+)"', text))
+    assert shown == set(framekit.__all__)
+    assert "open_within" in text[text.index('id="framekit.api.client.connect"') :][:20_000], "arguments of connect"
