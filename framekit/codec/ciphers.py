@@ -1,10 +1,12 @@
-"""Content enciphered and deciphered, by the library `cryptography`; `codec/python/codings.py` names the functions.
+"""Content enciphered and deciphered, codes made with a key; `codec/python/codings.py` and `codec/checks.py` name the
+functions. HMAC is the standard library's; all else is done by the library `cryptography`, which is an extra.
 
 It is imported where it is used, so that framekit works without it.
 """
 
 from __future__ import annotations
 
+import hmac
 from collections.abc import Callable
 from hmac import compare_digest
 from typing import Any
@@ -141,3 +143,34 @@ def open_ciphered(
         places = [*range(len(plain)), len(raw), bad]
         return plain, places, "check", "the tag made with the key", found.hex(" ").upper()
     return plain, [*range(len(plain)), len(raw)], ""
+
+
+# ---- codes made with a key ---------------------------------------------------------------------------------
+
+
+def hmac_code(data: bytes | bytearray, key: Any, digest: str, size: int) -> int:
+    """The number of the first `size` bytes of the HMAC (RFC 2104). Raises ValueError for a key that is no bytes."""
+    return int.from_bytes(hmac.digest(bytes_given(key, "key"), data, digest)[:size], "big")
+
+
+def first_bytes(code: Any, size: int) -> int:
+    """The number of the first `size` bytes of a code. Raises ValueError for a code that is no bytes, or fewer."""
+    data = bytes_given(code, "code")
+    if len(data) < size:
+        raise Unfit(f"a code of {len(data)} bytes does not have {size}")
+    return int.from_bytes(data[:size], "big")
+
+
+def is_same_code(found: int, wanted: int, size: int) -> bool:
+    """Whether two codes of `size` bytes are the same; the time it takes tells nothing of how far they are."""
+    return hmac.compare_digest(found.to_bytes(size, "big"), wanted.to_bytes(size, "big"))
+
+
+def cmac_code(data: bytes | bytearray, key: Any, size: int) -> int:
+    """The number of the first `size` bytes of the AES-CMAC (RFC 4493). Raises ValueError for a wrong key."""
+    from cryptography.hazmat.primitives.ciphers.algorithms import AES
+    from cryptography.hazmat.primitives.cmac import CMAC
+
+    run = CMAC(AES(aes_key(key)))
+    run.update(bytes(data))
+    return int.from_bytes(run.finalize()[:size], "big")

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from framekit.codec import support
 from framekit.codec.checks import compute, function_of, ready_methods, size_of, source_of
 from framekit.definition.expression import parse_expression
-from framekit.definition.model.checks import SIMPLE, CatalogueEntry, CheckMethod, crc_catalogue
-from framekit.definition.model.macs import MACS
+from framekit.definition.model.checks import MACS, SIMPLE, CatalogueEntry, CheckMethod, crc_catalogue
 from framekit.definition.problems import Position
 from tests.check_methods import from_crc, from_ready
 

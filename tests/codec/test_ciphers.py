@@ -231,7 +231,7 @@ def test_check_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     """Where the library is not there."""
     find = importlib.util.find_spec
     monkeypatch.setattr(
-        "framekit.definition.ciphers.find_spec", lambda name: None if name == "cryptography" else find(name)
+        "framekit.definition.model.checks.find_spec", lambda name: None if name == "cryptography" else find(name)
     )
     path = tmp_path / "case.yaml"
     path.write_text(f"protocol: case\n{TOP}frames:\n  f:\n    body: [{BODY}]\n")

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from cryptography.hazmat.primitives.ciphers import Cipher, algorithms, modes
 
-from framekit.definition.ciphers import Ciphered
+from framekit.definition.codings import Ciphered
 
 
 def block(key: bytes, data: bytes) -> bytes:

@@ -22,9 +22,7 @@ from construct_oracle.values import evaluated_size
 from framekit.codec import stuffing, support
 from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName
 from framekit.codec.python.facts import in_place_of_records
-from framekit.definition.ciphers import Ciphered
-from framekit.definition.coding import Coding
-from framekit.definition.codings import Blocks, Cobs, Escaped, Hex, Inserted, Plain, Short
+from framekit.definition.codings import Blocks, Ciphered, Cobs, Coding, Escaped, Hex, Inserted, Plain, Short
 from framekit.definition.expression import Expression
 from framekit.definition.model.segments import Const, Wrap
 

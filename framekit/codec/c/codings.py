@@ -7,8 +7,7 @@ from typing import Any
 
 from framekit.codec.c.shared import put_code
 from framekit.codec.c.source import CannotSayError, CSource, string
-from framekit.definition.coding import Coding
-from framekit.definition.codings import Blocks, Cobs, Doubled, Escaped, Hex, Inserted, Plain, Short
+from framekit.definition.codings import Blocks, Cobs, Coding, Doubled, Escaped, Hex, Inserted, Plain, Short
 from framekit.definition.model.segments import Wrap
 
 

@@ -22,8 +22,7 @@ from framekit.codec.python.facts import parts_around
 from framekit.codec.python.function import covered_names, covered_parts, covers_later, standing_any_way
 from framekit.codec.python.module import Module
 from framekit.codec.python.runtime_diagnosis import shown
-from framekit.definition.ciphers import Ciphered
-from framekit.definition.codings import Blocks, Cobs, Doubled, Escaped, Hex, Inserted, Plain, Short
+from framekit.definition.codings import Blocks, Ciphered, Cobs, Doubled, Escaped, Hex, Inserted, Plain, Short
 from framekit.definition.expression import Expression, Node, Number, Text, names_in
 from framekit.definition.kinds.check import Added
 from framekit.definition.model.checks import CheckMethod

@@ -12,9 +12,7 @@ from framekit.codec import stuffing, support
 from framekit.codec.python.forms import code_bytes
 from framekit.codec.python.module import Module
 from framekit.codec.python.source import bytes_literal, literal, quoted
-from framekit.definition.ciphers import Ciphered
-from framekit.definition.coding import Coding
-from framekit.definition.codings import Blocks, Cobs, Doubled, Escaped, Hex, Inserted, Plain, Short
+from framekit.definition.codings import Blocks, Ciphered, Cobs, Coding, Doubled, Escaped, Hex, Inserted, Plain, Short
 from framekit.definition.expression import Expression
 
 Arguments = Callable[[Module, Any, int | None], str]

@@ -18,7 +18,7 @@ from importlib.util import resolve_name
 from types import FunctionType
 from typing import Any, NamedTuple
 
-from framekit.codec import ciphers, macs, stuffing, support
+from framekit.codec import ciphers, stuffing, support
 from framekit.codec.checks import FUNCTIONS, source_of
 from framekit.codec.python import runtime, runtime_diagnosis
 from framekit.codec.python.choices import in_order
@@ -92,7 +92,7 @@ BUILT_IN = frozenset(
     {"station", "own", "role", "line", "now", "clock", "request", "buffer", "reply", "expected", "it", "part"}
 )
 _LONGEST_FORMAT_NAME = 30
-_INLINED: list[Any] = [support, stuffing, ciphers, macs, runtime, runtime_diagnosis]
+_INLINED: list[Any] = [support, stuffing, ciphers, runtime, runtime_diagnosis]
 OWN_HELPERS = len(_INLINED)
 
 

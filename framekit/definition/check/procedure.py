@@ -6,12 +6,12 @@ from collections.abc import Collection, Iterator, Mapping
 from itertools import chain
 
 from framekit.definition.check.addresses import parts_in
-from framekit.definition.check.words import OFFERED
 from framekit.definition.expression import Expression, Number, Text, Unary
 from framekit.definition.kinds.base import constant_number
 from framekit.definition.model.frames import parts_of
 from framekit.definition.model.procedure import Action, CallOf, Lane, LineChange, Role, Row, Sequence, Session, Step
 from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.services import OFFERED
 from framekit.definition.model.values import FrameOf, RecordOf, Value
 from framekit.definition.problems import Position, Problem, did_you_mean, parted
 from framekit.definition.times import MOST_SPEED, parse_format

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from framekit.definition.check.addresses import units_in
-from framekit.definition.check.words import OFFERED
 from framekit.definition.expression import (
     COLUMNS,
     Attribute,
@@ -41,6 +40,7 @@ from framekit.definition.model.segments import Data
 from framekit.definition.model.services import (
     AS_NUMBERS,
     NOT_COMPARED,
+    OFFERED,
     ServiceRow,
     is_passed_over,
     mentions_of,

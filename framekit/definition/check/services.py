@@ -13,7 +13,6 @@ from framekit.definition.check.requests import (
     check_unserved,
     serves,
 )
-from framekit.definition.check.words import OFFERED
 from framekit.definition.expression import Expression, Name, Real, Text, names_in
 from framekit.definition.kinds.base import Segment, constant_number
 from framekit.definition.model.frames import (
@@ -34,6 +33,7 @@ from framekit.definition.model.services import (
     COUNTING,
     NOT_COMPARED,
     NUMBER_BITS,
+    OFFERED,
     UNIT_BITS,
     ServiceRow,
     mentions_of,

@@ -10,7 +10,6 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from framekit.definition.ciphers import not_installed
 from framekit.definition.expression import (
     FUNCTIONS,
     Attribute,
@@ -34,7 +33,7 @@ from framekit.definition.expression import (
 )
 from framekit.definition.keys import ValueKind, expressions_with_kinds
 from framekit.definition.kinds.base import Segment, Segments, constant_number, most_bytes
-from framekit.definition.model.checks import CheckMethod
+from framekit.definition.model.checks import CheckMethod, not_installed
 from framekit.definition.model.frames import WIRE, Frame, certain, expressions_of, field_names, flat, parts_of
 from framekit.definition.model.procedure import Action, Row, Sequence, Step
 from framekit.definition.model.protocol import Protocol

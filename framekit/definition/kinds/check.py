@@ -6,12 +6,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, Self
 
-from framekit.definition.ciphers import not_installed, wrong_size
 from framekit.definition.expression import Expression, needs_extra
 from framekit.definition.keys import EXPRESSION, FLAG, NUMBER, Form, KeyReading, here, key, keys, ref, words
 from framekit.definition.kinds.base import Contents, Given, References, Segment
-from framekit.definition.model.checks import CheckMethod
-from framekit.definition.model.macs import MACS, Mac
+from framekit.definition.model.checks import MACS, CheckMethod, Mac, not_installed, wrong_size
 from framekit.definition.problems import Position, Problem, plural
 from framekit.definition.tree import Mapping, Node
 from framekit.definition.wire_types import DIGITS, EVERY_BYTE, FieldType, Sizes, exactly, load_type

@@ -1,7 +1,7 @@
 """`repeat`, and layouts included `as` a name: lists and records.
 
 Expressions in an item know its number, whether it is the last one, and the item before. The loader gives these three
-names of their own, which no file can write (`load/items.py`).
+names of their own, which no file can write (`load/resolve.py`).
 """
 
 from __future__ import annotations

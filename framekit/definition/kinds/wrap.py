@@ -6,8 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
-from framekit.definition.coding import Coding
-from framekit.definition.codings import CODING, Doubled, Hex, Plain
+from framekit.definition.codings import CODING, Coding, Doubled, Hex, Plain
 from framekit.definition.expression import Expression, Number
 from framekit.definition.keys import EXPRESSION, NUMBER, Form, KeyReading, key, keys, ref
 from framekit.definition.kinds.base import Contents, Given, Segment, Segments, all_fixed, least_size, sizes_of

@@ -13,9 +13,9 @@ from typing import Any
 from framekit.definition.expression import Expression, Number, names_in
 from framekit.definition.keys import Meanings
 from framekit.definition.kinds.base import KINDS, Segment, Segments, fixed_size
-from framekit.definition.load.items import with_item_words
 from framekit.definition.load.namespace import Namespace, Owned
 from framekit.definition.load.reader import Broken, Reader
+from framekit.definition.load.resolve import with_item_words
 from framekit.definition.model.frames import Announced, Frame, Group, Mark, Side, change_all, field_names, flat, leaves
 from framekit.definition.model.segments import Require, Skip
 from framekit.definition.problems import Position, did_you_mean, plural

@@ -16,11 +16,10 @@ from framekit.definition.check import check_protocol
 from framekit.definition.keys import read_part
 from framekit.definition.load.documents import Documents, SourceText, joined, merged, scalar_of
 from framekit.definition.load.frames import FrameLoader, SegmentLoader, resolve_references
-from framekit.definition.load.items import with_item_words
 from framekit.definition.load.namespace import Namespace, Owned, names_mentioned, used_entries
 from framekit.definition.load.procedure import ProcedureLoader, ValueLoader
 from framekit.definition.load.reader import Broken, Reader
-from framekit.definition.load.resolve import NumberNames, Stations
+from framekit.definition.load.resolve import NumberNames, Stations, with_item_words
 from framekit.definition.load.services import ServiceLoader, load_address_forms, words_of_form
 from framekit.definition.model.frames import Frame, Layout, attributes_in, parts_of
 from framekit.definition.model.procedure import Role, Sequence, Session

@@ -1,4 +1,4 @@
-"""What is resolved when all frames are known: names of numbers, and `station:` of rows.
+"""What is resolved of names: those of numbers and `station:` of rows, when all frames are known; the words of items.
 
 Each field's names are narrowed to the frames that are meant: `it` of a row means its frames, `request` and `reply` of a
 service row the frames it sends and takes. `station:` becomes a condition: the station that the frame names is this one.
@@ -33,14 +33,21 @@ from framekit.definition.expression import (
     parse_expression,
     tells_setting,
 )
-from framekit.definition.kinds.base import Segment
-from framekit.definition.kinds.data import Data
-from framekit.definition.kinds.field import Field
-from framekit.definition.kinds.value import Require
 from framekit.definition.load.reader import Reader
-from framekit.definition.model.frames import Frame, by_value_name, field_names, flat
+from framekit.definition.model.frames import Frame, by_value_name, change_all, field_names, flat, names_read_in
 from framekit.definition.model.procedure import Row, Sequence
 from framekit.definition.model.sections import Parameter, StateVariable
+from framekit.definition.model.segments import (
+    ITEM_WORDS,
+    LAST,
+    Data,
+    Field,
+    ItemEnd,
+    Repeat,
+    Require,
+    Segment,
+    Segments,
+)
 from framekit.definition.model.services import ServiceRow
 from framekit.definition.model.values import FrameOf, RecordOf, Value
 from framekit.definition.problems import Position, did_you_mean
@@ -396,3 +403,48 @@ def _put(node: Any, station: Node) -> Any:
     if isinstance(node, Name) and node.name == STATION:
         return station
     return _changed(node, lambda part: _put(part, station))
+
+
+# ---- `index`, `last` and `previous` in the items of lists --------------------------------------------------
+
+
+def with_item_words(segments: Segments, known: Collection[str], in_item: bool = False) -> Segments:
+    """The segments with the words of items resolved; `known`: what else is known here. `in_item`: they are an item.
+
+    They get names that nothing else has; a field, variable, parameter, table or queue of that name goes before the
+    word. So both compilers and the checker see only names that mean one thing.
+    """
+    names = {*known, *field_names(segments)}
+    meant = {word: name for word, name in ITEM_WORDS.items() if word not in names} if in_item else {}
+
+    def change(segment: Segment) -> Segment:
+        if meant:
+            segment = _renamed(segment, meant)
+        return segment.with_record(lambda of: _inside(segment, of, names, in_item))
+
+    return change_all(segments, change)
+
+
+def _inside(holder: Segment, of: Segments, names: Collection[str], in_item: bool) -> Segments:
+    """The segments of a record or of an item; where only an item's end shows if it is the last, it says so."""
+    found = with_item_words(of, names, in_item or holder.is_list)
+    if isinstance(holder, Repeat) and holder.times == "rest" and LAST in names_read_in(found):
+        found = (*found, ItemEnd(at=holder.at))
+    return found
+
+
+def _renamed(segment: Segment, meant: Mapping[str, str]) -> Segment:
+    """A segment with names in its own expressions replaced; what it holds is left as it is."""
+
+    def name(node: Any) -> Any:
+        if isinstance(node, Name) and node.name in meant:
+            return replace(node, name=meant[node.name])
+        return _changed(node, name) if isinstance(node, (Node, tuple)) else node
+
+    def expression(part: Any) -> Any:
+        if isinstance(part, Expression):
+            return replace(part, root=name(part.root)) if names_in(part.root) & meant.keys() else part
+        return part if isinstance(part, Segment) else _changed(part, expression)
+
+    changed: Segment = _changed(segment, expression)
+    return changed

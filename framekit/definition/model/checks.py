@@ -1,17 +1,62 @@
-"""Check methods: what a check code is worked out with, as plain parameters; those that every definition may name."""
+"""Check methods: what a check code is worked out with, as plain parameters; those that every definition may name.
+
+Codes made with a key (MACs) are among them: HMAC (RFC 2104) and AES-CMAC (RFC 4493). `codec` works all of them out.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 from framekit.definition.brought import bring_word
-from framekit.definition.expression import Expression
-from framekit.definition.model.macs import MACS
+from framekit.definition.expression import Bytes, Expression
+from framekit.definition.problems import Position, Problem, plural
+
+
+class Mac(NamedTuple):
+    """A code of `size` bytes. `key_sizes`: the keys there are, any if none stands here; `is_extra`: by an extra."""
+
+    size: int
+    key_sizes: tuple[int, ...] = ()
+    is_extra: bool = False
+
+
+AES_KEY_SIZES = (16, 24, 32)
+"""Bytes that a key of AES may have. `aes_key` of `codec/ciphers.py`, which generated modules carry, says the same."""
+
+MACS: Mapping[str, Mac] = {
+    "hmac-md5": Mac(16),
+    "hmac-sha1": Mac(20),
+    "hmac-sha224": Mac(28),
+    "hmac-sha256": Mac(32),
+    "hmac-sha384": Mac(48),
+    "hmac-sha512": Mac(64),
+    "cmac-aes": Mac(16, AES_KEY_SIZES, is_extra=True),
+}
+"""The codes by name."""
+
+LIBRARY = "cryptography"
+"""What makes some codes, and enciphers; it is an extra."""
+
+
+def not_installed(at: Position, what: str) -> Iterator[Problem]:
+    """That the library is not there which `what` needs; nothing if it is."""
+    if find_spec(LIBRARY) is None:
+        told = f"{what} needs the library {LIBRARY}, which is not installed"
+        yield Problem(at, told, "install it: pip install 'framekit[crypto]'")
+
+
+def wrong_size(name: str, value: Expression, allowed: tuple[int, ...], what: str) -> Iterator[Problem]:
+    """That bytes which the definition itself gives are too few or too many."""
+    if isinstance(value.root, Bytes) and len(value.root.value) not in allowed:
+        told = f"{name} has {plural(len(value.root.value), 'byte')}"
+        yield Problem(value.root.at, told, what)
+
 
 CHECK_KINDS = {"sum", "word_sum", "xor", "sum7", "xor7", "or", "multiply", "crc", "fold", "code", *MACS}
 Complement = Literal["ones", "twos"]

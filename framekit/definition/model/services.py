@@ -531,6 +531,12 @@ class ServiceRow:
         return {node.value for node in nodes if isinstance(node, Text)}
 
 
+OFFERED = frozenset({
+    "area", "unit", "code", "start", "count", "bytes", "data", "bits", "value", "values", "text", "first", "done",
+    "total", "element_bytes", "own_bytes", "spans", "old", "key", "entry",
+})  # fmt: skip
+"""Names that a row of services may have of the place, the data and the parts of a transfer."""
+
 AS_NUMBERS = frozenset({"value", "values"})
 """Names of the elements as numbers, in rows of read and write."""
 COUNTING = frozenset({"count", "bytes", "data", "bits", "values", "total"})
