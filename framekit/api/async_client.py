@@ -33,8 +33,8 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import DefinitionError, no_such
 from framekit.link.addresses import Address, AddressError
 from framekit.link.events import Seen
+from framekit.link.packing import Typed, Value
 from framekit.link.services.client import MOST_KEPT, TransferResult
-from framekit.link.typed import Typed, Value
 from framekit.link.values import FrameValue, plain
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError
 from framekit.memory.views import Order

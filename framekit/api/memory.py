@@ -13,8 +13,7 @@ from typing import Any
 from framekit.api.errors import RequestError
 from framekit.api.values import typed, values_given
 from framekit.link.addresses import AddressGrammar
-from framekit.link.packing import memory_of, values_of
-from framekit.link.typed import Typed, Value
+from framekit.link.packing import Typed, Value, memory_of, values_of
 from framekit.memory.memory import ALL_BITS, Area, DeviceMemory, DeviceMemoryError, Watch, ordered, unit_bits
 from framekit.memory.views import Order
 

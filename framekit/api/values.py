@@ -10,8 +10,7 @@ from framekit.api.errors import ReplyError, RequestError
 from framekit.definition.load.reader import parse_number
 from framekit.definition.model.services import COUNTED_STRING, NUMBER_BITS, UNIT_BITS
 from framekit.link.addresses import Address, AddressGrammar
-from framekit.link.packing import PackingError, memory_of
-from framekit.link.typed import Typed, TypedEach, Value, typed_at, typed_at_each
+from framekit.link.packing import PackingError, Typed, TypedEach, Value, memory_of, typed_at, typed_at_each
 from framekit.memory.memory import MemoryValueError
 from framekit.memory.views import ORDERS as ORDERS
 from framekit.memory.views import VIEWS as VIEWS
@@ -110,7 +109,7 @@ TextType = Literal["string"]
 
 
 def typed(grammar: AddressGrammar, address: str, type_: str | None, order: str | None, count: int) -> Typed:
-    """As of `framekit.link.typed`. Raises RequestError."""
+    """As of `framekit.link.packing`. Raises RequestError."""
     return asked(typed_at, grammar, address, type_, order, count)
 
 

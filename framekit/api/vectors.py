@@ -18,9 +18,9 @@ from framekit.link.conversation import SideUnderTest, Starter, elements_of, run_
 from framekit.link.engine import Engine
 from framekit.link.events import Ask
 from framekit.link.frame_table import ProtocolCodec
+from framekit.link.packing import typed_at
 from framekit.link.services.client import Client
 from framekit.link.services.server import MemoryServer
-from framekit.link.typed import typed_at
 from framekit.memory.memory import DeviceMemory
 from framekit.run.own_memory import AddressedMemory
 from framekit.runfile.devices import memory_of

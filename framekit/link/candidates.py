@@ -18,9 +18,8 @@ from framekit.link.arrivals import BadFrame, EitherBad, Fault
 from framekit.link.events import LineFault
 from framekit.link.frame_table import FrameInfo, FrameTable
 from framekit.link.inside import InsideFinder, rules_and_marks
-from framekit.link.marks import Marks, marked_in
 from framekit.link.quick_look import NO_SIZES, NOT_QUICK, Intact, SizesByByte, any_of
-from framekit.link.stream import Stream
+from framekit.link.stream import Marks, Stream, marked_in
 from framekit.link.values import CODEC_ERRORS, Names
 
 Trouble = Callable[[str, Exception], None]

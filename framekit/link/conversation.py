@@ -36,11 +36,10 @@ from framekit.link.events import (
     Send,
 )
 from framekit.link.frame_table import ProtocolCodec, table_of
-from framekit.link.packing import memory_of
+from framekit.link.packing import Typed, memory_of, typed_at
 from framekit.link.receiver import Receiver
 from framekit.link.scope import Scope
 from framekit.link.services.client import Client, TransferResult
-from framekit.link.typed import Typed, typed_at
 from framekit.link.values import EVALUATION_ERRORS, FrameValue, Names, compile_expression
 from framekit.link.variables import same_number
 

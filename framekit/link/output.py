@@ -11,8 +11,8 @@ from collections.abc import Callable
 from framekit.definition.model.sections import Line
 from framekit.definition.times import LineFormat
 from framekit.link.events import Break, ChangeLine, Command, Send, SetRts
-from framekit.link.marks import marked_in
 from framekit.link.scope import Scope
+from framekit.link.stream import marked_in
 from framekit.link.values import compile_optional
 
 

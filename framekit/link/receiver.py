@@ -30,9 +30,8 @@ from framekit.link.candidates import (
 from framekit.link.events import CharacterFault
 from framekit.link.frame_table import FrameInfo, FrameTable, ProtocolCodec, table_of
 from framekit.link.inside import InsideFinder
-from framekit.link.marks import Marks
 from framekit.link.quick_look import any_of
-from framekit.link.stream import LONGEST, NoiseRun, Pauses, Stream, scope_of
+from framekit.link.stream import LONGEST, Marks, NoiseRun, Pauses, Stream, scope_of
 from framekit.link.values import CODEC_ERRORS, Names
 
 MOST_BAD, BAD_TIME, BAD_APART = 8, 10_000_000, 256

@@ -1,5 +1,5 @@
 """Values that sequences and services work with: frames as values, what a dot in an expression means; names, and
-expressions that are evaluated on them.
+expressions that are evaluated on them; what the values come to that a definition writes down.
 
 Codecs give and take plain dictionaries; an inner frame there is `{frame: fields}`, here it is a `FrameValue`.
 Knows nothing of sequences, services or the line.
@@ -14,6 +14,7 @@ from typing import Any
 from framekit.codec.evaluate import EVALUATION_ERRORS as EVALUATION_ERRORS
 from framekit.codec.evaluate import compiled
 from framekit.definition.expression import Expression, Name, Node, Undone, inverse_steps
+from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
 
 NO_FIELDS: frozenset[str] = frozenset()
 
@@ -270,3 +271,88 @@ def quotient(result: int, other: int) -> int:
     if other == 0 or result % other:
         raise NotReadableError(f"{result} is no multiple of {other}")
     return result // other
+
+
+# ---- what values of a definition come to -------------------------------------------------------------------
+
+
+Compute = Callable[[Names], Any]
+MakeFrame = Callable[[str, dict[str, Any], Names], FrameValue]
+LayoutFunctions = tuple[Callable[..., bytes], Callable[..., dict[str, Any]]]
+"""Encodes and decodes a layout."""
+
+EACH = "(each)"
+"""The name (no word of the language) under which names hold one mapping of names a variable, for `{each: {…}}`."""
+
+
+class ValueCompiler:
+    """Compiles values; `make` makes the frame values of constructors, `layouts` are the functions of a codec.
+
+    Evaluating raises `EVALUATION_ERRORS`; what a codec refuses is a ValueError.
+    """
+
+    def __init__(self, layouts: Mapping[str, LayoutFunctions], make: MakeFrame) -> None:
+        self.layouts = layouts
+        self.make = make
+
+    def compile(self, value: Value) -> Compute:
+        """A function of names that gives a `FrameValue`, bytes, a dict, a list, or what an expression gives.
+
+        Raises KeyError for a layout that the codec does not have.
+        """
+        match value:
+            case Expression():
+                return compile_expression(value)
+            case FrameOf(frame=frame, fields=fields):
+                return self._frame(frame, self.fields(fields))
+            case LayoutOf(layout=layout, fields=fields):
+                return self._layout(layout, self.fields(fields))
+            case ReadAs(layout=layout, source=source):
+                return self._read(layout, self.compile(source))
+            case ListOf(items=items):
+                parts = [self.compile(item) for item in items]
+                return lambda names: [part(names) for part in parts]
+            case RecordOf(fields=fields):
+                return self.fields(fields)
+            case EachOf(fields=fields, when=when):
+                record, holds = self.fields(fields), compile_optional(when)
+                if holds is None:
+                    return lambda names: [record(Names(variable, names)) for variable in names[EACH]]
+                return lambda names: [
+                    record(known) for variable in names[EACH] if holds(known := Names(variable, names))
+                ]
+        raise TypeError(f"no value of a definition: {value!r}")
+
+    def fields(self, fields: Mapping[str, Value]) -> Callable[[Names], dict[str, Any]]:
+        """A function that gives the record of these fields."""
+        compiled = [(name, self.compile(field)) for name, field in fields.items()]
+        return lambda names: {name: compute(names) for name, compute in compiled}
+
+    def _frame(self, frame: str, fields: Callable[[Names], dict[str, Any]]) -> Compute:
+        make = self.make
+        return lambda names: make(frame, fields(names), names)
+
+    def _layout(self, layout: str, fields: Callable[[Names], dict[str, Any]]) -> Compute:
+        encode = self.layouts[layout][0]
+        return lambda names: encode(plain(fields(names)), names)
+
+    def _read(self, layout: str, source: Compute) -> Compute:
+        codec = self.layouts[layout]
+        return lambda names: read_as(codec, source(names), names)
+
+
+def read_as(codec: LayoutFunctions, found: Any, names: Names) -> Any:
+    """Bytes as the record of a layout, a record as its bytes."""
+    encode, decode = codec
+    return encode(plain(dict(found)), names) if isinstance(found, Mapping) else read_layout(decode, found, names)
+
+
+def read_layout(decode: Callable[..., dict[str, Any]], data: bytes, names: Names) -> dict[str, Any]:
+    """Reads bytes as a layout; bytes behind its end are padding without meaning. Raises ValueError."""
+    try:
+        return decode(data, names)
+    except ValueError as error:
+        end = getattr(error, "offset", None)
+        if getattr(error, "cause", None) != "surplus" or not isinstance(end, int) or not 0 <= end < len(data):
+            raise
+        return decode(data[:end], names)

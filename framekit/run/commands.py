@@ -21,7 +21,6 @@ from framekit.definition.problems import plural
 from framekit.definition.times import NEVER, format_time
 from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.link.arrivals import BadFrame, FrameArrived
-from framekit.link.construct_values import ValueCompiler
 from framekit.link.engine import Engine
 from framekit.link.events import Command as LinkCommand
 from framekit.link.frame_table import FrameTable, ProtocolCodec
@@ -443,7 +442,7 @@ class CommandBlocks:
         self.engine = engine
         self.client = client
         rules = self.rules = self.words.rules
-        values = ValueCompiler(codec, self.server.shared.table.made)
+        values = self.server.shared.values
         part = Work.part_compiler(values, self.areas)
         self._status = CompiledPlace(rules.status, part)
         self._done = None if rules.done is None else compile_expression(rules.done)

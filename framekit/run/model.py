@@ -22,7 +22,7 @@ from framekit.definition.model.services import Packing
 from framekit.definition.problems import NOWHERE, Position, Problem
 from framekit.definition.times import NEVER, PLAIN, LineFormat, LineSettings
 from framekit.link.addresses import Address
-from framekit.link.typed import Typed
+from framekit.link.packing import Typed
 from framekit.memory.memory import Area, DeviceMemory
 from framekit.memory.profile import MemoryProfile
 from framekit.run.triggers import Trigger

@@ -22,7 +22,7 @@ from framekit.definition.problems import DefinitionError, Position, Problem, did
 from framekit.definition.schema import validate
 from framekit.definition.times import NEVER
 from framekit.link.addresses import Address, AddressError, AddressGrammar
-from framekit.link.typed import typed_at
+from framekit.link.packing import typed_at
 from framekit.memory.views import VIEWS
 from framekit.run.model import Block, Channel, OwnPlace, Point, Scaling
 from framekit.run.own_memory import stored_by

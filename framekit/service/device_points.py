@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from framekit.definition.problems import NOWHERE
 from framekit.definition.times import NEVER
-from framekit.link.typed import typed_at
+from framekit.link.packing import typed_at
 from framekit.memory.memory import DeviceMemory
 from framekit.run.model import OwnPlace, Point
 from framekit.runfile.devices import Device

@@ -17,9 +17,8 @@ from framekit.codec.errors import FrameError
 from framekit.codec.kinds import SegmentKind, register
 from framekit.codec.python import forms
 from framekit.codec.python import module as generated
-from framekit.codec.python.encode_plan import Task
+from framekit.codec.python.encode_plan import PackArgument, Task
 from framekit.codec.python.expressions import NameEntry
-from framekit.codec.python.packing import PackArgument
 from framekit.codec.python.reader import Slot
 from framekit.codec.python.registry import KINDS as CODES
 from framekit.codec.samples import Sampler

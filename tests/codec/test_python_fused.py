@@ -13,7 +13,7 @@ from framekit.codec.ambiguity import sample_context
 from framekit.codec.codec import code_of, compile_protocol
 from framekit.codec.errors import EncodeError, FrameError
 from framekit.codec.functions import FrameFunctions, module_of
-from framekit.codec.python.fused import MOST_PAIRS, pairs_of
+from framekit.codec.python.decode import MOST_PAIRS, pairs_of
 from framekit.codec.python.generate import generate_source, normal_protocol
 from framekit.codec.samples import Sampler
 from framekit.definition.load import load_protocol, load_protocol_text

@@ -10,8 +10,8 @@ from link.service_loop import codec_of
 from framekit.definition.expression import is_constant, parse_expression
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
 from framekit.definition.problems import NOWHERE
-from framekit.link.construct_values import EACH, compile_value
-from framekit.link.values import FrameValue, Names, NotReadableError, inverse_of
+from framekit.link.services.rows import rows_of
+from framekit.link.values import EACH, FrameValue, Names, NotReadableError, inverse_of
 
 
 def expression(text: str) -> Value:
@@ -20,7 +20,7 @@ def expression(text: str) -> Value:
 
 def worked_out(value: Value, **names: object) -> object:
     protocol, codec = codec_of("rack.yaml")
-    return compile_value(value, protocol, codec)(Names(names))
+    return rows_of(protocol, codec).values.compile(value)(Names(names))
 
 
 def test_a_frame_knows_its_constants_and_the_numbers_behind_names() -> None:
@@ -68,7 +68,7 @@ def test_expressions_read_backwards(text: str, start: int) -> None:
     assert inverse is not None and inverse.name == "start"
     protocol, codec = codec_of("rack.yaml")
     names = Names({"area": Area(), "start": start})
-    assert inverse.solve(compile_value(source, protocol, codec)(names), names) == start
+    assert inverse.solve(rows_of(protocol, codec).values.compile(source)(names), names) == start
 
 
 @pytest.mark.parametrize(

@@ -10,12 +10,12 @@ import pytest
 from link.link_world import SECOND, Side, compiled
 from shipped import file_of
 
-from framekit.link.construct_values import read_layout
 from framekit.link.events import Command
 from framekit.link.scope import Scope
 from framekit.link.services.client import Client, Done, TransferResult
 from framekit.link.services.rows import Plan, Planner
 from framekit.link.services.server import MemoryServer
+from framekit.link.values import read_layout
 from framekit.memory.memory import DeviceMemory
 from framekit.runfile.devices import memory_of
 

@@ -12,7 +12,7 @@ import pytest
 from points.test_sinks import START, point, taken
 
 from framekit.definition.problems import NOWHERE
-from framekit.link.typed import Typed
+from framekit.link.packing import Typed
 from framekit.run.model import Point, Scaling
 from framekit.run.points import PointValue
 from framekit.sinks import parquet

@@ -17,7 +17,7 @@ from framekit.api.run import Run, VirtualRun, loaded
 from framekit.definition.keys import key
 from framekit.definition.problems import NOWHERE, DefinitionError
 from framekit.link.addresses import Address
-from framekit.link.typed import Typed
+from framekit.link.packing import Typed
 from framekit.run.block_state import Failure
 from framekit.run.model import OwnPlace, Point
 from framekit.run.points import PointValue, iso_time

@@ -14,7 +14,7 @@ import pytest
 import framekit
 from framekit.cli.main import main
 from framekit.codec.support import times
-from framekit.link.typed import typed_at
+from framekit.link.packing import typed_at
 from framekit.runfile.devices import DeviceSettings, load_devices
 from framekit.service.device import DeviceStore
 from framekit.sinks.recorded import RecordedError, recorded

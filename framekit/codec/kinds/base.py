@@ -9,11 +9,10 @@ from typing import Any, Generic, TypeVar
 from framekit.codec.python import forms
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import Cases, EncodeWriter, Given
-from framekit.codec.python.encode_plan import Lengths, Rules, RuleWriter, Task
+from framekit.codec.python.encode_plan import Lengths, PackArgument, Rules, RuleWriter, Task
 from framekit.codec.python.expressions import NameEntry, Scope
 from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.module import add_helpers
-from framekit.codec.python.packing import PackArgument
 from framekit.codec.python.reader import BufferReader, Item, Slot
 from framekit.codec.python.registry import KINDS
 from framekit.codec.python.source import quoted

@@ -5,10 +5,10 @@ from __future__ import annotations
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import EncodeWriter
+from framekit.codec.python.encode_plan import PackArgument
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.function import Offset
 from framekit.codec.python.measure import Finished, MeasureWriter, Pairs
-from framekit.codec.python.packing import PackArgument
 from framekit.codec.python.reader import BufferReader, Item
 from framekit.codec.python.source import bytes_literal, literal, quoted
 from framekit.definition.model.segments import Const, Fill, Skip

@@ -6,11 +6,10 @@ from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python import forms
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import EncodeWriter, Given
-from framekit.codec.python.encode_plan import Lengths, Rules, RuleWriter, Task
+from framekit.codec.python.encode_plan import Lengths, PackArgument, Rules, RuleWriter, Task
 from framekit.codec.python.expressions import NameEntry, Scope
 from framekit.codec.python.function import between
 from framekit.codec.python.measure import MeasureWriter, Pairs
-from framekit.codec.python.packing import PackArgument
 from framekit.codec.python.reader import BufferReader, Item, Slot
 from framekit.codec.python.source import bytes_literal, quoted
 from framekit.definition.expression import AND, OR, PRODUCT, Expression

@@ -1,20 +1,27 @@
-"""Decoders: one function a frame that takes bytes and gives values.
+"""Decoders: one function a frame that takes bytes and gives values. What reads its segments the `BufferReader` writes.
 
-What reads its segments the `BufferReader` writes.
+And decoders of a frame together with the plain frame inside it: one function for the two, that reads both at once;
+which pairs are worth one, their segments as one list, and the function. They read what fits and nothing else: whatever
+does not is left to the frame's own decoder, which is where faults are told.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 
+from framekit.codec.python.choices import Leaf, Switch, in_order, tree_of
 from framekit.codec.python.expressions import Scope
+from framekit.codec.python.facts import Target, named, names_read
 from framekit.codec.python.function import Fields, Function, Offset
 from framekit.codec.python.module import Module
-from framekit.codec.python.reader import BufferReader
-from framekit.codec.python.registry import summary, write_docstring
+from framekit.codec.python.reader import BufferReader, Item
+from framekit.codec.python.registry import kind_of, summary, write_docstring
 from framekit.codec.python.source import Source, bytes_literal, quoted
-from framekit.definition.model.frames import Frame, bytes_of, in_place_of_records
-from framekit.definition.model.segments import Const, Segment
+from framekit.definition.expression import BIT_OR, Expression
+from framekit.definition.model.frames import Frame, StaticSizes, bytes_of, everything, in_place_of_records
+from framekit.definition.model.segments import Check, Const, Inner, Length, Segment, Sizes
 
 
 def write_decoder(
@@ -108,3 +115,212 @@ def limit(function: Function, most: int, segments: tuple[Segment, ...]) -> None:
         function.mismatch_if(f"len(data) > {most}")
     else:
         function.conditions[function.conditions.index(least)] = f"not {least.rpartition(' ')[2]} <= len(data) <= {most}"
+
+
+# ---- a frame and the one inside it ---------------------------------------------------------------------------
+
+MOST_PAIRS = 40
+"""A frame is fused with so many others at most: each pair is a function more, of ten lines or so."""
+MOST_SEGMENTS = 24
+"""Frames with more segments than these have so much to do that a call more or less is no matter."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """A frame with one inside it in place of all that may stand there: `segments` of both, those `inside` as well."""
+
+    inner: Inner
+    inside_name: str
+    inside: tuple[Segment, ...]
+    segments: tuple[Segment, ...]
+
+
+def pairs_of(static: StaticSizes, frame: Frame) -> Iterator[Pair]:
+    """The pairs of a frame that are worth a function: plain ones, that a byte chooses before all others."""
+    inner = place_of(static, frame)
+    if inner is None:
+        return
+    for name in likely_names(static, inner[0])[:MOST_PAIRS]:
+        pair = _pair(static, frame, inner[0], name)
+        if pair is not None:
+            yield pair
+
+
+def place_of(static: StaticSizes, frame: Frame) -> tuple[Inner, int] | None:
+    """The only frame inside a frame, and the byte that tells which it is; None where there is none at a fixed place."""
+    found = [segment for segment in everything(frame.segments) if isinstance(segment, Inner)]
+    if len(found) != 1 or found[0].when is not None or frame.delimited or found[0] not in frame.segments:
+        return None
+    inner = found[0]
+    before = frame.segments[: frame.segments.index(inner)]
+    if any(segment.when is not None for segment in frame.segments):
+        return None
+    front = static.all(before).fixed
+    tree = tree_of(static, in_order(static, inner.frames))
+    return None if front is None else (inner, front + (tree.at if isinstance(tree, Switch) else 0))
+
+
+def likely_names(static: StaticSizes, inner: Inner) -> list[str]:
+    """The frames that are tried first because of their deciding byte; see `Choice.likely`."""
+    tree = tree_of(static, in_order(static, inner.frames))
+    branches = [branch for _, branch in tree.cases] + [tree.others] if isinstance(tree, Switch) else [tree]
+    firsts = [branch.frames[0] for branch in branches if isinstance(branch, Leaf) and 1 <= len(branch.frames) <= 2]
+    return [name for name in dict.fromkeys(firsts) if static.frames[name].refuse is None]
+
+
+def _pair(static: StaticSizes, frame: Frame, inner: Inner, name: str) -> Pair | None:
+    """The two as one list of segments; None where they cannot be read as one."""
+    other = static.frames[name]
+    inside = tuple(renamed(segment) for segment in static.segments(other))
+    sizes = static.all(inside)
+    if not inside or other.delimited or not is_plain(inside):
+        return None
+    if other.most is not None and (sizes.most is None or sizes.most > other.most):
+        return None
+    if not _ends_alike(static, frame, inner, sizes):
+        return None
+    around = tuple(segment for segment in frame.segments if segment is not inner)
+    if names_of(around) & names_of(inside) or {inner.name, name} & (names_of(around) | names_of(inside)):
+        return None
+    if names_read(around) & (names_of(inside) | {inner.name}) or names_read(inside) & (names_of(around) | {inner.name}):
+        return None
+    if any(isinstance(segment, Check) and inner.name in segment.edges for segment in everything(around)):
+        return None
+    parts = tuple(segment.name for segment in inside if segment.name and segment.takes_bytes)
+    lists = (
+        tuple(one for segment in part for one in (inside if segment is inner else (counting(segment, inner, parts),)))
+        for part in (frame.head, frame.body, frame.tail)
+    )
+    head, body, tail = lists
+    fused = static.segments(replace(frame, head=head, body=body, tail=tail))
+    # conditions come last, so that they part no fields that one struct can read
+    return Pair(inner, name, inside, tuple(sorted(fused, key=lambda segment: segment.condition is not None)))
+
+
+def _ends_alike(static: StaticSizes, frame: Frame, inner: Inner, sizes: Sizes) -> bool:
+    """Whether the frame inside, read where it stands, ends where its region does."""
+    if isinstance(inner.size, int):
+        return sizes.fixed == inner.size
+    segments = static.segments(frame)
+    behind = segments[segments.index(inner) + 1 :]
+    if all(static.of(segment).fixed is not None for segment in behind):
+        return True
+    told = isinstance(inner.size, Expression) or (inner.size is None and static.present(inner).fixed is not None)
+    return told and sizes.fixed is not None
+
+
+def renamed(segment: Segment) -> Segment:
+    """What fills a frame up has the same name in every frame."""
+    return replace(segment, name="_fill_inside") if segment.name == "_fill" else segment
+
+
+def is_plain(segments: Iterable[Segment]) -> bool:
+    every = tuple(everything(segments))
+    return len(every) <= MOST_SEGMENTS and all(
+        segment.when is None and kind_of(segment).is_plain(segment) for segment in every
+    )
+
+
+def names_of(segments: Iterable[Segment]) -> set[str]:
+    every = tuple(everything(segments))
+    return {segment.name for segment in every if segment.name} | {name for one in every for name in one.value_names}
+
+
+def counting(segment: Segment, inner: Inner, parts: tuple[str, ...]) -> Segment:
+    """A length or check over the frame inside is one over its segments."""
+
+    def spread(names: Iterable[str]) -> tuple[str, ...]:
+        return tuple(one for name in names for one in (parts if name == inner.name else (name,)))
+
+    if isinstance(segment, Length):
+        return replace(segment, of=spread(segment.of))
+    if isinstance(segment, Check):
+        return segment.with_names(spread)
+    return segment
+
+
+class Apart:
+    """Where names and values of a pair's segments belong: those of the frame inside apart."""
+
+    def __init__(self, function: Function, pair: Pair, fields: Fields) -> None:
+        self._inside = {id(segment) for segment in pair.inside}
+        named = Fields(function.names.fresh(pair.inner.name), (fields, pair.inner.name))
+        inside = Fields(function.names.fresh(pair.inside_name), (named, pair.inside_name))
+        self._where = Scope(), inside
+
+    def where(self, segment: Segment, scope: Scope, fields: Fields) -> tuple[Scope, Fields]:
+        """The scope and the values of a segment; `scope` and `fields` are those of the frame around."""
+        return self._where if id(segment) in self._inside else (scope, fields)
+
+
+class _PairReader(BufferReader):
+    """Reads the two as one."""
+
+    def __init__(self, function: Function, pair: Pair, fields: Fields) -> None:
+        super().__init__(function, "data", "at")
+        self.apart = Apart(function, pair, fields)
+
+    def items(self, segments: Iterable[Segment], scope: Scope, fields: Fields) -> list[Item]:
+        return [
+            item
+            for segment in segments
+            for item in super(_PairReader, self).items((segment,), *self.apart.where(segment, scope, fields))
+        ]
+
+
+def write_pairs(module: Module, identifier: str, frame: Frame) -> tuple[list[Source], tuple[str, int] | None]:
+    """The functions for the pairs of a frame; the table that has them, and the place of the byte it goes by."""
+    place, sources, readers = place_of(module.static, frame), [], {}
+    for pair in pairs_of(module.static, frame):
+        name = readers[pair.inside_name] = module.names.fresh(f"{identifier}_with_{pair.inside_name}")
+        sources.append(write_fused(module, name, identifier, frame, pair))
+    if place is None or not readers:
+        return [], None
+    return sources, (module.fused(identifier, place[0].frames, readers), place[1])
+
+
+def function_of(module: Module, title: str, pair: Pair) -> Function:
+    """The function that is to read a pair."""
+    function = Function(module, title, pair.segments)
+    if isinstance(pair.inner.size, Expression):
+        function.tracked |= set(_parts(pair))
+    return function
+
+
+def compare_size(function: Function, pair: Pair, scope: Scope) -> None:
+    """The frame inside has to take what the one around it says."""
+    if isinstance(pair.inner.size, Expression):
+        size = function.writer(scope).text(pair.inner.size, BIT_OR)
+        function.mismatch_if(f"{size} != {function.room(_parts(pair), plain=False)}")
+
+
+def _parts(pair: Pair) -> dict[str, Target]:
+    return named(segment for segment in pair.inside if segment.takes_bytes)
+
+
+def write_fused(module: Module, identifier: str, title: str, frame: Frame, pair: Pair) -> Source:
+    """The source of a function that gives what `decode_…` of the frame does, if the frame inside is that of the pair.
+
+    Raises whatever comes up if it is not.
+    """
+    function = function_of(module, title, pair)
+    fields, scope = Fields(function.names.fresh("fields")), Scope()
+    reader = _PairReader(function, pair, fields)
+    reader.read(pair.segments, scope, fields)
+    reader.close()
+    for action in function.late:
+        action()
+    compare_size(function, pair, scope)
+    if frame.most is not None:
+        limit(function, frame.most, pair.segments)
+    function.flush()
+    result = fields.text(function.out)
+    out = Source()
+    with out.block(f"def {identifier}(data: bytes, ctx: Context) -> dict[str, Any]:"):
+        out.docstring(f"Read `{frame.name}` with `{pair.inside_name}` inside.")
+        function.write_hoisted(out)
+        for local in function.regions:
+            out.add(f'{local} = b""')
+        out.extend(function.out)
+        out.add(f"return {result}")
+    return out

@@ -13,13 +13,21 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from framekit.codec.python import forms
-from framekit.codec.python.encode_plan import Coverage, RuleWriter, Task, run_in_order
+from framekit.codec.python.encode_plan import (
+    Coverage,
+    PackArgument,
+    PackPlan,
+    RuleWriter,
+    Task,
+    is_literal,
+    run_in_order,
+    sum_of,
+)
 from framekit.codec.python.expressions import NameEntry, Scope, constant_of, default_text
 from framekit.codec.python.facts import ending_constants, follows_its_length, lengths_asked, named, names_read
 from framekit.codec.python.forms import code_bytes, needs
 from framekit.codec.python.function import FunctionWriter, covers_later, on_the_wire
 from framekit.codec.python.module import Module
-from framekit.codec.python.packing import PackArgument, PackPlan, is_literal, sum_of
 from framekit.codec.python.reader import not_possible
 from framekit.codec.python.registry import kind_of, struct_order, summary, write_docstring
 from framekit.codec.python.source import Code, Source, bytes_literal, literal, quoted, text_source

@@ -14,10 +14,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from framekit.codec.python import forms
+from framekit.codec.python.decode import counting, is_plain, names_of, renamed
 from framekit.codec.python.encode import EncodeWriter, Given, as_bytes, tail_of, texts_inside
 from framekit.codec.python.expressions import ExpressionWriter, Scope, default_text
 from framekit.codec.python.facts import is_fixed, names_read
-from framekit.codec.python.fused import counting, is_plain, names_of, renamed
 from framekit.codec.python.module import Module
 from framekit.codec.python.registry import kind_of, summary, write_docstring
 from framekit.codec.python.source import Code, Source, identifier, literal, quoted

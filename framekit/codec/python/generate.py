@@ -15,12 +15,11 @@ import framekit.codec.kinds
 from framekit.codec import errors
 from framekit.codec.evaluate import start_values
 from framekit.codec.python.choices import choice_text, tree_of
-from framekit.codec.python.decode import write_decoder
+from framekit.codec.python.decode import write_decoder, write_pairs
 from framekit.codec.python.diagnosis import write_diagnosis
 from framekit.codec.python.encode import write_encoder
 from framekit.codec.python.facts import names_read
 from framekit.codec.python.flat import Level, inner_frames, levels_of, rows_of, write_builder, write_plain_builder
-from framekit.codec.python.fused import write_pairs
 from framekit.codec.python.measure import write_extent, write_measurer
 from framekit.codec.python.module import BUILT_IN, Module, inlined_names, used_methods
 from framekit.codec.python.reader import not_possible

@@ -19,7 +19,6 @@ from framekit.definition.model.frames import parts_of
 from framekit.definition.model.procedure import HANDLERS, Action, LineChange, Row, Sequence, Target
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.sources import current_cache
-from framekit.link.construct_values import EACH, read_as
 from framekit.link.frame_table import FrameTable, ProtocolCodec, made_once, table_of
 from framekit.link.late import Replies, is_numbered, replies_of
 from framekit.link.sequences import runtime
@@ -35,7 +34,7 @@ from framekit.link.sequences.writing import (
     is_plain_row,
     own_variables,
 )
-from framekit.link.values import EVALUATION_ERRORS, HOLDERS, FrameValue, Names, attribute, plain
+from framekit.link.values import EACH, EVALUATION_ERRORS, HOLDERS, FrameValue, Names, attribute, plain, read_as
 from framekit.link.variables import fit_of
 
 _OF_EXCHANGE = sorted(OF_EXCHANGE)

@@ -19,7 +19,6 @@ from framekit.definition.model import protocol as model
 from framekit.definition.model.frames import expressions_of, parts_of
 from framekit.definition.model.values import FrameOf, LayoutOf, Value
 from framekit.link.addresses import Address
-from framekit.link.construct_values import EACH
 from framekit.link.events import Asked, Command, Exchange, Outcome
 from framekit.link.frame_table import ProtocolCodec
 from framekit.link.packing import cut_memory, in_unit, join_memory, memory_of, reader_of
@@ -27,7 +26,7 @@ from framekit.link.scope import Scope
 from framekit.link.services.replies import ErrorReader, ReplyReader, UnfitReplyError
 from framekit.link.services.rows import Piece, Plan, Planner, RowFacts, ServiceError, ServiceRows, arguments_of, rows_of
 from framekit.link.services.writing import ValueWriter, WriterLevel, code_of_source
-from framekit.link.values import EVALUATION_ERRORS, Evaluate, FrameValue, Names, compile_expression
+from framekit.link.values import EACH, EVALUATION_ERRORS, Evaluate, FrameValue, Names, compile_expression
 from framekit.memory.memory import unit_bits
 
 __all__ = ["Client", "Done", "ServiceError", "TransferResult"]

@@ -21,13 +21,13 @@ from framekit.definition.model.services import AS_NUMBERS, is_passed_over, only_
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
 from framekit.definition.sources import fingerprint
 from framekit.link.addresses import Address, AddressError, code_of
-from framekit.link.construct_values import EACH, read_layout
 from framekit.link.events import Served
 from framekit.link.packing import PackingError, memory_of, memory_of_numbers, numbers_of, values_of
 from framekit.link.services.areas import AreaUnit, Codes, DeviceAreas
 from framekit.link.services.rows import RowFacts, padded_names
 from framekit.link.services.writing import ValueWriter, WriterLevel, Written, code_of_source
 from framekit.link.values import (
+    EACH,
     EVALUATION_ERRORS,
     FrameValue,
     Names,
@@ -37,6 +37,7 @@ from framekit.link.values import (
     inverse_of,
     present,
     quotient,
+    read_layout,
 )
 from framekit.link.variables import same_number
 from framekit.memory.memory import DeviceMemoryError, MemoryRangeError, UnknownAreaError

@@ -15,7 +15,6 @@ from framekit.definition.model.frames import parts_of
 from framekit.definition.model.procedure import Serve
 from framekit.definition.model.protocol import Protocol
 from framekit.link.addresses import Address, AddressError
-from framekit.link.construct_values import EACH
 from framekit.link.events import Outcome, Served
 from framekit.link.frame_table import ProtocolCodec
 from framekit.link.packing import in_unit, numbers_of
@@ -30,7 +29,7 @@ from framekit.link.services.matching import (
 )
 from framekit.link.services.replies import ErrorReader, ReplyReader
 from framekit.link.services.rows import Piece, RowFacts, rows_of
-from framekit.link.values import EVALUATION_ERRORS, Evaluate, FrameValue, Names, compile_expression
+from framekit.link.values import EACH, EVALUATION_ERRORS, Evaluate, FrameValue, Names, compile_expression
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits
 
 

@@ -11,12 +11,21 @@ from framekit.definition.expression import Expression
 from framekit.definition.model.frames import parts_of
 from framekit.definition.model.services import AS_NUMBERS, ReplyRow
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, RecordOf, Value
-from framekit.link.construct_values import EACH, read_layout
 from framekit.link.events import Outcome
 from framekit.link.packing import PackingError, memory_of_numbers
 from framekit.link.services.rows import Piece, RowFacts, ServiceRows, padded_names
 from framekit.link.services.writing import ValueWriter, WriterLevel, code_of_source
-from framekit.link.values import EVALUATION_ERRORS, Evaluate, FrameValue, Names, bare_name, compile_expression, present
+from framekit.link.values import (
+    EACH,
+    EVALUATION_ERRORS,
+    Evaluate,
+    FrameValue,
+    Names,
+    bare_name,
+    compile_expression,
+    present,
+    read_layout,
+)
 
 Found = list[tuple[Any, bool]]
 """Data found in a reply, each with whether padding may follow them."""

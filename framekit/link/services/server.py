@@ -19,7 +19,6 @@ from framekit.definition.model import protocol as model
 from framekit.definition.model.frames import expressions_of
 from framekit.definition.model.services import AS_NUMBERS
 from framekit.definition.model.values import Value
-from framekit.link.construct_values import EACH, compile_value
 from framekit.link.events import Served
 from framekit.link.frame_table import ProtocolCodec
 from framekit.link.packing import numbers_of
@@ -36,7 +35,14 @@ from framekit.link.services.matching import (
 )
 from framekit.link.services.rows import RowFacts, Rule, rows_of
 from framekit.link.services.work import BlockRefusedError, CompiledBlock, StartBlock, Work
-from framekit.link.values import EVALUATION_ERRORS, FrameValue, Names, compile_expression, compile_optional
+from framekit.link.values import (
+    EACH,
+    EVALUATION_ERRORS,
+    FrameValue,
+    Names,
+    compile_expression,
+    compile_optional,
+)
 from framekit.memory.memory import AccessError, DeviceMemory, DeviceMemoryError, MemoryRangeError, UnknownAreaError
 
 NOTHING_SAID = 1
@@ -104,7 +110,7 @@ class ServedRow:
         row, shared = facts.row, facts.shared
 
         def compiled(value: Value | None) -> Callable[[Names], Any] | None:
-            return None if value is None else compile_value(value, shared.protocol, shared.codec, shared.table)
+            return None if value is None else shared.values.compile(value)
 
         self.facts = facts
         self.areas = areas
@@ -226,7 +232,7 @@ class MemoryServer:
         self._answers = [
             (
                 None if row.when is None else compile_expression(row.when),
-                compile_value(row.frame, protocol, codec, self.shared.table),
+                self.shared.values.compile(row.frame),
             )
             for row in (() if errors is None else errors.answer)
             if row.frame is not None

@@ -12,13 +12,20 @@ from framekit.definition.expression import Expression, Name, Text
 from framekit.definition.model.procedure import Target as SetTarget
 from framekit.definition.model.services import After, BlockWork, PlaceOf, ServeWork
 from framekit.definition.model.values import LayoutOf, Value
-from framekit.link.construct_values import Compute, ValueCompiler
 from framekit.link.packing import memory_of, values_of
 from framekit.link.scope import Scope
 from framekit.link.services.areas import Codes, DeviceAreas, Span, span_of
 from framekit.link.services.matching import MatchedRow
 from framekit.link.services.rows import RowFacts
-from framekit.link.values import Evaluate, Names, bare_name, compile_expression, compile_optional
+from framekit.link.values import (
+    Compute,
+    Evaluate,
+    Names,
+    ValueCompiler,
+    bare_name,
+    compile_expression,
+    compile_optional,
+)
 from framekit.memory.memory import AccessError, unit_bits
 
 CompilePart = Callable[[str, Value], Compute]
@@ -143,7 +150,7 @@ class Work:
         self.areas = areas
         self.grammar = shared.grammar
         self.codes = codes
-        self._values = ValueCompiler(shared.codec, shared.table.made)
+        self._values = shared.values
         self._part = self.part_compiler(self._values, areas)
         self._holds = {name: (item.layout, item.type) for name, item in shared.protocol.state.items()}
         self.moves_data = work.moves_data

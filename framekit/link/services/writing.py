@@ -15,9 +15,8 @@ from framekit.codec import support
 from framekit.codec.evaluate import LookedUp
 from framekit.definition.expression import Expression, Name, emit
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
-from framekit.link.construct_values import EACH, read_as
 from framekit.link.services.rows import ServiceRows
-from framekit.link.values import EVALUATION_ERRORS, FrameValue, Inverse, Names, attribute, plain
+from framekit.link.values import EACH, EVALUATION_ERRORS, FrameValue, Inverse, Names, attribute, plain, read_as
 
 OF_REQUESTS = ("request", "buffer", "station")
 """Parameters of the function of a served row."""
