@@ -64,7 +64,7 @@ def _row(what: str, against: str, ratio: Ratio, target: Target | None, details: 
     return Row(what, against, ratio.value, ratio.low, ratio.high, target, details=details)
 
 
-UNITS = {1e6: "µs", 1e3: "ms", 1.0: "s"}
+UNITS = {1e9: "ns", 1e6: "µs", 1e3: "ms", 1.0: "s"}
 
 
 def _medians(against: str, ours: Timing, other: Timing, scale: float) -> dict[str, float]:

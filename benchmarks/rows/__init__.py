@@ -1,7 +1,7 @@
 """One module a row of the table. Each gives NAME, TARGET and `run(rounds) -> list[Row]` (`benchmarks.row`)."""
 
 MODULES = (
-    "codecs", "libraries", "receiver", "noise", "capture",
+    "codecs", "libraries", "generated_c", "receiver", "noise", "capture",
     "poll", "services", "channels", "line_use", "idle_blocks", "trigger", "startup", "memory",
 )  # fmt: skip
 """The modules in the order of the table."""

@@ -9,6 +9,7 @@ import re
 from pathlib import Path
 
 import pytest
+from c_fuzz import fuzz
 from c_harness import GCC, CProtocol, differences, encode_trial, measure_trial, stream_trial, trial
 from segment_cases import CASES, Case
 from shipped import APPLICATIONS, PROTOCOLS
@@ -75,6 +76,13 @@ def test_every_kind_of_segment_is_read_and_built_as_by_python(case: Case, tmp_pa
     assert measure_trial(c, seed=33, samples=4, changes=4) == []
     if c.generated.in_streams:
         assert stream_trial(c, seed=34, noisy=False, count=3)[0] == []
+
+
+@needs_gcc
+@pytest.mark.parametrize("name", ["cobs", *(pytest.param(one, marks=pytest.mark.long) for one in PROTOCOLS)])
+def test_damaged_streams_do_no_harm(name: str, tmp_path: Path) -> None:
+    found = fuzz(name, 300_000, seed=5, folder=tmp_path)
+    assert found is None or (found.fault == "" and found.bytes >= 300_000 and found.good > 100 and found.bad)
 
 
 # ---- text of a definition ---------------------------------------------------------------------------------------
