@@ -20,8 +20,8 @@ test: $(STAMP)
 check: lint test
 
 lint: $(STAMP)
-	$(BIN)/ruff check framekit tests benchmarks examples
-	$(BIN)/ruff format --check framekit tests benchmarks examples
+	$(BIN)/ruff check framekit tests benchmarks examples tools
+	$(BIN)/ruff format --check framekit tests benchmarks examples tools
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 

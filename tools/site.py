@@ -17,6 +17,8 @@ from pathlib import Path
 
 import yaml
 
+from framekit.cli.terminal import ProgressLine
+
 ROOT = Path(__file__).parents[1]
 MERMAID = "mermaid@11"
 SECTIONS: dict[str, list[str]] = {
@@ -133,8 +135,9 @@ def navigation(folder: Path, drawn: list[str], api_page: str) -> list[object]:
     return found
 
 
-def build(place: Path, with_diagrams: bool = True) -> int:
+def build(place: Path, with_diagrams: bool, progress: ProgressLine) -> int:
     """The site in `place/site`; the exit status of MkDocs, which is not 0 for a link that leads nowhere."""
+    progress.says = lambda: "pages and the gallery"
     pages = place / "pages"
     lay_out(pages)
     drawn, api_page = gallery(pages), api(pages)
@@ -147,6 +150,7 @@ def build(place: Path, with_diagrams: bool = True) -> int:
     settings.write_text("\n".join([*lines, yaml.safe_dump(rest, sort_keys=False)]), "utf-8")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--config-file", str(settings)]
     settings_of_mkdocs = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
+    progress.says = lambda: "the site"
     done = subprocess.run(command, env=settings_of_mkdocs, stderr=subprocess.PIPE, text=True)
     if done.returncode:  # quiet, it would count no warnings
         print(done.stderr, file=sys.stderr)
@@ -160,4 +164,6 @@ if __name__ == "__main__":
         "-o", "--output", type=Path, default=ROOT / "build", help="where; the site is in its folder site"
     )
     given = parser.parse_args()
-    sys.exit(build(given.output.resolve(), not given.no_diagrams))
+    with ProgressLine("docs") as progress:
+        status = build(given.output.resolve(), not given.no_diagrams, progress)
+    sys.exit(status)
