@@ -21,7 +21,7 @@ from benchmarks.by_hand import (
 from benchmarks.by_hand_links import decode_mailbox, decode_typed_read, encode_mailbox, encode_typed_read
 from benchmarks.by_hand_named import build_numbers, build_registers, build_request, build_typed_read, build_write
 from framekit.codec.codec import Builders, Codec, compile_protocol
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 
 Fields = dict[str, Any]
 

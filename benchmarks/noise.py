@@ -17,7 +17,7 @@ from typing import Any
 
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.codec.samples import Sampler
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.sources import shipped_definitions
 from framekit.link.engine import Engine

@@ -15,7 +15,7 @@ from framekit.codec.batch import BatchDecoder
 from framekit.codec.codec import Builders, Codec, compile_protocol
 from framekit.codec.columns import Cut
 from framekit.codec.errors import EncodeError, FrameError
-from framekit.definition.load import load_protocol_text
+from framekit.definition.load.protocol import load_protocol_text
 from framekit.definition.model.frames import parts_of
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Field, Inner

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from construct_oracle import ConstructCodec, compile_construct
 
-from framekit.definition.load import load_protocol_text
+from framekit.definition.load.protocol import load_protocol_text
 from framekit.definition.model.protocol import Protocol
 
 

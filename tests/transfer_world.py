@@ -14,7 +14,7 @@ from typing import Any
 from line_faults import Faults
 
 from framekit.codec.codec import compile_protocol
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.definition.times import parse_format
 from framekit.link.engine import Engine
 from framekit.link.services.client import Client, TransferResult

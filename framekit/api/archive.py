@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from framekit.api.errors import RequestError
 from framekit.api.monitor import FrameFilter, decoder, result_of
 from framekit.codec.plain import PlainValues
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import LineFormat
 from framekit.link.events import Seen

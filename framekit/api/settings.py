@@ -13,7 +13,7 @@ from typing import Any
 
 from framekit.api.errors import RequestError
 from framekit.codec.shown import explain
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.definition.load.reader import parse_bytes, parse_number
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import NOWHERE, Position, no_such

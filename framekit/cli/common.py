@@ -168,7 +168,7 @@ def problem_data(problem: Problem) -> dict[str, object]:
 
 def load(name: str) -> Protocol:
     """The protocol of a command line. Raises DefinitionError; warnings go to standard error."""
-    from framekit.definition.load import load_protocol
+    from framekit.definition.load.protocol import load_protocol
 
     protocol = load_protocol(name, Path.cwd())
     _warn(protocol)

@@ -125,13 +125,12 @@ def check_silent_ends(codec: Codec, sampler: Sampler) -> Iterator[Problem]:
     protocol = codec.protocol
     if protocol.line.kind != "stream" or protocol.receiver.quiet is not None:
         return
-    within = {name for inner in parts_of(dict(protocol.frames), Inner) for name in inner.frames}
     for frame in protocol.frames.values():
         samples = () if frame.inner or frame.side == "none" else sampler.samples(frame.name)
         if any(codec.measure(frame.name, sample.data, ctx=sampler.context) == codec.QUIET for sample in samples):
             what = f"only silence ends '{frame.name}', and a connection has none of its own"
             todo = "add a length or an end constant, or receiver: {quiet: TIME}"
-            if frame.name in within:
+            if frame.name in protocol.carried:
                 todo = f"write from: none if it stands only inside other frames, else {todo}"
             yield Problem(frame.at, what, todo)
 
@@ -327,10 +326,9 @@ def _matrices(protocol: Protocol) -> Iterator[tuple[list[_Candidate], str]]:
             rows = [*(step.receive or ()), *sequence.always]
             yield list(_of_rows(rows)), rows_todo
     replies_todo = "give one of the frames another constant, or order the replies otherwise"
-    for service in protocol.services.values():
-        for row in service:
-            frames = [(reply.frame.frame, reply.frame.at) for reply in row.reply if reply.frame is not None]
-            yield [_Candidate(name, True, at) for name, at in frames], replies_todo
+    for row in protocol.service_rows:
+        frames = [(reply.frame.frame, reply.frame.at) for reply in row.reply if reply.frame is not None]
+        yield [_Candidate(name, True, at) for name, at in frames], replies_todo
     order_todo = "give one of the frames another constant, or move the one above behind it"
     if not protocol.roles:
         for side in ("client", "server"):

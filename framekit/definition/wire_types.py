@@ -198,9 +198,13 @@ class TypeKind:
     contents: frozenset[int] = EVERY_BYTE
 
 
+def bounds_of_bits(bits: int, signed: bool) -> tuple[int, int]:
+    """The least and the greatest whole number of so many bits."""
+    return (-(1 << bits - 1), (1 << bits - 1) - 1) if signed else (0, (1 << bits) - 1)
+
+
 def _bounds_of_bits(type_: FieldType, size: int) -> tuple[int, int]:
-    bits = size * 8
-    return (-(1 << bits - 1), (1 << bits - 1) - 1) if type_.signed else (0, (1 << bits) - 1)
+    return bounds_of_bits(8 * size, type_.signed)
 
 
 def _bounds_of_text(type_: FieldType, size: int) -> tuple[int, int]:

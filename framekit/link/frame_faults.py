@@ -17,7 +17,6 @@ from framekit.definition.expression import Attribute, Expression, Name
 from framekit.definition.model.frames import parts_of
 from framekit.definition.model.procedure import Action, Step
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.segments import Inner
 from framekit.definition.model.values import FrameOf
 from framekit.link.scope import Scope
 from framekit.link.values import EVALUATION_ERRORS, Names
@@ -51,9 +50,8 @@ class FrameFaults:
     @cached_property
     def frames(self) -> list[str]:
         """The frames that stand on the line by themselves, those that only the other side sends last."""
-        frames = self.protocol.frames.values()
-        inside = {name for frame in frames for part in parts_of(frame, Inner) for name in part.frames}
-        outer = [frame for frame in frames if not frame.inner and frame.name not in inside]
+        inside = self.protocol.carried
+        outer = [one for one in self.protocol.frames.values() if not one.inner and one.name not in inside]
         return [frame.name for frame in sorted(outer, key=lambda frame: frame.side == self.other)]
 
     def name_of(self, data: bytes) -> str | None:

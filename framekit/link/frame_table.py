@@ -262,11 +262,10 @@ class FrameTable:
         self.codec = codec
         self._kept: dict[tuple[Any, ...], Any] = {}
         self.infos = {name: FrameInfo(frame, codec.frames[name]) for name, frame in protocol.frames.items()}
-        every = (segment for frame in protocol.frames.values() for segment in everything(frame.segments))
-        inner = {name for segment in every if isinstance(segment, Inner) for name in segment.frames}
         sequences = tuple(protocol.sequences.values())
         taken = {name for row in parts_of(sequences, procedure.Row) for name in row.frames}
-        inner |= {name for part in parts_of(sequences, procedure.Decode) for name in part.frames} - taken
+        decoded = {name for part in parts_of(sequences, procedure.Decode) for name in part.frames}
+        inner = protocol.carried | (decoded - taken)
         shapes = StaticSizes(protocol.frames)
         repeated = {plain_name for info in self.infos.values() for _, plain_name, _ in info.echo}
         for info in self.infos.values():

@@ -192,8 +192,7 @@ def replies_of(protocol: Protocol, role: Role | None) -> Replies:
     frames = frozenset(name for step in steps for name in _waited_for(step.receive or (), protocol))
     asking = [
         row.request
-        for rows in protocol.services.values()
-        for row in rows
+        for row in protocol.service_rows
         if row.request is not None and any(reply.frame and reply.frame.frame in frames for reply in row.reply)
     ]
     asking += [carrier for one in sequences for carrier in _carriers(one, steps)]
@@ -283,9 +282,8 @@ def _waited_for(rows: tuple[Row, ...], protocol: Protocol) -> set[str]:
 
 
 def _of_services(protocol: Protocol) -> Iterator[str]:
-    for rows in protocol.services.values():
-        for row in rows:
-            yield from (reply.frame.frame for reply in row.reply if reply.frame is not None)
+    for row in protocol.service_rows:
+        yield from (reply.frame.frame for reply in row.reply if reply.frame is not None)
     errors = protocol.errors
     for name in () if errors is None else errors.frames:
         yield from protocol.frames_of(name)

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from framekit.definition.expression import Expression, Name, names_in
-from framekit.definition.load import load_protocol
 from framekit.definition.load.documents import without_effect
+from framekit.definition.load.protocol import load_protocol
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.frames import parts_of
 from framekit.definition.model.protocol import Protocol
@@ -314,9 +314,8 @@ def mismatches(application: Protocol, protocol: Protocol, at: Position) -> Itera
     if application.commands is None:
         yield Problem(at, f"'{application.name}' has no command blocks", "name an application with commands:")
         return
-    for rows in application.services.values():
-        for row in rows:
-            yield from _missing(row, application, protocol, at)
+    for row in application.service_rows:
+        yield from _missing(row, application, protocol, at)
 
 
 def _missing(row: ServiceRow, application: Protocol, protocol: Protocol, at: Position) -> Iterator[Problem]:

@@ -280,9 +280,8 @@ def needs_station(protocol: Protocol) -> bool:
     """Whether exchanges of a protocol name the other side, and nothing says which it is by itself."""
     if protocol.station.type == "none" or protocol.station.default is not None:
         return False
-    holders = [row.request for rows in protocol.services.values() for row in rows]
-    exchanges = {name for role in protocol.roles.values() for lane in role.lanes for name in lane.exchange}
-    sequences = [protocol.sequences[name] for name in exchanges if name in protocol.sequences]
+    holders = [row.request for row in protocol.service_rows]
+    sequences = [protocol.sequences[name] for name in protocol.exchanged if name in protocol.sequences]
     expressions = (*expressions_of(holders), *expressions_of(sequences))
     return any("station" in names_in(expression.root) for expression in expressions)
 
@@ -291,7 +290,7 @@ def needs_own(protocol: Protocol) -> bool:
     """Whether requests of a protocol name the side that asks, and nothing says which it is by itself."""
     if protocol.station.type == "none" or protocol.station.default is not None:
         return False
-    requests = [row.request for rows in protocol.services.values() for row in rows]
+    requests = [row.request for row in protocol.service_rows]
     return any("own" in names_in(expression.root) for expression in expressions_of(requests))
 
 

@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from framekit.definition.check import check_protocol
+from framekit.definition.check.protocol import check_protocol
 from framekit.definition.expression import Call, Text, names_in, walk
 from framekit.definition.load.documents import Documents
 from framekit.definition.load.protocol import DeviceDefinition, definition_path, load_device_definition, load_protocol

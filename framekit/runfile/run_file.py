@@ -15,8 +15,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from framekit.definition.load import load_protocol
 from framekit.definition.load.documents import Documents
+from framekit.definition.load.protocol import load_protocol
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.frames import parts_of
 from framekit.definition.model.protocol import Protocol

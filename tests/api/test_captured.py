@@ -14,7 +14,7 @@ from framekit.api.monitor import decoder
 from framekit.api.run import VirtualRun
 from framekit.cli.main import main
 from framekit.codec.codec import compile_protocol
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.link.frame_table import table_of
 from framekit.link.scope import Scope
 from framekit.link.services.overheard import KnownValue, Overheard

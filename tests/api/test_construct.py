@@ -16,7 +16,7 @@ from framekit.codec.ambiguity import sample_context
 from framekit.codec.codec import compile_protocol
 from framekit.codec.construct import CompiledFrame
 from framekit.codec.samples import Sampler
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 
 SCALE = """
 protocol: weigh

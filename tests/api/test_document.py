@@ -13,8 +13,7 @@ from framekit.api.byte_diagram import Box, byte_diagram
 from framekit.api.document import Heading, PageTable, Picture, document, html, markdown
 from framekit.api.vectors import vectors_path
 from framekit.cli.main import main
-from framekit.definition.load import load_protocol, load_protocol_text
-from framekit.definition.load.protocol import definition_path
+from framekit.definition.load.protocol import definition_path, load_protocol, load_protocol_text
 from framekit.definition.model.frames import StaticSizes
 from framekit.definition.sources import shipped_definitions
 

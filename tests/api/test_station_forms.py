@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import framekit
-from framekit.definition.load import load_protocol_text
+from framekit.definition.load.protocol import load_protocol_text
 from framekit.definition.problems import DefinitionError
 
 

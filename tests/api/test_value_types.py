@@ -17,8 +17,7 @@ from framekit.api.vectors import vectors_path
 from framekit.cli.main import main
 from framekit.codec.errors import FrameError
 from framekit.codec.plain import PlainValues
-from framekit.definition.load import load_protocol, load_protocol_text
-from framekit.definition.load.protocol import definition_path
+from framekit.definition.load.protocol import definition_path, load_protocol, load_protocol_text
 from framekit.definition.sources import shipped_definitions
 from framekit.definition.vectors import read_vectors
 

@@ -6,7 +6,7 @@ from functools import cache
 
 import pytest
 
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.link.scope import Scope
 from framekit.memory.memory import DeviceMemory
 from framekit.run.commands import CommandBlocks, CommandFaultError, Meaning, bytes_of, meaning_of

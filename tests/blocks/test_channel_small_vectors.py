@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.definition.problems import NOWHERE
 from framekit.link.scope import Scope
 from framekit.memory.memory import DeviceMemory

@@ -6,7 +6,7 @@ from functools import cache
 
 import pytest
 
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.link.conversation import default_line
 from framekit.link.scope import Scope
 from framekit.memory.memory import DeviceMemory

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.definition.problems import DefinitionError
 from framekit.runfile.devices import load_devices
 

@@ -22,7 +22,7 @@ from framekit.cli.definition_verbs import fields_given
 from framekit.cli.main import SHELLS, VERBS, main
 from framekit.codec.codec import compile_protocol
 from framekit.codec.plain import PlainValues
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from tests import shipped
 
 READ = "05 32 30 72 53 53 30 31 30 36 25 4D 57 31 30 30 04 41 34"

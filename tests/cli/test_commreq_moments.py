@@ -12,7 +12,7 @@ import pytest
 
 from framekit.cli.commreq_verb import NO_ANSWER, JobCommands, carry_out_jobs
 from framekit.cli.main import build_parser
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.run.job_table import JobSlot, status_of
 
 

@@ -19,7 +19,7 @@ from framekit.api.monitor import LineMonitor
 from framekit.cli.common import seen_data, seen_text
 from framekit.cli.main import main
 from framekit.codec.plain import PlainValues
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.link.events import Seen
 from framekit.service.capture import Capture, CaptureReader
 from framekit.transport.clock import VirtualClock

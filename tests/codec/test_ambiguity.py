@@ -10,7 +10,7 @@ from framekit.codec.ambiguity import check_matrices, passing, sample_context
 from framekit.codec.checks import compute
 from framekit.codec.codec import compile_protocol
 from framekit.codec.samples import Sampler
-from framekit.definition.load import load_protocol, load_protocol_text
+from framekit.definition.load.protocol import load_protocol, load_protocol_text
 
 HEAD = """
 protocol: t

@@ -14,7 +14,7 @@ from framekit.codec import batch as batches
 from framekit.codec.codec import compile_protocol
 from framekit.codec.columns import Cut
 from framekit.codec.errors import FrameError
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.service.capture import Capture, CaptureError, cut_of_capture
 from framekit.transport.clock import VirtualClock
 from framekit.transport.port import LineEvent

@@ -21,7 +21,7 @@ from framekit.codec.python.flat import Parameters, inner_frames, levels_of, writ
 from framekit.codec.python.generate import MOST_BUILDERS, BuilderModules, builder_name, generate_source, normal_protocol
 from framekit.codec.python.module import Module
 from framekit.codec.samples import Sampler
-from framekit.definition.load import load_protocol, load_protocol_text
+from framekit.definition.load.protocol import load_protocol, load_protocol_text
 from framekit.definition.model.protocol import Protocol
 
 CARRIED = ("pccc", "pccc-admin", "ge-service", "modbus-pdu", "ge-rtu-pdu")

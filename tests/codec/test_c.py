@@ -16,7 +16,7 @@ from shipped import APPLICATIONS, PROTOCOLS
 
 from framekit.codec.c.generate import generate
 from framekit.codec.c.source import CannotSayError, CNames, comment, identifier, string
-from framekit.definition.load import load_protocol, load_protocol_text
+from framekit.definition.load.protocol import load_protocol, load_protocol_text
 
 needs_gcc = pytest.mark.skipif(GCC is None, reason="gcc is missing")
 QUICK = ("ccm", "dynamixel", "modbus-rtu")

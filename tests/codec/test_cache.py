@@ -32,8 +32,8 @@ from framekit.codec.cache import (
 )
 from framekit.codec.codec import compile_protocol
 from framekit.codec.functions import candidates, of_side
-from framekit.definition.load import load_protocol
 from framekit.definition.load import protocol as library
+from framekit.definition.load.protocol import load_protocol
 from framekit.definition.sources import Sources, cached_by, current_cache
 from framekit.link.scope import Scope
 from framekit.runfile.devices import load_devices

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from test_two_compilers import Pair, built, read, same_fault
 
-from framekit.definition.load import load_protocol_text
+from framekit.definition.load.protocol import load_protocol_text
 
 ADDRESSES = """
 protocol: addresses

@@ -16,7 +16,7 @@ from construct_oracle import compile_construct
 from framekit.api.check import check_file
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import EncodeError, FrameError
-from framekit.definition.load import load_protocol_text
+from framekit.definition.load.protocol import load_protocol_text
 from framekit.definition.times import parse_format
 from framekit.link.events import Seen
 from framekit.link.listener import Listener

@@ -13,7 +13,7 @@ from strategies import base_context
 
 from framekit.codec.errors import FrameError
 from framekit.codec.plain import PlainValues
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.sources import shipped_definitions
 from framekit.definition.vectors import FrameVector

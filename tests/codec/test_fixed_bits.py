@@ -8,7 +8,7 @@ from random import Random
 import pytest
 
 from framekit.codec.python.choices import fixed_bytes
-from framekit.definition.load import load_protocol_text
+from framekit.definition.load.protocol import load_protocol_text
 
 DEFINITION = """
 protocol: bits

@@ -28,7 +28,7 @@ from framekit.codec.python.generate import BuilderModules, generate_source
 from framekit.codec.python.module import _INLINED
 from framekit.codec.python.source import Code, Source, quoted, text_source
 from framekit.definition.expression import parse_expression
-from framekit.definition.load import load_protocol, load_protocol_text
+from framekit.definition.load.protocol import load_protocol, load_protocol_text
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.nodes import Mapping, Node, Scalar, read_text
 from framekit.definition.problems import DefinitionError, Position

@@ -10,7 +10,7 @@ from construct_oracle import compile_construct
 
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import EncodeError, FrameError
-from framekit.definition.load import load_protocol_text
+from framekit.definition.load.protocol import load_protocol_text
 from framekit.definition.problems import DefinitionError
 
 COMPILERS = {"python": compile_protocol, "construct": compile_construct}

@@ -10,7 +10,7 @@ import pytest
 from framekit.codec.checks import function_of, library_crc, residue_of, source_of
 from framekit.codec.python.generate import generate_source
 from framekit.codec.support import crc, make_crc_table
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.definition.model.checks import CheckMethod, crc_catalogue
 from framekit.definition.model.frames import parts_of
 from framekit.definition.model.segments import Check

@@ -34,7 +34,7 @@ from tshark_world import (
 
 from framekit.codec.lua.generate import generate_dissector
 from framekit.codec.lua.source import comment, string, utf8
-from framekit.definition.load import load_protocol, load_protocol_text
+from framekit.definition.load.protocol import load_protocol, load_protocol_text
 from framekit.definition.problems import DefinitionError
 from framekit.definition.sources import shipped_definitions
 from framekit.service.capture import GLOBAL_HEADER, PcapRecords

@@ -25,7 +25,7 @@ from framekit.codec.samples import Sampler
 from framekit.definition import brought, schema
 from framekit.definition.keys import IDENTIFIER, key
 from framekit.definition.kinds.base import KINDS
-from framekit.definition.load import load_protocol_text
+from framekit.definition.load.protocol import load_protocol_text
 from framekit.definition.model.segments import Segment, Sizes, exactly
 
 PAGE = Path(__file__).parents[2] / "docs" / "extending.md"

@@ -11,7 +11,7 @@ from small_protocol import small_protocol
 
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.codec.errors import EncodeError, FrameError
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.definition.problems import DefinitionError
 
 

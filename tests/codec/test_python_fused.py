@@ -16,7 +16,7 @@ from framekit.codec.functions import FrameFunctions, module_of
 from framekit.codec.python.decode import MOST_PAIRS, pairs_of
 from framekit.codec.python.generate import generate_source, normal_protocol
 from framekit.codec.samples import Sampler
-from framekit.definition.load import load_protocol, load_protocol_text
+from framekit.definition.load.protocol import load_protocol, load_protocol_text
 from framekit.definition.model.frames import StaticSizes
 from framekit.definition.model.protocol import Protocol
 

@@ -14,7 +14,7 @@ from spread import spread
 from strategies import FrameValues
 
 from framekit.codec.codec import Codec, compile_protocol
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 
 QUICK = settings(
     max_examples=25, deadline=None, database=None, derandomize=True, suppress_health_check=list(HealthCheck)

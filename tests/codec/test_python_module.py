@@ -22,7 +22,7 @@ from framekit.codec import errors
 from framekit.codec.codec import compile_protocol
 from framekit.codec.python.generate import generate_source
 from framekit.codec.python.source import broken
-from framekit.definition.load import load_protocol, load_protocol_text
+from framekit.definition.load.protocol import load_protocol, load_protocol_text
 from framekit.definition.model.frames import Layout
 from framekit.definition.sources import shipped_definitions
 

@@ -18,7 +18,7 @@ from small_protocol import small_protocol
 
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import EncodeError, FrameError
-from framekit.definition.load import load_protocol_text
+from framekit.definition.load.protocol import load_protocol_text
 
 MANUAL = Path(__file__).parents[2] / "docs" / "language" / "lists.md"
 ROW = re.compile(r"^\| `(\{repeat: a, .*?\})`(?::[^|]*)? \| `(\[.*?\])` \| `([0-9A-F ]+)` \|$", re.MULTILINE)

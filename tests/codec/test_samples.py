@@ -13,7 +13,7 @@ from framekit.codec.ambiguity import ANNOUNCED, SampleLine, sample_context
 from framekit.codec.codec import compile_protocol
 from framekit.codec.plain import PlainValues
 from framekit.codec.samples import Sampler
-from framekit.definition.load import load_protocol, load_protocol_text
+from framekit.definition.load.protocol import load_protocol, load_protocol_text
 from framekit.definition.model.protocol import Protocol
 
 

@@ -11,7 +11,7 @@ from spread import spread
 
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import EncodeError, FrameError
-from framekit.definition.load import load_protocol_text
+from framekit.definition.load.protocol import load_protocol_text
 
 COMPILERS = {"python": compile_protocol, "construct": compile_construct}
 

@@ -15,7 +15,7 @@ from link.link_world import cut_at, feed, receiver_of
 
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import EncodeError, FrameError
-from framekit.definition.load import load_protocol_text
+from framekit.definition.load.protocol import load_protocol_text
 from framekit.definition.problems import DefinitionError
 
 DNP3 = """

@@ -9,7 +9,7 @@ import pytest
 
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import FrameError
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.link.values import Names
 
 FEW, TRIES = 2_000, pytest.param(20_000, marks=pytest.mark.long)

@@ -10,7 +10,7 @@ import pytest
 
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import FrameError
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 
 TRIES = 20_000
 DIGITS = b"0123456789ABCDEF"

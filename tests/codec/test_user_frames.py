@@ -8,7 +8,7 @@ import pytest
 from construct_oracle import compile_construct
 
 from framekit.codec.codec import compile_protocol
-from framekit.definition.load import load_protocol_text
+from framekit.definition.load.protocol import load_protocol_text
 from framekit.definition.problems import DefinitionError
 
 FRAMES = """

@@ -19,7 +19,7 @@ from framekit.codec.columns import Cut
 from framekit.codec.construct import CompiledFrame
 from framekit.codec.errors import EncodeError, FrameError
 from framekit.codec.python.measure import MOST
-from framekit.definition.load import load_protocol_text
+from framekit.definition.load.protocol import load_protocol_text
 
 MANY = 1 << 22
 ROOM = MANY

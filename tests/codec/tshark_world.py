@@ -24,7 +24,7 @@ from framekit.codec.functions import candidates, fitting, nearest
 from framekit.codec.lua.generate import generate_dissector, preference_of, prefix_of
 from framekit.codec.lua.source import identifier
 from framekit.codec.plain import PlainValues
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.definition.model.frames import everything
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Bits, Field

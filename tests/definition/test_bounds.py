@@ -18,7 +18,7 @@ from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import EncodeError
 from framekit.codec.samples import MOST_ITEMS, Sampler
 from framekit.codec.support import digits, times
-from framekit.definition.load import load_protocol_text
+from framekit.definition.load.protocol import load_protocol_text
 from framekit.definition.problems import DefinitionError
 
 NUMBER = 10**12

@@ -10,7 +10,7 @@ import shipped
 from spread import spread
 
 from framekit.definition.diagrams import diagrams, sequence_diagram
-from framekit.definition.load import load_protocol, load_protocol_text
+from framekit.definition.load.protocol import load_protocol, load_protocol_text
 
 PAGES = Path(__file__).parents[2] / "docs" / "protocols"
 ARROW = re.compile(r"    (\S+) --> (\S+?)(?:: .+)?$")

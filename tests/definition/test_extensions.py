@@ -12,8 +12,8 @@ import pytest
 
 from framekit.codec.cache import cache_folder, cached_codec
 from framekit.definition import brought, schema
-from framekit.definition.load import load_protocol
 from framekit.definition.load import protocol as library
+from framekit.definition.load.protocol import load_protocol
 from framekit.definition.problems import DefinitionError
 
 SMALL = "protocol: small\nframes:\n  one: {body: [{const: 01}]}\n"

@@ -9,7 +9,7 @@ import shipped
 from spread import spread
 
 from framekit.definition.expression import Expression, Text, walk
-from framekit.definition.load import load_protocol, load_protocol_text
+from framekit.definition.load.protocol import load_protocol, load_protocol_text
 from framekit.definition.model.segments import Bits, Check, Const, Data, Field, Inner, Length, Wrap
 from framekit.definition.problems import DefinitionError
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from framekit.definition.load import load_protocol_text
+from framekit.definition.load.protocol import load_protocol_text
 from framekit.definition.problems import DefinitionError, is_nearly, listed
 from framekit.definition.times import NEVER, readable_time
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from framekit.cli.main import main
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.definition.problems import DefinitionError
 from framekit.definition.sources import PATH_VARIABLE, searched_folders
 

@@ -22,7 +22,7 @@ from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import FrameError
 from framekit.codec.python.generate import generate_source
 from framekit.codec.samples import Sampler
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.definition.model.frames import names_read_in
 from framekit.definition.sources import find_definition
 from framekit.definition.vectors import Conversation

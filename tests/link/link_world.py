@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from framekit.codec.codec import compile_protocol
-from framekit.definition.load import load_protocol_text
+from framekit.definition.load.protocol import load_protocol_text
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER, LineFormat
 from framekit.link.arrivals import Arrival, BadFrame, FrameArrived

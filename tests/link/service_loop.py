@@ -10,7 +10,7 @@ from typing import Any
 
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import FrameError
-from framekit.definition.load import load_protocol, load_protocol_text
+from framekit.definition.load.protocol import load_protocol, load_protocol_text
 from framekit.definition.model.protocol import Protocol
 from framekit.link.events import Command, Exchange, Outcome, Served
 from framekit.link.frame_table import FrameTable

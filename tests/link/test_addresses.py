@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from link.service_loop import FRAMES, Loop
 
-from framekit.definition.load import load_protocol, load_protocol_text
+from framekit.definition.load.protocol import load_protocol, load_protocol_text
 from framekit.link.addresses import MOST_KNOWN, Address, AddressError, AddressGrammar, FormMatcher
 from framekit.memory.profile import load_profile
 

@@ -8,7 +8,7 @@ from typing import Any
 from shipped import file_of, vectors_of
 
 from framekit.definition.expression import Number
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.definition.model.frames import Frame
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Bits, Field

@@ -13,7 +13,7 @@ import pytest
 
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.codec.errors import FrameError
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.definition.times import parse_format
 from framekit.link.values import Names
 from framekit.runfile.devices import load_devices

@@ -14,7 +14,7 @@ from service.late_world import REGISTERS
 from spread import spread
 
 from framekit.codec.codec import code_of, codec_from
-from framekit.definition.load import load_protocol_text
+from framekit.definition.load.protocol import load_protocol_text
 from framekit.definition.nodes import read_text
 from framekit.definition.problems import DefinitionError
 from framekit.definition.schema import _validator

@@ -12,7 +12,7 @@ from spread import spread
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import FrameError
 from framekit.codec.samples import Sampler
-from framekit.definition.load import load_protocol, load_protocol_text
+from framekit.definition.load.protocol import load_protocol, load_protocol_text
 from framekit.definition.sources import shipped_definitions
 from framekit.link.frame_table import table_of
 from framekit.link.quick_look import intact_of

@@ -8,7 +8,7 @@ import pytest
 from service.late_world import MS, REGISTERS, SECOND
 
 from framekit.codec.codec import compile_protocol
-from framekit.definition.load import load_protocol, load_protocol_text
+from framekit.definition.load.protocol import load_protocol, load_protocol_text
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import DefinitionError
 from framekit.definition.times import parse_format

@@ -8,7 +8,7 @@ import pytest
 
 from framekit.api.monitor import FrameLog
 from framekit.codec.codec import compile_protocol
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.definition.times import NEVER, parse_format
 from framekit.link.events import CharacterFault, LineFault, Seen
 from framekit.link.listener import LONGEST_PAUSE, Listener

@@ -8,7 +8,7 @@ from random import Random
 import pytest
 from link.service_loop import Loop
 
-from framekit.definition.load import load_protocol_text
+from framekit.definition.load.protocol import load_protocol_text
 from framekit.definition.problems import DefinitionError
 from framekit.link.services.client import TransferResult
 

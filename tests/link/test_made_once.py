@@ -8,7 +8,7 @@ import pytest
 
 from framekit.codec import evaluate
 from framekit.codec.codec import compile_protocol
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.link import inside
 from framekit.link.engine import Engine
 from framekit.link.services import rows

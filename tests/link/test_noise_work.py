@@ -16,7 +16,7 @@ from spread import spread
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import FrameError
 from framekit.codec.samples import Sampler
-from framekit.definition.load import load_protocol, load_protocol_text
+from framekit.definition.load.protocol import load_protocol, load_protocol_text
 from framekit.link.engine import Engine
 from framekit.link.events import Monitor, Seen
 from framekit.link.receiver import BAD_APART, GOES_ON, MOST_BAD

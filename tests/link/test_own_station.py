@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from link.link_world import SECOND, Side, compiled
 
-from framekit.definition.load import load_protocol_text
+from framekit.definition.load.protocol import load_protocol_text
 from framekit.definition.problems import DefinitionError
 from framekit.link.services.server import MemoryServer
 from framekit.memory.memory import DeviceMemory

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.link.scope import Scope
 from framekit.link.variables import ParameterError
 

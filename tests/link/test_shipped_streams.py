@@ -15,7 +15,7 @@ from shipped import file_of, vectors_of
 from spread import spread
 
 from framekit.codec.codec import compile_protocol
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.definition.sources import shipped_definitions
 from framekit.link.conversation import default_line
 from framekit.link.engine import Engine

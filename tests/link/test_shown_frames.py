@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from framekit.codec.codec import compile_protocol
-from framekit.definition.load import load_protocol_text
+from framekit.definition.load.protocol import load_protocol_text
 from framekit.link.engine import Engine
 from framekit.link.events import Seen
 from framekit.link.frame_table import table_of

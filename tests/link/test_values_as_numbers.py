@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from link.service_loop import Loop
 
-from framekit.definition.load import load_protocol_text
+from framekit.definition.load.protocol import load_protocol_text
 from framekit.definition.problems import DefinitionError
 from framekit.link.addresses import AddressError
 from framekit.link.packing import PackingError, memory_of_numbers, numbers_of

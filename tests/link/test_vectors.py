@@ -10,7 +10,7 @@ from shipped import vectors_of
 
 from framekit.api.vectors import make_side
 from framekit.codec.codec import compile_protocol
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.definition.problems import DefinitionError
 from framekit.definition.sources import shipped_definitions
 from framekit.definition.vectors import Vectors, check_vectors, parse_wire

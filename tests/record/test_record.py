@@ -18,7 +18,7 @@ import pytest
 from framekit.api.byte_rows import ByteRows, ByteView, usual_pause
 from framekit.api.record import Heard, Recorder
 from framekit.cli.main import main
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.definition.times import LineFormat
 from framekit.link.events import CharacterFault, LineFault
 from framekit.service import capture as captures

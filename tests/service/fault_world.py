@@ -8,7 +8,7 @@ from functools import cache
 from typing import Any
 
 from framekit.codec.codec import compile_protocol
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.definition.times import parse_format
 from framekit.link.engine import Engine
 from framekit.link.events import Seen

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from framekit.codec.codec import compile_protocol
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.definition.times import LineFormat
 from framekit.link.engine import Engine
 from framekit.link.events import Command

@@ -14,7 +14,7 @@ import pytest
 
 from framekit.codec.codec import compile_protocol
 from framekit.codec.plain import PlainValues
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.link.events import CharacterFault, LineFault
 from framekit.service.capture import Capture, CaptureDecoder, CaptureError, CaptureReader
 from framekit.transport.clock import VirtualClock

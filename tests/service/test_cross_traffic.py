@@ -18,7 +18,7 @@ from spread import spread
 
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.codec.errors import FrameError
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.definition.times import parse_format
 from framekit.link.engine import Engine
 from framekit.link.events import Command, Served

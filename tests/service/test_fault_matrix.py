@@ -12,7 +12,7 @@ import pytest
 from service.fault_world import LINKS, MS, SECOND, FaultWorld, Link
 from spread import spread
 
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.run.model import FaultPlan, FaultRule
 from framekit.runfile.fault_plans import mismatches
 

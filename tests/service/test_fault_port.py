@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from framekit.codec.codec import compile_protocol
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.link.frame_faults import FrameFaults
 from framekit.link.scope import Scope
 from framekit.run.model import FaultPlan, FaultRule

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from framekit.api.monitor import FrameFilter, FrameLog, ascii_of, result_of
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.link.events import Seen
 
 ASK = bytes.fromhex("05 32 30 72 53 53 30 31 30 36 25 4D 57 31 30 30 04 41 34")

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.link.services.client import TransferResult
 from framekit.runfile.devices import DeviceSettings, load_devices
 from framekit.runfile.run_file import load_run

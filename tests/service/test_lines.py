@@ -18,7 +18,7 @@ from transport.real_world import opened
 from transport.real_world import run as run_real
 
 import framekit
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.definition.times import PLAIN, Direction, LineFormat, LineSettings
 from framekit.link.events import Seen
 from framekit.runfile.devices import load_devices

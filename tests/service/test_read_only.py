@@ -16,7 +16,7 @@ from link.service_loop import Loop
 
 import framekit
 from framekit.cli.main import main
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 from framekit.link.services.client import TransferResult
 from framekit.memory.memory import DeviceMemory
 from framekit.run.own_memory import AddressedMemory

@@ -7,7 +7,7 @@ from service.fault_world import LINKS, MS, SECOND, FaultWorld, Link
 from shipped import PROTOCOLS
 from spread import spread
 
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 
 SNP = (
     Link("snp", "master", "slave", station="A", address="%R1", format="8O1", me=""),

@@ -11,7 +11,7 @@ from framekit.codec.python.expressions import NameEntry, Scope, constant_of
 from framekit.codec.python.reader import ANY_WIDTH, BufferReader, Item, Slot, shown_name
 from framekit.codec.python.registry import type_text
 from framekit.codec.python.source import literal, quoted
-from framekit.definition.expression import AND, Expression, Number
+from framekit.definition.expression import Expression, Number
 from framekit.definition.model.segments import Bits, BitsPart
 
 
@@ -114,7 +114,7 @@ def _put_part(
     if text == local:
         most = (1 << part.high - part.low + 1) - 1
         condition = f"{local} not in (0, 1)" if most == 1 else f"not 0 <= {local} <= {most}"
-        w.refuse_if(condition if when is None else f"({w.text(when, scope, AND)} and {condition})")
+        w.refuse(when, scope, condition)
     scope.entries[part.name] = NameEntry(text, sized=False)
 
 

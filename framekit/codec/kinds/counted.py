@@ -15,7 +15,6 @@ from framekit.codec.python.function import FunctionWriter, wire_names
 from framekit.codec.python.reader import BufferReader, Comparison, Item, not_possible
 from framekit.codec.python.registry import type_text
 from framekit.codec.python.source import Code, literal, quoted, text_source
-from framekit.definition.expression import AND
 from framekit.definition.model.segments import Count, Data, Length, Repeat
 
 C = TypeVar("C", Length, Count)
@@ -176,9 +175,7 @@ def _put_number(w: EncodeWriter, number: Length | Count, text: str, scope: Scope
         condition = f"{local} < {limits.least}"
         if limits.most is not None:
             condition = f"not {limits.least} <= {local} <= {limits.most}"
-        if number.when is not None:
-            condition = f"{w.text(number.when, scope, AND)} and {condition}"
-        w.complain(condition, text_source(*path), text_source("'", *path, *found))
+        w.complain_where(number.when, scope, condition, text_source(*path), text_source("'", *path, *found))
 
 
 def absent_behind(count: Count, writer: FunctionWriter) -> str | None:

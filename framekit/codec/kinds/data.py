@@ -140,9 +140,9 @@ def _put(w: EncodeWriter, data: Data, scope: Scope, given: Given) -> None:
     if w.fills_up(data):
         _fill_up(w, data, local, scope)
     if isinstance(data.size, int):
-        w.refuse(data, scope, f"len({local}) != {data.size}")
+        w.refuse(data.when, scope, f"len({local}) != {data.size}")
     elif data.least:
-        w.refuse(data, scope, f"len({local}) < {data.least}")
+        w.refuse(data.when, scope, f"len({local}) < {data.least}")
     if data.never:
         what = f"'{data.name}' holds a byte that never stands in it: {' or '.join(f'{one:02X}' for one in data.never)}"
         w.complain(forms.holds_never(data, local), quoted(data.name), quoted(what))
@@ -152,11 +152,10 @@ def _put(w: EncodeWriter, data: Data, scope: Scope, given: Given) -> None:
 def _fill_up(w: EncodeWriter, data: Data, local: str, scope: Scope) -> None:
     """Data that are too short get as long as they must be, before their length is asked for."""
     assert data.pad is not None and isinstance(data.size, (int, Expression))
-    conditions = [] if data.when is None else [w.text(data.when, scope, AND)]
-    size = str(data.size)
     if isinstance(data.size, Expression):
-        conditions += w.is_announced(data.size, scope)
-        size = w.bounded(data.size, scope)
+        size, conditions = w.bounded(data.size, scope), w.is_known(data.when, data.size, scope)
+    else:
+        size, conditions = str(data.size), [] if data.when is None else [w.text(data.when, scope, AND)]
     w.add_if(conditions, f"{local} = {local}.ljust({size}, {bytes_literal(bytes((data.pad,)))})")
 
 

@@ -14,7 +14,7 @@ from framekit.codec.python.reader import BufferReader, Item
 from framekit.codec.python.registry import type_text
 from framekit.codec.python.source import bytes_literal, literal, quoted
 from framekit.codec.support import build_int
-from framekit.definition.expression import AND, OR, PRODUCT, Bytes, Expression, Number, Text
+from framekit.definition.expression import OR, PRODUCT, Bytes, Expression, Number, Text
 from framekit.definition.model.segments import Field, FieldType, Long
 
 
@@ -205,7 +205,7 @@ def _given(w: EncodeWriter, item: Field, scope: Scope, given: Given, needed: boo
 def _validate(w: EncodeWriter, item: Field, scope: Scope, local: str) -> None:
     """What must hold for a value that was given or built."""
     if item.values is not None and item.only and item.constants is None:
-        w.refuse(item, scope, f"{local} not in {w.module.value_names(item.values, item.name)}")
+        w.refuse(item.when, scope, f"{local} not in {w.module.value_names(item.values, item.name)}")
     if item.constants is not None:
         w.refuse_others(item.name, local, item.constants, item.when, scope)
     limits = forms.value_range(item)
@@ -218,19 +218,17 @@ def _validate(w: EncodeWriter, item: Field, scope: Scope, local: str) -> None:
     elif not by_type:
         w.validate_range(item, scope, local, limits)
     if item.unit is not None and item.unit != 1:
-        w.refuse(item, scope, f"{local} % {item.unit:_}")
+        w.refuse(item.when, scope, f"{local} % {item.unit:_}")
 
 
 def _validate_text(w: EncodeWriter, item: Field, scope: Scope, local: str) -> None:
     size = item.type.size
     if isinstance(size, int):
         exact = item.type.kind == "bytes" or (item.type.pad is None and item.type.end is None)
-        w.refuse(item, scope, f"len({local}) {'!=' if exact else '>'} {size}")
+        w.refuse(item.when, scope, f"len({local}) {'!=' if exact else '>'} {size}")
     elif item.type.end is not None:
         condition = f"{literal(item.type.end.decode('latin-1'))} in {local}"
-        if item.when is not None:
-            condition = f"{w.text(item.when, scope, AND)} and {condition}"
-        w.complain(condition, quoted(item.name), quoted(f"'{item.name}' holds its own end"))
+        w.complain_where(item.when, scope, condition, quoted(item.name), quoted(f"'{item.name}' holds its own end"))
 
 
 def _long_bytes(w: EncodeWriter, field: Field, long: Long, scope: Scope) -> str:

@@ -163,10 +163,10 @@ def _has_size(m: MeasureWriter, segment: Inner | Nested, scope: Scope, size: str
 
 def _compare_size(w: EncodeWriter, inner: Inner, scope: Scope) -> None:
     """A frame inside must take as many bytes as other values say."""
-    size, conditions = str(inner.size), [] if inner.when is None else [w.text(inner.when, scope, AND)]
     if isinstance(inner.size, Expression):
-        size = w.text(inner.size, scope)
-        conditions += w.is_announced(inner.size, scope)
+        size, conditions = w.text(inner.size, scope), w.is_known(inner.when, inner.size, scope)
+    else:
+        size, conditions = str(inner.size), [] if inner.when is None else [w.text(inner.when, scope, AND)]
     w.compare_size((inner.name,), f"len({w.wires[inner.name]})", size, conditions)
 
 

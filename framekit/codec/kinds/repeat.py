@@ -20,7 +20,7 @@ from framekit.codec.python.measure import Finished, MeasureWriter, Pairs
 from framekit.codec.python.reader import BufferReader, Item, without_end
 from framekit.codec.python.registry import summary, type_text
 from framekit.codec.python.source import Code, Source, bytes_literal, quoted, text_source
-from framekit.definition.expression import AND, BIT_OR, PRODUCT, Binary, Expression, Number
+from framekit.definition.expression import BIT_OR, PRODUCT, Binary, Expression, Number
 from framekit.definition.model.frames import expressions_of, flat, names_read_in
 from framekit.definition.model.segments import (
     INDEX,
@@ -227,7 +227,7 @@ def _put(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) -> None:
         w.add(f"{count} = len({local})")
         w.counts[local] = count
     if isinstance(repeat.times, int):
-        w.refuse(repeat, scope, f"{w.count_of(local)} != {repeat.times}")
+        w.refuse(repeat.when, scope, f"{w.count_of(local)} != {repeat.times}")
     scope.entries[repeat.name].text = w.or_nothing(repeat.name, local, repeat.when, scope)
 
 
@@ -261,8 +261,7 @@ def _compare_times(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) 
     """A list must have as many items as other values say."""
     assert isinstance(repeat.times, Expression)
     found = w.count_of(scope.entries[repeat.name].text)
-    conditions = [] if repeat.when is None else [w.text(repeat.when, scope, AND)]
-    conditions += w.is_announced(repeat.times, scope)
+    conditions = w.is_known(repeat.when, repeat.times, scope)
     conditions.append(f"{found} != {w.text(repeat.times, scope, BIT_OR)}")  # sooner than the call
     w.compare_size((*given.path, repeat.name), found, w.text(repeat.times, scope), conditions)
 
@@ -289,8 +288,8 @@ def _put_records(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) ->
     before = w.names.fresh("before") if may_be_empty(w.static, repeat) else ""
     if repeat.until is not None:
         where = *given.path, repeat.name
-        empty = f"not {items}" if repeat.when is None else f"{w.text(repeat.when, scope, AND)} and not {items}"
-        w.complain(empty, text_source(*where), text_source("'", *where, "' has at least one item"))
+        message = text_source("'", *where, "' has at least one item")
+        w.complain_where(repeat.when, scope, f"not {items}", text_source(*where), message)
     texts = {
         INDEX: place, LAST: f"({place} == len({items}) - 1)", PREVIOUS: f"({complete}[-1] if {complete} else None)"
     }  # fmt: skip

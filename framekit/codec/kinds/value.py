@@ -10,7 +10,7 @@ from framekit.codec.python.expressions import NameEntry, Scope
 from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.reader import BufferReader, Item
 from framekit.codec.python.source import quoted, text_source
-from framekit.definition.expression import AND, BIT_OR, COMPARE, Expression
+from framekit.definition.expression import BIT_OR, COMPARE, Expression
 from framekit.definition.model.segments import Require, Value
 
 
@@ -64,8 +64,7 @@ def _agree(w: EncodeWriter, value: Value, scope: Scope, given: Given) -> None:
     read = w.text(value.read, scope, BIT_OR)
     path = *given.path, value.name
     message = text_source("'", *path, "' does not agree with the other values")
-    there = "" if value.when is None else f"{w.text(value.when, scope, AND)} and "
-    w.complain(f"{there}{local} != {read}", text_source(*path), message)
+    w.complain_where(value.when, scope, f"{local} != {read}", text_source(*path), message)
 
 
 def _work_out(r: BufferReader, item: Item, value: Value) -> None:

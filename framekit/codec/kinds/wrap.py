@@ -157,7 +157,7 @@ def _compare_size(w: EncodeWriter, wrap: Wrap, scope: Scope, given: Given) -> No
     """The content must take as many bytes on the wire as other values say."""
     size, conditions = str(wrap.size), []
     if isinstance(wrap.size, Expression):
-        size, conditions = w.text(wrap.size, scope), w.is_announced(wrap.size, scope)
+        size, conditions = w.text(wrap.size, scope), w.is_known(None, wrap.size, scope)
     name = wrap.name or ""
     path = (*given.path, "wrap" if name.startswith("_") else name)
     w.compare_size(path, f"len({w.wires[name]})", size, conditions)

@@ -464,9 +464,9 @@ class EncodeWriter(FunctionWriter):
 
     def validate_range(self, item: Segment, scope: Scope, local: str, limits: forms.Range) -> None:
         if limits.least is not None and limits.most is not None:
-            self.refuse(item, scope, f"not {limits.least} <= {local} <= {limits.most}")
+            self.refuse(item.when, scope, f"not {limits.least} <= {local} <= {limits.most}")
         elif limits.least is not None:
-            self.refuse(item, scope, f"{local} < {limits.least}")
+            self.refuse(item.when, scope, f"{local} < {limits.least}")
 
     def refuse_digits(self, item: Field | Length | Count, scope: Scope, text: str) -> None:
         """A number that is worked out must fit into its hex digits: to format it says nothing of that."""
@@ -476,20 +476,23 @@ class EncodeWriter(FunctionWriter):
         if isinstance(item, Field) or item.plus < 0:
             self.validate_range(item, scope, text, limits)
         else:
-            self.refuse(item, scope, f"{text} > {limits.most}")
+            self.refuse(item.when, scope, f"{text} > {limits.most}")
 
-    def refuse(self, item: Segment, scope: Scope, condition: str) -> None:
-        if item.when is not None:
-            condition = f"({self.text(item.when, scope, AND)} and {condition})"
-        self.refuse_if(condition)
+    def refuse(self, when: Expression | None, scope: Scope, condition: str) -> None:
+        """As `refuse_if`, where a segment with that `when` is there."""
+        self.refuse_if(condition if when is None else f"({self.text(when, scope, AND)} and {condition})")
+
+    def complain_where(self, when: Expression | None, scope: Scope, condition: str, field: str, message: str) -> None:
+        """As `complain`, where a segment with that `when` is there."""
+        there = "" if when is None else f"{self.text(when, scope, AND)} and "
+        self.complain(f"{there}{condition}", field, message)
 
     def refuse_others(
         self, name: str, local: str, constants: tuple[int | str | bytes, ...], when: Expression | None, scope: Scope
     ) -> None:
-        there = "" if when is None else f"{self.text(when, scope, AND)} and "
         shown = ", ".join(repr(constant) for constant in constants)
         message = text_source(f"'{name}' is one of {shown}, not ", Code(f"repr({local})"))
-        self.complain(f"{there}{local} not in {literal(constants)}", quoted(name), message)
+        self.complain_where(when, scope, f"{local} not in {literal(constants)}", quoted(name), message)
 
     # ---- data ---------------------------------------------------------------------------------------------
 
@@ -507,13 +510,12 @@ class EncodeWriter(FunctionWriter):
         local, size = scope.entries[name].text, self.text(told, scope)
         is_text = isinstance(item, Field) and self.fills_up(item)
         found = f"max(len({local}), {size})" if is_text else f"len({local})"
-        conditions = [] if item.when is None else [self.text(item.when, scope, AND)]
-        conditions += self.is_announced(told, scope)
-        self.compare_size((*given.path, name), found, size, conditions)
+        self.compare_size((*given.path, name), found, size, self.is_known(item.when, told, scope))
 
-    def is_announced(self, told: Expression, scope: Scope) -> list[str]:
-        """Texts of the conditions that what a size goes by has been announced."""
-        found = []
+    def is_known(self, when: Expression | None, told: Expression, scope: Scope) -> list[str]:
+        """Texts of the conditions that a segment with that `when` is there, and that what its size goes by has been
+        announced."""
+        found = [] if when is None else [self.text(when, scope, AND)]
         for other in sorted(self.waits(told)):
             state = self.module.protocol.state.get(other)
             if state is not None and state.announced and scope.find(other) is None:
@@ -814,10 +816,8 @@ class EncodeWriter(FunctionWriter):
             stops = segment.number_type.stops
             first = behind[0] if len(behind) == 1 else f"({' or '.join(behind)})"
             condition = f"{first}[:1] not in ({', '.join(map(bytes_literal, stops))},)"
-            if segment.when is not None:
-                condition = f"{self.text(segment.when, scope, AND)} and {condition}"
             what = f"{segment.title} ends before {shown_stops(stops)}, and something else follows it"
-            self.complain(condition, quoted(segment.name or ""), quoted(what))
+            self.complain_where(segment.when, scope, condition, quoted(segment.name or ""), quoted(what))
         ended.clear()
 
     def _settle(self, waiting: list[Waiting], texts: list[str], by: Check) -> None:

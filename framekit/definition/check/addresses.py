@@ -49,8 +49,7 @@ def check_forms(
 
 def check_parts(protocol: Protocol) -> Iterator[Problem]:
     """Numbers and words of forms that nothing reads: addresses that differ in them would mean one place."""
-    services = (part for rows in protocol.services.values() for part in expressions_of(list(rows)))
-    read = {name for part in services for name in names_in(part.root)}
+    read = {name for part in expressions_of(protocol.service_rows) for name in names_in(part.root)}
     for form in protocol.addresses:
         known = read.union(*(names_in(result.root) for result in form.results.values()))
         for part in parts_in(form):
@@ -152,7 +151,7 @@ def _ranges(form: AddressForm, parts: tuple[Part, ...]) -> Iterator[Problem]:
 
 def check_texts(protocol: Protocol) -> Iterator[Problem]:
     """Forms on the wire of which no text can be made: a request carries what users wrote, and no place after it."""
-    asking = (row for rows in protocol.services.values() for row in rows if not row.server_only)
+    asking = (row for row in protocol.service_rows if not row.server_only)
     if not any("text" in mentions_of(row) - {one.name for one in row.takes} for row in asking):
         return
     for form in protocol.addresses:

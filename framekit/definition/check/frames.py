@@ -773,7 +773,7 @@ def check_interrupting(protocol: Protocol, frame: Frame, is_open: bool) -> Itera
     `is_open`: only silence ends the frame.
     """
     todo = "leave inside out"
-    inner = {name for one in parts_of(protocol.frames, Inner) for name in one.frames}
+    inner = protocol.carried
     if frame.inner or frame.name in inner:
         what = f"'{frame.name}' stands only in other frames"
         yield Problem(frame.at, what, "write inside: at the frames around it")

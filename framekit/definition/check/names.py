@@ -126,9 +126,8 @@ class NameChecker:
         self._expressions(protocol.roles, EXCHANGE)
         for sequence in protocol.sequences.values():
             self._sequence(sequence)
-        for rows in protocol.services.values():
-            for row in rows:
-                self._service(row)
+        for row in protocol.service_rows:
+            self._service(row)
         self._expressions(protocol.server_refusals, EXCHANGE | (IN_BLOCKS if protocol.commands else set()))
         for method in protocol.checks.values():
             self._expressions([method.expression], {"data"} if method.kind == "code" else {"acc", "byte"})

@@ -245,28 +245,20 @@ def check_roles(protocol: Protocol, broken: Collection[str]) -> Iterator[Problem
 
 def _never_run(protocol: Protocol) -> Iterator[Problem]:
     """Sequences that nothing leads to. Without roles a definition is there for others to extend."""
-    run = {name for role in protocol.roles.values() for lane in role.lanes for name in (*lane.exchange, lane.listen)}
+    run = {name for lane in protocol.lanes for name in (*lane.exchange, lane.listen)}
     for session in protocol.sessions.values():
         run |= {*session.open, *session.close, session.keep_alive_run}
-    for rows in protocol.services.values():
-        for row in rows:
-            run |= row.sequences
+    for row in protocol.service_rows:
+        run |= row.sequences
     for sequence in protocol.sequences.values():
         run |= {step.call.sequence for step in sequence.steps if step.call is not None}
-    lanes = [lane for role in protocol.roles.values() for lane in role.lanes]
-    misspelt = any(not lane.places.keys() <= LANE_KEYS for lane in lanes) or not run <= {None, *protocol.sequences}
-    if not lanes or misspelt:
+    misspelt = any(not lane.places.keys() <= LANE_KEYS for lane in protocol.lanes)
+    if not protocol.lanes or misspelt or not run <= {None, *protocol.sequences}:
         return  # what is misspelt there may be what runs it
     for name, sequence in protocol.sequences.items():
         if name not in run:
             what = f"nothing runs the sequence '{name}'"
             yield Problem(sequence.at, what, "name it in a role, or drop it", warning=True)
-
-
-def exchanged(protocol: Protocol) -> set[str]:
-    """Sequences that exchanges run, with everything they call."""
-    names = (name for role in protocol.roles.values() for lane in role.lanes for name in lane.exchange)
-    return {sequence.name for sequence in protocol.called_from(names)}
 
 
 def _lane(protocol: Protocol, role: Role, lane: Lane) -> Iterator[Problem]:
@@ -300,8 +292,7 @@ def _given_by_services(protocol: Protocol, sequence: str) -> set[str]:
         places
         if row.service in ("read", "write") and row.request is None
         else {argument.name for argument in row.takes}
-        for rows in protocol.services.values()
-        for row in rows
+        for row in protocol.service_rows
         if sequence in row.sequences
     ]
     return set.intersection(*given) if given else set()
@@ -336,7 +327,7 @@ WORDS = ("next", "end", *WAITING)
 def check_procedure(protocol: Protocol, broken: Collection[str] = ()) -> list[Problem]:
     """Everything wrong with the sequences, roles and sessions of a protocol."""
     found: list[Problem] = []
-    run = exchanged(protocol)
+    run = {sequence.name for sequence in protocol.called_from(protocol.exchanged)}
     for sequence in protocol.sequences.values():
         found += _SequenceChecker(protocol, sequence, run, broken).check()
         found += check_actions(protocol, sequence, broken)

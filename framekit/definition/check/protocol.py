@@ -19,10 +19,11 @@ from framekit.definition.model.frames import Frame, bytes_of, parts_of
 from framekit.definition.model.procedure import Row, Sequence
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import Parameter, Queue, StateVariable
-from framekit.definition.model.segments import Check, Const, Data, Field, Inner, Segment
+from framekit.definition.model.segments import Check, Const, Data, Field, Segment
 from framekit.definition.model.services import BlockWork, CommandRules, PlaceOf
 from framekit.definition.problems import NOWHERE, Position, Problem, did_you_mean, plural
 from framekit.definition.times import format_time
+from framekit.definition.wire_types import bounds_of_bits
 
 MOST_VARIABLES = 4
 
@@ -244,8 +245,7 @@ def _variable(protocol: Protocol, variable: StateVariable) -> Iterator[Problem]:
     number = constant_number(variable.initial)
     match = _INTEGER.fullmatch(type_)
     if number is not None and match is not None and variable.initial is not None:
-        bits = int(match[2])
-        low, high = (0, (1 << bits) - 1) if match[1] == "u" else (-(1 << bits - 1), (1 << bits - 1) - 1)
+        low, high = bounds_of_bits(int(match[2]), match[1] == "i")
         if not low <= number <= high:
             what = f"{number} does not fit: '{variable.name}' holds {low} to {high}"
             yield Problem(variable.initial.at, what, "use a wider type")
@@ -291,9 +291,7 @@ def _marks(protocol: Protocol) -> Iterator[Problem]:
     line = protocol.line
     formats = [text.strip() for text in (line.format, *line.formats)]
     marked = [frame for frame in protocol.frames.values() if frame.mark is not None]
-    inside = {
-        name for frame in protocol.frames.values() for one in parts_of(frame.segments, Inner) for name in one.frames
-    }
+    inside = protocol.carried
     for frame in marked:
         if frame.inner or (frame.side == "none" and frame.name in inside):
             what = f"'{frame.name}' stands inside other frames, so no byte of it is marked by itself"
@@ -316,9 +314,7 @@ def _delimiter(protocol: Protocol) -> Iterator[Problem]:
     byte, is_used = protocol.receiver.delimiter, False
     if byte is None:
         return
-    inner = {
-        name for frame in protocol.frames.values() for one in parts_of(frame.segments, Inner) for name in one.frames
-    }
+    inner = protocol.carried
     for frame in protocol.frames.values():
         first, last = (frame.segments[0], frame.segments[-1]) if frame.segments else (None, None)
         if frame.inner or frame.name in inner or not (isinstance(first, Const) and first.data[:1] == bytes((byte,))):

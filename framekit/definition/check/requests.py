@@ -265,7 +265,7 @@ def check_stations(protocol: Protocol) -> Iterator[Problem]:
         read = {node.name for node in nodes if isinstance(node, Attribute)}
         compared = {field for node in nodes if isinstance(node, Compare) for field in _compared_with_own(node)}
         told: set[str] = set()
-        for made in (row.request for rows in protocol.services.values() for row in rows if not row.client_only):
+        for made in (row.request for row in protocol.service_rows if not row.client_only):
             frame = None if made is None or made.frame not in taken else protocol.frames.get(made.frame)
             if made is None or frame is None or _validates_itself(frame):
                 continue
@@ -299,7 +299,7 @@ def check_settings(protocol: Protocol) -> Iterator[Problem]:
     read = attributes_in(sequences)
     of_places = {name for form in protocol.addresses for name in form.names}
     told: set[tuple[str, str]] = set()
-    for row in (row for rows in protocol.services.values() for row in rows if not row.client_only):
+    for row in (row for row in protocol.service_rows if not row.client_only):
         frame = None if row.request is None else protocol.frames.get(row.request.frame)
         if row.request is None or frame is None or frame.name not in taken:
             continue
@@ -322,8 +322,7 @@ def check_settings(protocol: Protocol) -> Iterator[Problem]:
 
 def check_of_client(protocol: Protocol) -> Iterator[Problem]:
     """`from: client` keeps a device from comparing a parameter of a request: one that it would compare."""
-    rows = [row for rows in protocol.services.values() for row in rows]
-    served = [row for row in rows if not row.client_only] if serves(protocol) else []
+    served = [row for row in protocol.service_rows if not row.client_only] if serves(protocol) else []
     sent: list[Any] = [part for row in served for part in (row.request, row.buffer)]
     frames = (protocol.frames.get(made.frame) for made in parts_of(sent, FrameOf))
     sent += [frame.segments for frame in frames if frame is not None]
@@ -380,7 +379,7 @@ def check_unserved(protocol: Protocol) -> Iterator[Problem]:
     if not serves(protocol):
         return
     above: dict[str, list[ServiceRow]] = {}
-    for row in (row for rows in protocol.services.values() for row in rows):
+    for row in protocol.service_rows:
         if row.request is None or row.client_only or row.request.frame not in protocol.frames:
             continue
         earlier = above.setdefault(row.request.frame, [])

@@ -80,8 +80,7 @@ def _constructors(protocol: Protocol, broken: Collection[str]) -> Iterator[Probl
 
 def _never_built(protocol: Protocol) -> set[int]:
     """What is only compared with what comes: requests that no client sends, replies that no server gives."""
-    rows = [row for rows in protocol.services.values() for row in rows]
-    asks = protocol.commands is None
+    rows, asks = protocol.service_rows, protocol.commands is None
     found = {id(row.request) for row in rows if row.server_only or not asks}
     return found | {id(reply.frame) for row in rows if row.client_only or not serves(protocol) for reply in row.reply}
 
@@ -164,7 +163,7 @@ def _row(protocol: Protocol, row: ServiceRow, broken: Collection[str]) -> Iterat
     yield from _lists(protocol, row)
     yield from _units(protocol, row)
     yield from _points(protocol, row)
-    sequences = {name for role in protocol.roles.values() for lane in role.lanes for name in lane.exchange}
+    sequences = protocol.exchanged
     if row.run is not None and isinstance(row.run.root, Text) and sequences and row.run.root.value not in sequences:
         what = f"'{row.run.root.value}' is no exchange of any role"
         yield Problem(row.run.at, what, did_you_mean(row.run.root.value, sequences))

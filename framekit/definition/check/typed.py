@@ -42,6 +42,7 @@ from framekit.definition.model.segments import INDEX, LAST, PREVIOUS, Repeat
 from framekit.definition.model.services import ServiceRow
 from framekit.definition.model.values import FrameOf, Table, Value
 from framekit.definition.problems import Position, Problem, did_you_mean, plural
+from framekit.definition.wire_types import bounds_of_bits
 
 Kind = ValueKind
 Attributes = Callable[[Attribute], Kind]
@@ -536,9 +537,8 @@ class _Kinds:
             self._method(method)
         for sequence in protocol.sequences.values():
             self._sequence(sequence)
-        for rows in protocol.services.values():
-            for row in rows:
-                self._service(row)
+        for row in protocol.service_rows:
+            self._service(row)
         if protocol.errors is not None:
             self._made(self._checker({"code": "any"}), [row.frame for row in protocol.errors.answer])
         return self.found
@@ -565,8 +565,7 @@ class _Kinds:
 
     def _line(self) -> None:
         protocol, checker = self.protocol, self._checker()
-        lanes = [lane for role in protocol.roles.values() for lane in role.lanes]
-        for part in (protocol.line, protocol.receiver, *protocol.sessions.values(), *lanes):
+        for part in (protocol.line, protocol.receiver, *protocol.sessions.values(), *protocol.lanes):
             self._keys(checker, part)
 
     def _method(self, method: CheckMethod) -> None:
@@ -725,9 +724,8 @@ class _Kinds:
             checker.wants(key, "number")
             self._never_in(key, variable.keys, f"'{variable.name}' has the keys")
         if variable is not None and variable.type[0] in "ui" and variable.type[1:].isdigit():
-            bits = int(variable.type[1:])
-            low, high = (0, (1 << bits) - 1) if variable.type[0] == "u" else (-(1 << bits - 1), (1 << bits - 1) - 1)
-            self._never_in(value, (low, high), f"'{variable.name}' holds")
+            bounds = bounds_of_bits(int(variable.type[1:]), variable.type[0] == "i")
+            self._never_in(value, bounds, f"'{variable.name}' holds")
 
     def _never_in(self, value: Value, limits: tuple[int, int], holder: str) -> None:
         """A number that stands there, and is outside of the limits."""

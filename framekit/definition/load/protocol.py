@@ -12,7 +12,7 @@ from shutil import copyfile
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
-from framekit.definition.check import check_protocol
+from framekit.definition.check.protocol import check_protocol
 from framekit.definition.keys import read_part
 from framekit.definition.load.documents import Documents, SourceText, joined, merged, scalar_of
 from framekit.definition.load.frames import FrameLoader, SegmentLoader, resolve_references

@@ -8,8 +8,9 @@ from typing import Literal
 
 from framekit.definition.model.checks import CheckMethod
 from framekit.definition.model.frames import Frame, Group, Layout, parts_of
-from framekit.definition.model.procedure import Action, Role, Sequence, Session, Step
+from framekit.definition.model.procedure import Action, Lane, Role, Sequence, Session, Step
 from framekit.definition.model.sections import Line, Parameter, Queue, Receiver, StateVariable, StationType
+from framekit.definition.model.segments import Inner
 from framekit.definition.model.services import AddressForm, Area, CommandRules, Errors, Refusal, ServiceRow
 from framekit.definition.model.values import Table
 from framekit.definition.problems import NOWHERE, Position, Problem
@@ -61,6 +62,26 @@ class Protocol:
     @property
     def frames_alone(self) -> bool:
         return not self.roles
+
+    @property
+    def service_rows(self) -> tuple[ServiceRow, ...]:
+        """The rows of all services, in the order of the file."""
+        return tuple(row for rows in self.services.values() for row in rows)
+
+    @property
+    def lanes(self) -> tuple[Lane, ...]:
+        """The lanes of all roles."""
+        return tuple(lane for role in self.roles.values() for lane in role.lanes)
+
+    @property
+    def exchanged(self) -> dict[str, None]:
+        """The sequences that exchanges of any role run."""
+        return dict.fromkeys(name for lane in self.lanes for name in lane.exchange)
+
+    @property
+    def carried(self) -> frozenset[str]:
+        """The frames of which one stands somewhere inside another."""
+        return frozenset(name for one in parts_of(dict(self.frames), Inner) for name in one.frames)
 
     @property
     def delivers(self) -> bool:

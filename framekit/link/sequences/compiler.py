@@ -129,7 +129,7 @@ def load_sequences(
 
 def _of_exchanges(protocol: Protocol) -> set[str]:
     """The sequences that exchanges, or what opens and closes their sessions, may run."""
-    waiting = [name for role in protocol.roles.values() for lane in role.lanes for name in lane.exchange]
+    waiting = list(protocol.exchanged)
     for session in protocol.sessions.values():
         waiting += [*session.open, *session.close, *([session.keep_alive_run] if session.keep_alive_run else ())]
     waiting += [name for name in protocol.sequences if not protocol.roles]

@@ -25,7 +25,7 @@ from framekit.link.packing import cut_memory, in_unit, join_memory, memory_of, r
 from framekit.link.scope import Scope
 from framekit.link.services.replies import ErrorReader, ReplyReader, UnfitReplyError
 from framekit.link.services.rows import Piece, Plan, Planner, RowFacts, ServiceError, ServiceRows, arguments_of, rows_of
-from framekit.link.services.writing import ValueWriter, WriterLevel, code_of_source
+from framekit.link.services.writing import ValueWriter, WriterLevel, function_of
 from framekit.link.values import EACH, EVALUATION_ERRORS, Evaluate, FrameValue, Names, compile_expression
 from framekit.memory.memory import unit_bits
 
@@ -118,11 +118,9 @@ def _maker(shared: ServiceRows, values: Sequence[Value | bytes | None]) -> Calla
     given: dict[str, Any] = {}
     writer, level = ValueWriter(shared, given, "names"), WriterLevel(())
     parts = [repr(one) if one is None or isinstance(one, bytes) else writer.value(one, level) for one in values]
-    source = Source()
-    with source.block("def function(names):"):
-        source.add(f"return ({''.join(f'{part}, ' for part in parts)})")
-    exec(code_of_source(source.text()), given)
-    make: Callable[[Names], Any] = given["function"]
+    body = Source(1)
+    body.add(f"return ({''.join(f'{part}, ' for part in parts)})")
+    make: Callable[[Names], Any] = function_of("def function(names):", body, given)
     return make
 
 

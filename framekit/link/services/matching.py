@@ -25,7 +25,7 @@ from framekit.link.events import Served
 from framekit.link.packing import PackingError, memory_of, memory_of_numbers, numbers_of, values_of
 from framekit.link.services.areas import AreaUnit, Codes, DeviceAreas
 from framekit.link.services.rows import RowFacts, padded_names
-from framekit.link.services.writing import ValueWriter, WriterLevel, Written, code_of_source
+from framekit.link.services.writing import ValueWriter, WriterLevel, Written, function_of
 from framekit.link.values import (
     EACH,
     EVALUATION_ERRORS,
@@ -286,12 +286,7 @@ class RowWriter:
         else:
             self.unfit_if("not holds(reading)")
             out.add("return go_on(request, reading)" if self.whole else "return reading")
-        source = Source()
-        with source.block("def function(request, buffer, station, names):"):
-            source.lines.extend(out.lines)
-        space = dict(self.given)
-        exec(code_of_source(source.text()), space)
-        return space["function"]
+        return function_of("def function(request, buffer, station, names):", out, self.given)
 
     # ---- comparing ----------------------------------------------------------------------------------------
 

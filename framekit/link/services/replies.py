@@ -14,7 +14,7 @@ from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, 
 from framekit.link.events import Outcome
 from framekit.link.packing import PackingError, memory_of_numbers
 from framekit.link.services.rows import Piece, RowFacts, ServiceRows, padded_names
-from framekit.link.services.writing import ValueWriter, WriterLevel, code_of_source
+from framekit.link.services.writing import ValueWriter, WriterLevel, function_of
 from framekit.link.values import (
     EACH,
     EVALUATION_ERRORS,
@@ -182,12 +182,7 @@ class FindWriter:
         if self.row.buffer is not None:
             self._collect(self.row.buffer, "buffer", False, self.out)
         self.out.add("return [found[place] for place in sorted(found)]" if self.of_some else "return found")
-        source = Source()
-        source.add("def function(reply, buffer, names):")
-        source.lines.extend(self.out.lines)
-        space = dict(self.given)
-        exec(code_of_source(source.text()), space)
-        find: Find = space["function"]
+        find: Find = function_of("def function(reply, buffer, names):", self.out, self.given)
         return find
 
     def _collect(self, value: Value, actual: str, padded: bool, out: Source) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 
 from framekit.codec import support
 from framekit.codec.evaluate import LookedUp
+from framekit.codec.python.source import Source
 from framekit.definition.expression import Expression, Name, emit
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
 from framekit.link.services.rows import ServiceRows
@@ -192,6 +193,15 @@ def _is_settled(evaluate: Callable[[Names], Any]) -> bool:
 def said(parts: Mapping[str, Any], names: Names, name: str) -> Any:
     """A name that an address may have said."""
     return parts[name] if name in parts else names[name]
+
+
+def function_of(header: str, body: Source, given: Mapping[str, Any]) -> Any:
+    """The function with that header and these lines, which uses what is `given` by name."""
+    source, space = Source(), dict(given)
+    with source.block(header):
+        source.lines.extend(body.lines)
+    exec(code_of_source(source.text()), space)
+    return space["function"]
 
 
 @lru_cache(512)
