@@ -361,6 +361,12 @@ class PointTable:
             if not state.failed_blocks:
                 self._read(state, now)
 
+    def closed(self, channel: int, reason: str, now: int) -> None:
+        """A channel has no port: its points that were never read have failed. Others grow old."""
+        for state in self._states.values():
+            if state.point.channel == channel and state.value.value is None and state.value.quality != "good":
+                self._fail(state, reason, now)
+
     def forget_changes(self) -> None:
         """What has come into memory from before the start is no reading of points that blocks bring."""
         self._changed = {name: state for name, state in self._changed.items() if not state.point.blocks}

@@ -242,9 +242,12 @@ class RunService(ChannelOwner):
 
     def opened(self, channel: int, is_open: bool) -> None:
         """Whether exchanges can be started on a channel now."""
-        self.scheduler.set_open(channel, is_open, self.clock.now())
+        now = self.clock.now()
+        self.scheduler.set_open(channel, is_open, now)
         if is_open:
             self.exchanges.prepare(channel, (state.block for state in self.states.values()))
+        elif self._has_points and self.running:
+            self.points.table.closed(channel, self.channels[channel].state, now)
         if self.jobs is not None:
             self.jobs.opened(channel, is_open)
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
 import random
 from pathlib import Path
+from socket import socket
 from typing import Any
 
 import pytest
 
 from framekit.api.errors import RequestError
-from framekit.api.run import VirtualRun, loaded
+from framekit.api.run import AsyncRun, VirtualRun, loaded
 from framekit.definition.problems import DefinitionError
 from framekit.run.points import PointValue
 
@@ -174,6 +176,21 @@ def test_quality_follows_the_device(tmp_path: Path) -> None:
     run.run_for("20 s")
     assert told == [("good", 7), ("failed", 7), ("good", 7)]
     run.stop()
+
+
+def test_points_that_were_never_read_have_failed_where_the_port_is_refused(tmp_path: Path) -> None:
+    async def main() -> PointValue:
+        with socket() as refused:  # bound, and nothing listens
+            refused.bind(("127.0.0.1", 0))
+            lines = RUN.format(protocol="modbus-tcp", station=1, points='  a: {channel: 1, address: "40001"}')
+            text = lines.replace("sim:meter.device.yaml", f"tcp://127.0.0.1:{refused.getsockname()[1]}")
+            (tmp_path / "plant.run.yaml").write_text(text, "utf-8")
+            async with AsyncRun(tmp_path / "plant.run.yaml") as run:
+                return await run.points["a"].changed(timeout=60)
+
+    value = asyncio.run(main())
+    assert (value.value, value.quality) == (None, "failed")
+    assert value.reason.endswith("Connection refused") and value.text_time
 
 
 def test_a_value_that_is_not_read_for_long_is_stale(tmp_path: Path) -> None:
