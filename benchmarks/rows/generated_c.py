@@ -19,7 +19,7 @@ from typing import IO, TYPE_CHECKING
 from benchmarks.measure import ROUND, interleave
 from benchmarks.row import Row, faster, slower
 from framekit.codec.c.generate import generate
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

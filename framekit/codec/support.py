@@ -334,7 +334,7 @@ def parse_decimal(
     plain = bytes(text.lstrip(fill) if fixed and fill != b"0" else text).removeprefix(b" " if sign == "space" else b"")
     if len(text) > 256 or not re.fullmatch(rb"[+-]?[0-9]*(\.[0-9]*)?(E[+-][0-9]{1,4})?", plain):
         raise Unfit(f"{bytes(text)!r} is not a number in decimal text")
-    if not plain.strip(b"+-.E")[:1].isdigit():
+    if not re.match(rb"[+-]?\.?[0-9]", plain):
         raise Unfit(f"{bytes(text)!r} has no digits")
     shown = plain.decode("ascii")
     is_whole = decimals == 0 and not exponent and not point and shown.lstrip("+-").isdigit()

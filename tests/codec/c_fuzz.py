@@ -31,7 +31,7 @@ from framekit.codec.c.source import CSource, identifier, string
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.codec.samples import Sampler
 from framekit.definition.kinds.base import constant_number
-from framekit.definition.load import load_protocol
+from framekit.definition.load.protocol import load_protocol
 
 SIDES = {"client": 1, "server": 2, "both": 3}
 MOST_SEEDS, MOST_SEED = 400, 4000

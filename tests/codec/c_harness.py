@@ -24,6 +24,7 @@ from framekit.codec.errors import EncodeError, FrameError
 from framekit.codec.samples import Sampler
 from framekit.definition.kinds.base import constant_number
 from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.segments import PLAIN
 
 GCC = shutil.which("gcc")
 WARNINGS = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-Wconversion"]
@@ -137,11 +138,20 @@ def _nothing_of(member: CMember) -> list[str]:
             ]
         case "bytes":
             return ["x"]
+        case "decimal":
+            return ["0", "0"]
         case "float":
             return ["f" + "00" * member.size]
         case "inner":
             return ["?", "x"]
     return ["0"]
+
+
+def _parts(value: Any) -> tuple[int, int]:
+    """The digits of a decimal number, and how many of them stand behind the point."""
+    sign, digits, exponent = Decimal(str(value)).as_tuple()
+    number = int("".join(map(str, digits)))
+    return -number if sign else number, -int(exponent)
 
 
 def _tokens_of(value: Any, member: CMember, made: Generated) -> list[str]:
@@ -150,6 +160,9 @@ def _tokens_of(value: Any, member: CMember, made: Generated) -> list[str]:
             if member.places:
                 return [str(int(Decimal(str(value)) * 10**member.places))]
             return [str(int(value))]
+        case "decimal":
+            number, places = _parts(value)
+            return [str(number), str(places)]
         case "float":
             code = ">f" if member.size == 4 else ">d"
             return [f"f{packing.pack(code, value).hex()}"]
@@ -161,7 +174,8 @@ def _tokens_of(value: Any, member: CMember, made: Generated) -> list[str]:
             return tokens(value, member.inside, made)
         case "list":
             assert member.inside is not None
-            return [str(len(value)), *(one for item in value for one in tokens(item, member.inside, made))]
+            items = [{PLAIN: item} if member.is_single else item for item in value]
+            return [str(len(value)), *(one for item in items for one in tokens(item, member.inside, made))]
         case "values":
             assert member.item is not None
             return [str(len(value)), *(one for item in value for one in _tokens_of(item, member.item, made))]
@@ -310,6 +324,8 @@ def _show_one(out: Any, member: CMember, at: str, made: Generated, depth: int) -
             out.add(f'printf(" %llu", (unsigned long long){at});')
         case "number":
             out.add(f'printf(" %lld", (long long){at});')
+        case "decimal":
+            out.add(f'printf(" %lld %d", (long long){at}.number, {at}.places);')
         case "float":
             out.add(f"show_float(&{at}, {member.size});")
         case "bytes":
@@ -353,6 +369,8 @@ def _scan_one(out: Any, member: CMember, at: str, made: Generated, depth: int) -
     match member.kind:
         case "number":
             out.add(f"{at} = ({member.ctype})next_number();")
+        case "decimal":
+            out.add(f"{at}.number = (int64_t)next_number();", f"{at}.places = (int16_t)next_number();")
         case "float":
             out.add(f"next_float(&{at}, {member.size});")
         case "bytes":
@@ -574,13 +592,18 @@ def _holds(value: Any, member: CMember, made: Generated) -> bool:
             bits = int(re.findall(r"\d+", member.ctype)[0])
             low, high = (0, (1 << bits) - 1) if member.ctype[0] == "u" else (-(1 << bits - 1), (1 << bits - 1) - 1)
             return isinstance(number, int) and low <= number <= high
+        case "decimal":
+            number, places = _parts(value)
+            is_minus_zero = number == 0 and str(value).startswith("-")
+            return not is_minus_zero and abs(number) < 1 << 63 and abs(places) < 1 << 15
         case "record":
             assert member.inside is not None
             return _holdable(value, member.inside, made)
         case "list":
             assert member.inside is not None
             inside = member.inside
-            return len(value) <= member.capacity and all(_holdable(item, inside, made) for item in value)
+            items = [{PLAIN: item} if member.is_single else item for item in value]
+            return len(value) <= member.capacity and all(_holdable(item, inside, made) for item in items)
         case "values":
             assert member.item is not None
             one = member.item

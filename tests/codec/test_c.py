@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from random import Random
 
 import pytest
 from c_fuzz import fuzz
@@ -83,6 +84,42 @@ def test_every_kind_of_segment_is_read_and_built_as_by_python(case: Case, tmp_pa
 def test_damaged_streams_do_no_harm(name: str, tmp_path: Path) -> None:
     found = fuzz(name, 300_000, seed=5, folder=tmp_path)
     assert found is None or (found.fault == "" and found.bytes >= 300_000 and found.good > 100 and found.bad)
+
+
+DECIMALS = (
+    "size: 4", "size: 5, pad: 20", "size: 3, sign: never", "size: 6, sign: always, decimals: 1",
+    "size: 6, sign: space, decimals: 2", "size: 4, point: always", "size: 18", "end: 2C",
+    "end: 2C, decimals: any, digits: 3", "end: 2C, decimals: any, point: always",
+    "end: 2C, decimals: 3, exponent: 2, sign: always",
+    "end: 2C, decimals: 1, exponent: 1", "end: 2C, decimals: 1, empty: yes", "end: [2C, 2A], digits: 0, decimals: 2",
+)  # fmt: skip
+
+
+@needs_gcc
+@pytest.mark.long
+def test_numbers_in_text_are_read_and_built_as_by_python(tmp_path: Path) -> None:
+    frames = "".join(
+        f"  f{number}: {{body: [{{field: a, type: decimal, {keys}}}, {{field: b, type: u8}}]}}\n"
+        for number, keys in enumerate(DECIMALS)
+    )
+    c = compiled(f"protocol: small\nframes:\n{frames}", tmp_path)
+    assert len(c.generated.frames) == len(DECIMALS) and not c.generated.not_built
+    random_, asked = Random(3), []
+    for frame in c.generated.frames:
+        for data in c.samples(frame, 20):
+            asked += [(frame, data), *((frame, _some_signs_changed(random_, data)) for _ in range(60))]
+        for _ in range(1500):
+            asked.append((frame, bytes(random_.choices(b"0012459+-.E ", k=random_.randrange(1, 7))) + b",b"))
+    assert differences(c, asked) == []
+    assert encode_trial(c, seed=4, samples=20, changes=40) == []
+    assert measure_trial(c, seed=5, samples=4, changes=6) == []
+
+
+def _some_signs_changed(random_: Random, data: bytes) -> bytes:
+    found = bytearray(data)
+    for _ in range(random_.choice((1, 1, 2))):
+        found[random_.randrange(len(found))] = random_.choice(b"0019+-.E ,")
+    return bytes(found)
 
 
 # ---- text of a definition ---------------------------------------------------------------------------------------

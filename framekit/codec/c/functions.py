@@ -134,6 +134,13 @@ class CFunctionWriter:
         self.locals.append(f"static const struct fk_stop {table}[] = {{ {', '.join(rows)} }};")
         return f"{table}, {len(rows)}"
 
+    def stops(self, type_: FieldType) -> str:
+        """The table of the bytes before which a value ends, and how many there are."""
+        table = self.fresh("stops")
+        rows = ", ".join(f"{{ {string(one)}, {len(one)} }}" for one in type_.stops)
+        self.locals.append(f"static const struct fk_stop {table}[] = {{ {rows} }};")
+        return f"{table}, {len(type_.stops)}"
+
     @contextmanager
     def block(self, header: str, behind: str = "") -> Iterator[None]:
         with self.out.block(header, behind):
@@ -182,6 +189,17 @@ class CFunctionWriter:
                 little = "true" if type_.order == "little" else "false"
                 got = self.number_local()
                 return got, self._failing(f"{helper('bcd')}({raw}, {size}, {little}, &{got})")
+            case "hex_int":
+                if type_.order not in ("big", "little"):
+                    raise CannotSayError(at.at, f"digits of a number in the order {type_.order}")
+                little = "true" if type_.order == "little" else "false"
+                got = self.number_local()
+                call = self._failing(f"{helper('digits')}({raw}, {size}, 16, {little}, &{got})")
+                return f"{helper('with_sign')}({got}, {4 * (type_.fixed_size or 2)})", call
+            case "decimal" | "fraction":
+                got = self.number_local()
+                call = f"{helper('decimal_number')}({raw}, {self.decimal_form(type_, size)}, &{got})"
+                return got, self._failing(call)
         raise CannotSayError(at.at, f"a number as '{type_.kind}'")
 
     def number_local(self) -> str:
@@ -191,6 +209,19 @@ class CFunctionWriter:
 
     def _failing(self, call: str) -> str:
         return call
+
+    def decimal_form(self, type_: FieldType, size: str) -> str:
+        """The arguments that say how a number is written as text: how many characters, whether always so many, how."""
+        form = type_.form
+        assert form is not None
+        self.file.helper("decimal_form")
+        name = self.fresh("form")
+        sign = {"minus": 0, "never": 0, "always": ord("+"), "space": ord(" ")}[form.sign]
+        flags = ", ".join("true" if one else "false" for one in (form.sign == "never", form.point))
+        decimals = -1 if form.decimals is None else form.decimals
+        row = f"{decimals}, {form.digits}, {form.exponent}, {form.fill[0]}, {sign}, {flags}"
+        self.locals.append(f"static const struct fk_decimal_form {name} = {{ {row} }};")
+        return f"{size}, {'true' if type_.size is not None else 'false'}, &{name}"
 
     def write_number(self, type_: FieldType, value: str, target: str, size: str, at: Segment) -> str:
         """The statement that writes an int64_t as it stands on the wire."""
@@ -202,7 +233,7 @@ class CFunctionWriter:
             case "int":
                 places = ", ".join(map(str, order_of_bytes(type_, type_.fixed_size or 2)))
                 return f"{helper('put_places')}({target}, (uint64_t){value}, {size}, (const uint8_t[]){{{places}}});"
-            case "digits":
+            case "digits" | "hex_int":
                 upper = "true" if type_.upper else "false"
                 return f"{helper('put_digits')}({target}, (uint64_t){value}, {size}, {type_.base}, {little}, {upper});"
             case "bcd":

@@ -791,6 +791,12 @@ struct framekit_bytes {
     size_t size;
 };
 
+/* A number in text with as many digits behind its point as it has: `number` times 10 to the power of minus `places`. */
+struct framekit_decimal {
+    int64_t number;
+    int16_t places;
+};
+
 /* What a parser of streams tells: it wants more bytes, a frame, bytes that would be a frame but for a fault. */
 enum framekit_event {
     FRAMEKIT_MORE,

@@ -37,7 +37,7 @@ from framekit.definition.model.segments import (
 )
 from framekit.definition.problems import Position
 
-MemberKind = Literal["number", "float", "bytes", "record", "list", "values", "inner"]
+MemberKind = Literal["number", "float", "decimal", "bytes", "record", "list", "values", "inner"]
 INT64 = (-(1 << 63), (1 << 63) - 1)
 
 
@@ -64,6 +64,7 @@ class CMember:
     item: CMember | None = None
     frames: tuple[str, ...] = ()
     always_valued: bool = False
+    is_single: bool = False
     most_size: int | None = None
     flag: str = ""
 
@@ -73,6 +74,8 @@ class CMember:
             return "float" if self.size == 4 else "double"
         if self.kind == "bytes":
             return "struct framekit_bytes"
+        if self.kind == "decimal":
+            return "struct framekit_decimal"
         return number_type(self.low, self.high)
 
     def same_as(self, other: CMember) -> bool:
@@ -120,7 +123,7 @@ def number_range(segment: Field | Length | Count | Repeat, type_: FieldType) -> 
         found = forms.value_range(replace(segment, limits=None))
     size = type_.size
     low, high = found.least, found.most
-    if high is None and isinstance(size, Expression):
+    if high is None and (isinstance(size, Expression) or type_.is_delimited):
         low, high = (INT64[0], INT64[1]) if type_.signed else (0, INT64[1])
         if isinstance(segment, Field) and (segment.plus or segment.unit):
             raise CannotSayError(segment.at, "a number of computed size with plus: or unit:")
@@ -311,6 +314,10 @@ class _Laying:
         chosen = segment.build is not None or segment.default is not None
         chosen = chosen or (segment.constants is not None and len(segment.constants) > 1)
         has = maybe or (chosen and segment.is_ is None)
+        if segment.type.form is not None and segment.type.form.empty:
+            if has or segment.is_ is not None or segment.limits is not None:
+                raise CannotSayError(segment.at, f"'{segment.name}', a number whose text may be empty, with more keys")
+            has = True
         member = self._member(segment.name, segment.type, segment)
         member.always_valued = segment.when is not None and segment.default is not None
         _add(struct, segment.name, member, has)
@@ -330,8 +337,14 @@ class _Laying:
             if ends[0] < INT64[0] or ends[1] > INT64[1]:
                 raise CannotSayError(at, f"'{name}' is a number of more than 64 bits")
             return CMember(name, "number", "", at, ends[0], ends[1], places=type_.scale.places)
-        if type_.kind not in ("int", "hex_int", "digits", "bcd"):
-            raise CannotSayError(at, f"'{name}' is a decimal number in text")
+        if type_.kind == "fraction":
+            form = type_.form
+            assert form is not None
+            if form.decimals is None or form.exponent:
+                return CMember(name, "decimal", "", at)
+            digits = min((type_.fixed_size or 18) - (form.decimals > 0), 18)
+            most = 10**digits - 1 if type_.fixed_size is not None and digits < 18 else INT64[1]
+            return CMember(name, "number", "", at, -most if type_.signed else 0, most, places=form.decimals)
         low, high = self._bounds(segment, type_)
         return CMember(name, "number", "", at, low, high)
 
@@ -345,8 +358,6 @@ class _Laying:
         return number_range(segment, type_)
 
     def _repeat(self, segment: Repeat, struct: CStruct, maybe: bool) -> None:
-        if segment.single:
-            raise CannotSayError(segment.at, f"'{segment.name}' is a list of plain values with bytes between them")
         least = (
             segment.of.sizes.least if isinstance(segment.of, FieldType) else self.layouts.static.all(segment.of).least
         )
@@ -361,6 +372,7 @@ class _Laying:
             inside = CStruct(f"items of '{segment.name}'")
             self.all(segment.of, inside, False)
             member = CMember(segment.name, "list", "", segment.at, inside=inside, capacity=max(capacity, 1))
+            member.is_single = segment.single
         _add(struct, segment.name, member, maybe)
 
 

@@ -543,12 +543,9 @@ def _text(m: CMeasureWriter, segment: Any, scope: CScope, after: Pairs, needed: 
     if type_.end is not None:
         call = f"{m.file.helper('find')}(data, (size_t)at, size, {string(type_.end)}, {len(type_.end)}, &{found})"
     else:
-        stops = m.fresh("stops")
-        rows = ", ".join(f"{{ {string(one)}, {len(one)} }}" for one in type_.stops)
-        m.locals.append(f"static const struct fk_stop {stops}[] = {{ {rows} }};")
         longest = max(map(len, type_.stops))
         helper = m.file.helper("find_stop")
-        call = f"{helper}(data, (size_t)at, size, {stops}, {len(type_.stops)}, {longest}, &{found})"
+        call = f"{helper}(data, (size_t)at, size, {m.stops(type_)}, {longest}, &{found})"
     with m.block(f"if (at > end || !{call})"):
         begun = max(map(len, type_.stops), default=0)
         m.not_found(max(1 + m.least(after) - begun, 1))

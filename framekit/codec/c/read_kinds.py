@@ -229,8 +229,16 @@ def _field(r: ReadWriter, segment: Field, here: Here, behind: Behind) -> None:
         _long(r, segment, member, here)
     elif type_.kind in ("ascii", "bytes"):
         _text(r, segment, member, here, behind)
-    elif type_.is_delimited or type_.size is None:
+    elif type_.is_delimited:
+        _delimited_number(r, segment, member, here)
+    elif type_.size is None:
         raise CannotSayError(segment.at, f"'{segment.name}' is a number that its end shows")
+    elif member.kind == "decimal":
+        refuse = r.refuse(segment)
+        size = _sized(r, type_.size, scope, "length", refuse)
+        r.take(size, refuse)
+        r.stands(segment.name)
+        _decimal(r, segment, member, here, size)
     else:
         refuse = r.refuse(segment)
         size = _sized(r, type_.size, scope, "length", refuse)
@@ -243,6 +251,49 @@ def _field(r: ReadWriter, segment: Field, here: Here, behind: Behind) -> None:
             _store_number(r, segment, member, here, wire, failing, f"{r.inn}.from", type_)
     if segment.is_ is not None and compared:
         _compare_later(r, segment, segment.is_, member, here, started)
+
+
+def _delimited_number(r: ReadWriter, segment: Field, member: CMember, here: Here) -> None:
+    """A number in text that certain bytes end."""
+    type_, start = segment.type, r.local("size_t", "text_start")
+    stop = _up_to_end(r, segment, start)
+    size = f"(int64_t)({stop} - {start})"
+    if type_.form is not None and type_.form.empty:
+        with r.block(f"if ({stop} == {start})"):
+            r.nothing(member)
+            r.add(";")
+        header = "else"
+    else:
+        header = ""
+    sure, r.is_sure = r.is_sure, r.is_sure and not header
+    with r.block(header):
+        if member.kind == "decimal":
+            _decimal(r, segment, member, here, size)
+        else:
+            inside = type_.inside if type_.kind == "scaled" else type_
+            assert inside is not None
+            wire, failing = r.read_number(inside, r.raw, size, segment)
+            _store_number(r, segment, member, here, wire, failing, f"{r.inn}.from", type_)
+    r.is_sure = sure
+    if type_.end is not None:
+        r.add(f"{r.at} += {len(type_.end)};")
+    r.stands_from(segment.name, start)
+
+
+def _decimal(r: ReadWriter, segment: Field, member: CMember, here: Here, size: str) -> None:
+    """A number with as many digits behind its point as it has."""
+    scope, _, path = here
+    if segment.is_ is not None or segment.constants is not None or segment.limits is not None:
+        raise CannotSayError(segment.at, "a number with any number of decimals that is compared with others")
+    call = r.file.helper("decimal_value")
+    form = r.decimal_form(segment.type, size)
+    with r.block(f"switch ({call}({r.raw}, {form}, &{path}{member.cname}))"):
+        r.add("case 0:")
+        if member.has:
+            r.add(f"    {path}{member.flag} = true;")
+        r.add("    break;", "case 1:", f"    {r.note('digits', f'{r.inn}.from', r.refuse(segment))}", "    break;")
+        r.add("default:", "    notes->no_room = true;", f"    {r.leave()}")
+    scope.entries[segment.name] = Val("other")
 
 
 def _float(r: ReadWriter, segment: Field, member: CMember, here: Here) -> None:
@@ -360,31 +411,8 @@ def _text(r: ReadWriter, segment: Field, member: CMember, here: Here, behind: Be
     target = f"{path}{member.cname}"
     view = r.file.helper("view")
     if type_.is_delimited:
-        stop, start = r.local("size_t", "text_end"), r.local("size_t", "text_start")
-        r.add(f"{start} = {r.at};")
-        ends = (type_.end,) if type_.end is not None else type_.stops
-        if type_.end is not None:
-            find = r.file.helper("find")
-            found = f"{find}({r.inn}.data, {start}, {r.inn}.end, {string(type_.end)}, {len(type_.end)}, &{stop})"
-        else:
-            longest = max(map(len, type_.stops))
-            if r.in_item and r.inn != "in":
-                raise CannotSayError(segment.at, "a text in items of a list in a wrap, which ends before several bytes")
-            limit = f"{r.inn}.end"
-            if r.inn == "in":  # what ends the last item of a list may stand behind the list
-                limit = f"({limit} + {longest} < size ? {limit} + {longest} : size)"
-            tests = []
-            for one in ends:
-                assert one is not None
-                tests.append(f"{{ {string(one)}, {len(one)} }}")
-            find = r.file.helper("find_stop")
-            stops = r.fresh("stops")
-            r.locals.append(f"static const struct fk_stop {stops}[] = {{ {', '.join(tests)} }};")
-            found = f"{find}({r.inn}.data, {start}, {limit}, {stops}, {len(tests)}, {longest}, &{stop})"
-            found = f"({found} && {stop} <= {r.inn}.end)"
-        with r.block(f"if (!{found})"):
-            r.add(r.note("short", r.at, refuse), r.leave())
-        r.take(f"(int64_t)({stop} - {start})", refuse)
+        start = r.local("size_t", "text_start")
+        stop = _up_to_end(r, segment, start)
         r.add(f"{target} = {view}({r.raw}, {stop} - {start});")
         if type_.end is not None:
             r.add(f"{r.at} += {len(type_.end)};")
@@ -405,6 +433,30 @@ def _text(r: ReadWriter, segment: Field, member: CMember, here: Here, behind: Be
         r.add(f"{path}{member.flag} = true;")
     r.stored(member, scope, segment.name)
     _validate(r, segment, member, target, place)
+
+
+def _up_to_end(r: ReadWriter, segment: Field, start: str) -> str:
+    """Takes what stands before the bytes that end it; the local with the place of these."""
+    type_, refuse = segment.type, r.refuse(segment)
+    stop = r.local("size_t", "text_end")
+    r.add(f"{start} = {r.at};")
+    if type_.end is not None:
+        find = r.file.helper("find")
+        found = f"{find}({r.inn}.data, {start}, {r.inn}.end, {string(type_.end)}, {len(type_.end)}, &{stop})"
+    else:
+        longest = max(map(len, type_.stops))
+        if r.in_item and r.inn != "in":
+            raise CannotSayError(segment.at, "a text in items of a list in a wrap, which ends before several bytes")
+        limit = f"{r.inn}.end"
+        if r.inn == "in":  # what ends the last item of a list may stand behind the list
+            limit = f"({limit} + {longest} < size ? {limit} + {longest} : size)"
+        find = r.file.helper("find_stop")
+        found = f"{find}({r.inn}.data, {start}, {limit}, {r.stops(type_)}, {longest}, &{stop})"
+        found = f"({found} && {stop} <= {r.inn}.end)"
+    with r.block(f"if (!{found})"):
+        r.add(r.note("short", r.at, refuse), r.leave())
+    r.take(f"(int64_t)({stop} - {start})", refuse)
+    return stop
 
 
 def _is_pad(target: str, pad: bytes) -> str:
@@ -831,7 +883,9 @@ def _values(r: ReadWriter, segment: Repeat, of: FieldType, here: Here, behind: B
         with r.block(f"if ({found} / {size} > {member.capacity})"):
             r.add("notes->no_room = true;", r.leave())
         inside = of.inside if of.kind == "scaled" and of.inside is not None else of
-        fails = r.local("bool", "fails", "false") if inside.kind in ("digits", "bcd") else ""
+        if of.kind == "fraction" and member.item.kind == "decimal":
+            raise CannotSayError(segment.at, "a list of numbers with any number of decimals")
+        fails = r.local("bool", "fails", "false") if inside.kind not in ("int", "float") else ""
         if fails:
             r.add(f"{fails} = false;")
         with r.block(f"for ({index} = 0; {index} < {found} / {size}; {index}++)"):
@@ -868,6 +922,8 @@ def _items(r: ReadWriter, segment: Repeat, of: Segments, here: Here, behind: Beh
     start, begun = r.local("size_t", "list_start"), r.local("size_t", "item_start")
     r.begin()
     r.add(f"{start} = {r.at};", f"{target}.count = 0;")
+    turn = r.local("unsigned long", "list_turn")
+    r.add(f"{turn} = notes->turn;")
     count, whole = "", ""
     if segment.times == "rest":
         whole = r.local("size_t", "whole")
@@ -913,9 +969,9 @@ def _items(r: ReadWriter, segment: Repeat, of: Segments, here: Here, behind: Beh
         r.list(of, (inside, member.inside, item_path), ())
         r.in_item = outside
         r.add(f"{target}.count++;")
-        if may_be_empty(r.static, segment):
+        if not isinstance(segment.times, int) and (may_be_empty(r.static, segment) or _has_open_number(of)):
             with r.block(f"if ({r.at} == {begun})"):
-                r.add(r.note("length", r.at), r.leave())
+                r.add(f"fk_note_at({r.n}, FRAMEKIT_LENGTH, fk_wire({r.n}, {r.at}), {turn}, -1);", r.leave())
         if segment.align > 1 and not segment.between:
             r.take(f"(int64_t)(({segment.align} - ({r.at} - {start}) % {segment.align}) % {segment.align})")
         if not segment.between:
@@ -927,6 +983,11 @@ def _items(r: ReadWriter, segment: Repeat, of: Segments, here: Here, behind: Beh
     if member.has:
         r.add(f"{path}{member.flag} = true;")
     r.stored(member, scope, segment.name)
+
+
+def _has_open_number(segments: Segments) -> bool:
+    """Whether there is a number that its end shows: of bad bytes it may take none, though a good one has a digit."""
+    return any(isinstance(one, Field) and one.type.is_delimited and one.type.form is not None for one in segments)
 
 
 def _previous(r: ReadWriter, member: CMember, target: str) -> Val:

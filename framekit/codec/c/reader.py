@@ -114,6 +114,8 @@ class ReadWriter(CFunctionWriter):
                 case "bytes":
                     self.file.helper("view")
                     self.add(f"{at} = fk_view(NULL, 0);")
+                case "decimal":
+                    self.add(f"{at}.number = {at}.places = 0;")
                 case _:
                     self.add(f"{at} = 0;")
 

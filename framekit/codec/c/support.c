@@ -250,6 +250,159 @@ static int fk_bcd(const uint8_t *raw, int64_t size, bool little, uint64_t *value
     return 0;
 }
 
+/*: decimal_form */
+/* How a number stands as text: digits behind the point (-1: any number), before it, of the exponent; what fills it up;
+   what stands before one that is not negative (0: nothing); whether none is negative; whether a point stands alone. */
+struct fk_decimal_form {
+    int decimals, digits, exponent;
+    uint8_t fill, plus;
+    bool never_negative, point;
+};
+
+/*: decimal_text needs decimal_form */
+/* Writes `figures` times 10 to the power of minus `places` as text of at most 256 characters; its size, -1 if none is
+   the text of this number. `is_fixed`: the text has this size. */
+static int64_t fk_decimal_text(bool is_negative, uint64_t figures, int64_t places, int64_t size, bool is_fixed,
+                               const struct fk_decimal_form *form, uint8_t *to)
+{
+    uint8_t number[20], tail[8];
+    int64_t count = 0, zeros, behind = form->decimals < 0 ? 0 : form->decimals, before, tail_size = 0, room, at = 0, i;
+    int64_t power = -places, most = is_fixed ? size : 256;
+    uint64_t left;
+    if (power > 999 || power < -999 || most > 256 || most < 0 || (is_negative && form->never_negative)) {
+        return -1;
+    }
+    for (left = figures; left != 0; left /= 10) {
+        count++;
+    }
+    for (left = figures, i = count - 1; i >= 0; left /= 10, i--) {
+        number[i] = (uint8_t)('0' + left % 10);
+    }
+    if (form->exponent > 0) {
+        int64_t place = count > 0 ? count - 1 + power : 0, rest = place < 0 ? -place : place;
+        tail_size = 2 + form->exponent;
+        tail[0] = 'E';
+        tail[1] = place < 0 ? '-' : '+';
+        for (i = tail_size - 1; i > 1; i--, rest /= 10) {
+            tail[i] = (uint8_t)('0' + rest % 10);
+        }
+        if (rest != 0) {
+            return -1;
+        }
+        power = count > 1 ? 1 - count : 0;
+    } else if (form->decimals < 0) {
+        behind = power < 0 ? -power : 0;
+    }
+    for (zeros = power + behind; zeros < 0; zeros++) {
+        if (count > 0 && number[--count] != '0') {
+            return -1;
+        }
+    }
+    before = count + zeros - behind;
+    before = before < 0 ? 0 : before;
+    before = before > form->digits ? before : form->digits;
+    before = before == 0 && behind == 0 ? 1 : before;
+    room = most - (is_negative || form->plus != 0) - before - (behind > 0 || form->point) - behind - tail_size;
+    if (room < 0) {
+        return -1;
+    }
+    room = is_fixed ? room : 0;
+    for (i = 0; i < room && form->fill != '0'; i++) {
+        to[at++] = form->fill;
+    }
+    if (is_negative || form->plus != 0) {
+        to[at++] = is_negative ? '-' : form->plus;
+    }
+    for (; i < room; i++) {
+        to[at++] = '0';
+    }
+    for (i = before + behind; i > 0; i--) { /* so many digits are left: zeros before the figures, and behind them */
+        if (i == behind) {
+            to[at++] = '.';
+        }
+        to[at++] = i > zeros && i <= zeros + count ? number[count + zeros - i] : '0';
+    }
+    if (behind == 0 && form->point) {
+        to[at++] = '.';
+    }
+    memcpy(to + at, tail, (size_t)tail_size);
+    return at + tail_size;
+}
+
+/*: decimal needs decimal_text */
+/* The number that a text shows; 1 for what is none, or is written otherwise, 2 for one of more than 64 bits. */
+static int fk_decimal(const uint8_t *raw, int64_t size, bool is_fixed, const struct fk_decimal_form *form,
+                      int64_t *number, int64_t *places)
+{
+    uint8_t text[256];
+    uint64_t figures = 0;
+    int64_t at = 0, digits = 0, exponent = 0, built;
+    bool is_negative = false, has_point = false;
+    *number = *places = 0;
+    if (size > 256) {
+        return 1;
+    }
+    while (is_fixed && form->fill != '0' && at < size && raw[at] == form->fill) {
+        at++;
+    }
+    at += form->plus == ' ' && at < size && raw[at] == ' ';
+    if (at < size && (raw[at] == '+' || raw[at] == '-')) {
+        is_negative = raw[at++] == '-';
+    }
+    for (; at < size && ((raw[at] >= '0' && raw[at] <= '9') || (raw[at] == '.' && !has_point)); at++) {
+        if (raw[at] == '.') {
+            has_point = true;
+            continue;
+        }
+        digits++;
+        *places += has_point;
+        if (figures > (uint64_t)(INT64_MAX - 9) / 10) {
+            return 2;
+        }
+        figures = figures * 10 + (uint64_t)(raw[at] - '0');
+    }
+    if (digits > 0 && at + 2 < size && raw[at] == 'E' && (raw[at + 1] == '+' || raw[at + 1] == '-')) {
+        bool is_small = raw[at + 1] == '-';
+        for (at += 2; at < size && raw[at] >= '0' && raw[at] <= '9' && exponent < 10000; at++) {
+            exponent = exponent * 10 + (raw[at] - '0');
+        }
+        *places += is_small ? exponent : -exponent;
+    }
+    if (digits == 0 || at < size) {
+        return 1;
+    }
+    if (form->decimals == 0 && form->exponent == 0 && !form->point) {
+        is_negative = is_negative && figures != 0;
+    }
+    built = fk_decimal_text(is_negative, figures, *places, size, is_fixed, form, text);
+    if (built != size || memcmp(text, raw, (size_t)size) != 0) {
+        return 1;
+    }
+    *number = is_negative ? -(int64_t)figures : (int64_t)figures;
+    return 0;
+}
+
+/*: decimal_number needs decimal */
+static int fk_decimal_number(const uint8_t *raw, int64_t size, bool is_fixed, const struct fk_decimal_form *form,
+                             uint64_t *value)
+{
+    int64_t number, places;
+    int found = fk_decimal(raw, size, is_fixed, form, &number, &places);
+    *value = (uint64_t)number;
+    return found;
+}
+
+/*: decimal_value needs decimal */
+static int fk_decimal_value(const uint8_t *raw, int64_t size, bool is_fixed, const struct fk_decimal_form *form,
+                            struct framekit_decimal *value)
+{
+    int64_t number, places;
+    int found = fk_decimal(raw, size, is_fixed, form, &number, &places);
+    value->number = found == 0 ? number : 0;
+    value->places = (int16_t)(found == 0 ? places : 0);
+    return found;
+}
+
 /*: unhex needs digit */
 /* Two digits a byte; nothing is written for an odd number of them, or what is none. */
 static bool fk_unhex(const uint8_t *digits, size_t size, uint8_t *to)
@@ -955,6 +1108,23 @@ static void fk_put_fill(struct fk_out *w, const char *fill, size_t each, int64_t
     int64_t i;
     for (i = 0; to != NULL && i < size; i++) {
         to[i] = (uint8_t)fill[(size_t)i % each];
+    }
+}
+
+/*: put_decimal needs put decimal_text */
+static void fk_put_decimal(struct fk_out *w, int64_t number, int64_t places, int64_t size, bool is_fixed,
+                           const struct fk_decimal_form *form)
+{
+    uint8_t text[256], *to;
+    uint64_t figures = number < 0 ? (uint64_t)(-(number + 1)) + 1 : (uint64_t)number;
+    int64_t built = fk_decimal_text(number < 0, figures, places, size, is_fixed, form, text);
+    if (built < 0) {
+        fk_fail(w, FRAMEKIT_RANGE);
+        return;
+    }
+    to = fk_put(w, built);
+    if (to != NULL) {
+        memcpy(to, text, (size_t)built);
     }
 }
 

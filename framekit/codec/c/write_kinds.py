@@ -85,6 +85,9 @@ def _take(w: WriteWriter, segment: Field, taken: Taken) -> None:
     if member.kind == "float":
         _take_float(w, segment, member, taken)
         return
+    if member.kind == "decimal":
+        _take_decimal(w, segment, member, taken)
+        return
     is_text = member.kind == "bytes"
     local = w.local("struct framekit_bytes" if is_text else "int64_t", f"{segment.name}_value",
                     "{ NULL, 0 }" if is_text else "0")  # fmt: skip
@@ -127,6 +130,7 @@ def _take(w: WriteWriter, segment: Field, taken: Taken) -> None:
             pass
         elif chosen is None:
             w.add(f"{local} = {cast}{given};")
+            there = _flag_of_empty(segment, member, taken)
             if condition:
                 w.fail_if(f"{condition} && !{flag}", "value")
                 there = condition
@@ -227,6 +231,24 @@ def _take_float(w: WriteWriter, segment: Field, member: CMember, taken: Taken) -
         condition = w.holds(segment.when, taken)
         w.fail_if(f"{condition} && !{w.given_flag(member, taken)}", "value")
     taken.scope.entries[segment.name] = Val("other", local)
+
+
+def _take_decimal(w: WriteWriter, segment: Field, member: CMember, taken: Taken) -> None:
+    if segment.build is not None or segment.default is not None:
+        raise CannotSayError(segment.at, "a default of a number with any number of decimals")
+    local = w.local(member.ctype, f"{segment.name}_value", "{ 0, 0 }")
+    w.add(f"{local} = {taken.path}{member.cname};")
+    there = _flag_of_empty(segment, member, taken)
+    if segment.when is not None:
+        there = w.holds(segment.when, taken)
+        w.fail_if(f"{there} && !{w.given_flag(member, taken)}", "value")
+    taken.scope.entries[segment.name] = Val("other", local, there=there)
+
+
+def _flag_of_empty(segment: Field, member: CMember, taken: Taken) -> str:
+    """The condition under which a number stands there, whose text may be empty; '' for others."""
+    form = segment.type.form
+    return f"{taken.path}{member.flag}" if form is not None and form.empty else ""
 
 
 def _take_wide(w: WriteWriter, segment: Field, member: CMember, taken: Taken) -> None:
@@ -813,19 +835,8 @@ def _put_text(w: WriteWriter, segment: Field, taken: Taken) -> None:
     type_ = segment.type
     local = taken.scope.entries[segment.name].text
     w.add(f"{w.file.helper('put_bytes')}({w.n}, {local}.data, {local}.size);")
-    if type_.end is not None and type_.size is None:
-        w.add(f"{w.file.helper('put_bytes')}({w.n}, {string(type_.end)}, {len(type_.end)});")
-        return
-    if type_.stops:
-        stops = w.fresh("stops")
-        rows = ", ".join(f"{{ {string(one)}, {len(one)} }}" for one in type_.stops)
-        w.file.helper("find_stop")
-        w.locals.append(f"static const struct fk_stop {stops}[] = {{ {rows} }};")
-        w.open_text(segment, stops, len(type_.stops))
-        place, there, *_ = w.open_texts[-1]
-        w.add(f"{place} = {w.inn}.at;", f"{there} = true;")
-        if w.inn != "out":
-            raise CannotSayError(segment.at, "a text in a wrap that ends before one of several bytes")
+    if type_.is_delimited:
+        _put_end(w, segment)
         return
     pad = type_.pad if type_.end is None else (type_.pad or b"\0")
     if type_.kind == "ascii" and pad is not None and type_.size is not None:
@@ -837,11 +848,43 @@ def _put_text(w: WriteWriter, segment: Field, taken: Taken) -> None:
             w.add(f"{w.file.helper('put_fill')}({w.n}, {string(pad)}, 1, {left});")
 
 
+def _put_end(w: WriteWriter, segment: Field) -> None:
+    """What ends a text, or that one of several ends has to follow it."""
+    end = segment.type.end
+    if end is not None:
+        w.add(f"{w.file.helper('put_bytes')}({w.n}, {string(end)}, {len(end)});")
+        return
+    w.open_text(segment)
+    if w.inn != "out":
+        raise CannotSayError(segment.at, "a text in a wrap that ends before one of several bytes")
+
+
+def _put_decimal(w: WriteWriter, type_: FieldType, value: str, size: str, segment: Segment) -> None:
+    """A number as decimal text. `value`: the number and its places, as arguments."""
+    w.add(f"{w.file.helper('put_decimal')}({w.n}, {value}, {w.decimal_form(type_, size)});")
+
+
 def _put_field(w: WriteWriter, segment: Field, taken: Taken) -> None:
     type_ = segment.type
     local = taken.scope.entries[segment.name].text
     if type_.kind in ("ascii", "bytes"):
         _put_text(w, segment, taken)
+    elif type_.kind == "fraction":
+        entry = taken.scope.entries[segment.name]
+        size = "0" if type_.size is None else str(type_.size) if isinstance(type_.size, int) else w.number_of(
+            type_.size, taken, "size_told")  # fmt: skip
+        member = _member(taken, segment.name)
+        value = f"{local}.number, {local}.places" if member.kind == "decimal" else f"{local}, {member.places}"
+        with w.block(f"if ({entry.there})" if entry.there and type_.form is not None and type_.form.empty else ""):
+            _put_decimal(w, type_, value, size, segment)
+        if type_.is_delimited:
+            _put_end(w, segment)
+    elif type_.is_delimited:
+        if type_.kind == "scaled":
+            _put_scaled(w, type_, local, segment)
+        else:
+            _put_number(w, type_, _wire(segment, local), "0", segment)
+        _put_end(w, segment)
     elif type_.kind == "float":
         bits = f"{w.file.helper('float_bits' if type_.fixed_size == 4 else 'double_bits')}({local})"
         _put_number(w, replace(type_, kind="int"), f"(uint64_t){bits}", str(type_.fixed_size), segment)
@@ -856,7 +899,7 @@ def _put_field(w: WriteWriter, segment: Field, taken: Taken) -> None:
     elif type_.kind == "scaled":
         assert type_.inside is not None and type_.scale is not None
         _put_scaled(w, type_, local, segment)
-    elif type_.is_delimited or type_.size is None:
+    elif type_.size is None:
         raise CannotSayError(segment.at, f"'{segment.name}' is a number that its end shows")
     else:
         size = str(type_.size) if isinstance(type_.size, int) else w.number_of(type_.size, taken, "size_told")
@@ -882,7 +925,7 @@ def _put_scaled(w: WriteWriter, type_: FieldType, local: str, segment: Segment) 
         moved = f"({local} - {number(scale.offset)})"
         w.fail_if(f"{moved} % {number(scale.factor)} != 0", "value")
         w.add(f"{wire} = {moved} / {number(scale.factor)};")
-    _put_number(w, inside, wire, str(inside.fixed_size), segment)
+    _put_number(w, inside, wire, str(inside.fixed_size or 0), segment)
 
 
 def _fits(w: WriteWriter, type_: FieldType, local: str, size: str) -> None:
@@ -906,6 +949,9 @@ def _wire(segment: Number, local: str) -> str:
 
 
 def _put_number(w: WriteWriter, type_: FieldType, wire: str, size: str, segment: Segment) -> None:
+    if type_.kind == "decimal":
+        _put_decimal(w, type_, f"{wire}, 0", size, segment)
+        return
     to = w.pointer()
     w.add(f"{to} = {w.file.helper('put')}({w.n}, {size});")
     with w.block(f"if ({to} != NULL)"):
@@ -1062,6 +1108,9 @@ def _put_values(w: WriteWriter, segment: Repeat, of: FieldType, member: CMember,
         if of.kind == "float":
             bits = f"{w.file.helper('float_bits' if of.fixed_size == 4 else 'double_bits')}({item})"
             _put_number(w, replace(of, kind="int"), f"(uint64_t){bits}", str(of.fixed_size), segment)
+            return
+        if of.kind == "fraction":
+            _put_decimal(w, of, f"(int64_t){item}, {member.places}", str(of.fixed_size), segment)
             return
         if member.high > MOST:
             _put_number(w, of, item, str(of.fixed_size), segment)

@@ -77,7 +77,7 @@ class WriteWriter(CFunctionWriter):
         self.ends = dict(ending_constants(self.static, segments))
         self.in_wrap = False
         self.in_list = False
-        self.open_texts: list[tuple[str, str, str, int, bool]] = []
+        self.open_texts: list[tuple[str, str, str, bool]] = []
 
     def write(self, name: str, frame: Frame) -> CSource:
         taken = Taken(CScope(), self.struct, "v->")
@@ -326,21 +326,24 @@ class WriteWriter(CFunctionWriter):
                 call = f"{held}({self.inn}.data, {begin}, {self.inn}.at, {string(end)}, {len(end)})"
                 self.fail_if(call, "value")
 
-    def open_text(self, segment: Field, stops: str, count: int) -> None:
+    def open_text(self, segment: Field) -> None:
         """A text before one of several ends: one of them has to follow."""
+        self.file.helper("find_stop")
+        stops = self.stops(segment.type)
         place = self.local("size_t", "text_stop")
         there = self.local("bool", "text_open", "false")
         starts = self.file.helper("starts_stop")
         if self.in_list:
-            with self.block(f"if ({there} && !{starts}({self.inn}.data, {place}, {self.inn}.at, {stops}, {count}))"):
+            with self.block(f"if ({there} && !{starts}({self.inn}.data, {place}, {self.inn}.at, {stops}))"):
                 self.fail("value")
-        self.open_texts.append((place, there, stops, count, self.in_list))
+        self.open_texts.append((place, there, stops, self.in_list))
+        self.add(f"{place} = {self.inn}.at;", f"{there} = true;")
 
     def _check_texts(self) -> None:
-        for place, there, stops, count, in_list in self.open_texts:
+        for place, there, stops, in_list in self.open_texts:
             starts = self.file.helper("starts_stop")
             last = "" if in_list else f" && {place} < out.at"
-            with self.block(f"if ({there}{last} && !{starts}(out.data, {place}, out.at, {stops}, {count}))"):
+            with self.block(f"if ({there}{last} && !{starts}(out.data, {place}, out.at, {stops}))"):
                 self.fail("value")
 
     def pointer(self) -> str:
