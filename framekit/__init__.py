@@ -11,8 +11,7 @@ TYPE_CHECKING = False  # as typing has it, without the time that importing typin
 if TYPE_CHECKING:
     from typing import Any
 
-    from framekit.api.async_client import AsyncClient, aconnect
-    from framekit.api.client import Client, connect
+    from framekit.api.client import AsyncClient, Client, aconnect, connect
     from framekit.api.codec import Protocol, load
     from framekit.api.errors import (
         ExchangeError,
@@ -39,8 +38,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _HOMES = {
-    "api.async_client": ("AsyncClient", "aconnect"),
-    "api.client": ("Client", "connect"),
+    "api.client": ("AsyncClient", "Client", "aconnect", "connect"),
     "api.codec": ("Protocol", "load"),
     "api.errors": (
         "ExchangeError", "FramekitError", "LineClosedError", "NoReplyError", "RefusedError", "ReplyError",

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import yaml
 
-from framekit.cli.terminal import ProgressLine
+from framekit.cli.common import ProgressLine
 
 ROOT = Path(__file__).parents[1]
 MERMAID = "mermaid@11"

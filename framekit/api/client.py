@@ -1,26 +1,655 @@
-"""The client for programs without asyncio: the calls of the async client, each waiting for its end.
+"""The client, for asyncio and without: reads, writes, services, frames and polls of one device line.
 
-A loop in a thread of its own does the work, so any number of threads may use one client. No call is explained twice:
-what it does is told at `AsyncClient`.
+It waits and raises, and turns typed values into transfers and back; what goes over the line is the service layer's
+business. For programs without asyncio a loop in a thread of its own does the work, so any number of threads may use one
+client. No call is explained twice: what it does is told at `AsyncClient`.
 """
 
 from __future__ import annotations
 
+import asyncio
 import functools
+import inspect
+import math
 import weakref
-from collections.abc import Callable, Coroutine, Mapping
-from typing import Any, Concatenate, ParamSpec, TypeVar, overload
+from collections.abc import Callable, Coroutine, Generator, Hashable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Concatenate, ParamSpec, Self, TypeVar, overload
 
-from framekit.api.async_client import AsyncClient, aconnect
-from framekit.api.errors import LineClosedError
+from framekit.api.errors import ExchangeError, FramekitError, LineClosedError, NoReplyError, RequestError, error_of
 from framekit.api.loop_thread import Closing, LoopStoppedError, LoopThread, with_arguments_of
-from framekit.api.settings import ProtocolGiven
-from framekit.api.values import FloatType, IntType, Reading, TextType
+from framekit.api.settings import ClientSettings, ProtocolGiven, checked_params, line_settings, protocol_of
+from framekit.api.values import (
+    Answer,
+    FloatType,
+    Frame,
+    IntType,
+    Reading,
+    TextType,
+    answered,
+    asked,
+    typed,
+    typed_each,
+    values_given,
+)
+from framekit.codec.shown import explain
 from framekit.definition.model.protocol import Protocol
-from framekit.link.addresses import Address
-from framekit.memory.memory import DeviceMemory
+from framekit.definition.problems import DefinitionError, no_such
+from framekit.link.addresses import Address, AddressError
+from framekit.link.events import Seen
+from framekit.link.packing import Typed, Value
+from framekit.link.services.client import MOST_KEPT, TransferResult
+from framekit.link.values import FrameValue, plain
+from framekit.memory.memory import DeviceMemory, DeviceMemoryError
 from framekit.memory.views import Order
-from framekit.run.commands import CommandBlocks
+from framekit.run.commands import CommandBlocks, CommandEnd
+from framekit.runfile.devices import memory_of
+from framekit.service.client import Begin, ClientService, Polling
+from framekit.service.device import DeviceService, devices_of, port_for
+from framekit.service.run import LONGEST_SHUTDOWN, close_sessions
+from framekit.transport.clock import AsyncioClock
+
+OPEN_WITHIN = 15.0
+"""How long opening a port may take where nothing else is said (s)."""
+
+
+class AsyncClient:
+    """A client on a port, made by `framekit.aconnect`. `async with` opens and closes it; so do `await` and `close`.
+
+    It belongs to the loop in which it was opened; its tasks may call it side by side. A call that is cancelled leaves
+    the line in order: what was asked is waited for and dropped before the next request goes out.
+    """
+
+    def __init__(
+        self,
+        settings: ClientSettings,
+        *,
+        open_within: float = OPEN_WITHIN,
+        monitor: Callable[[Seen], None] | None = None,
+    ) -> None:
+        self.settings = settings
+        self._open_within = open_within
+        self._monitor = monitor
+        self._service: ClientService | None = None
+        self._devices: list[DeviceService] = []
+        self._troubles, self._last_trouble = 0, ""
+        self._opening: asyncio.Future[None] | None = None
+        self._waiting: list[tuple[tuple[str, ...], asyncio.Future[FrameValue]]] = []
+        self._why = "it has not been opened"
+        self._command_turn = asyncio.Lock()
+        self._polls: list[Poll] = []
+        self._known_reads: dict[Hashable, tuple[Typed, Any]] = {}
+
+    def __repr__(self) -> str:
+        settings = self.settings
+        station = "" if settings.station is None else f", station {settings.station!r}"
+        state = "open" if self.is_open else "not open"
+        return f"<{type(self).__name__} of {settings.protocol.name} on {settings.port}{station}, {state}>"
+
+    # ---- life ---------------------------------------------------------------------------------------------
+
+    async def open(self) -> Self:
+        """Opens the port. Raises LineClosedError, DefinitionError for a wrong device, RequestError for no port."""
+        if self._service is not None:
+            return self
+        loop = asyncio.get_running_loop()
+        self._service = service = self._make(AsyncioClock(loop))
+        self._opening = loop.create_future()
+        try:
+            for device in self._devices:
+                device.start()
+            service.start()
+            async with asyncio.timeout(self._open_within):
+                await self._opening
+        except TimeoutError:
+            self.close_now()
+            raise LineClosedError(f"{self.settings.port} did not open in {self._open_within:g} s", "closed") from None
+        except BaseException:
+            self.close_now()
+            raise
+        return self
+
+    def _make(self, clock: AsyncioClock) -> ClientService:
+        settings = self.settings
+        channel = settings.channel()
+        found = devices_of(channel, Path.cwd())
+        try:
+            port, self._devices = port_for(channel, found, clock)
+            for device in self._devices:
+                device.watch_troubles(self._trouble)
+            return ClientService(
+                settings.protocol, port, clock, role=settings.role, params=settings.params, line=settings.line,
+                own=settings.own, on_state=self._on_state, on_frame=self._on_frame, monitor=self._monitor,
+            )  # fmt: skip
+        except ValueError as error:
+            if isinstance(error, DefinitionError):
+                raise
+            raise RequestError(str(error)) from None
+
+    def _trouble(self, what: str) -> None:
+        """A simulated device could not do what it should."""
+        self._troubles, self._last_trouble = self._troubles + 1, what
+        if self._monitor is not None:
+            self._monitor(Seen("", "trouble", 0 if self._service is None else self._service.clock.now(), reason=what))
+
+    def _new_trouble(self) -> Callable[[], str]:
+        """What tells the last thing that a simulated device could not do since it told before; '' for none."""
+        told = self._troubles
+
+        def tell() -> str:
+            nonlocal told
+            before, told = told, self._troubles
+            return self._last_trouble if told > before else ""
+
+        return tell
+
+    async def close(self) -> None:
+        """Closes the port; calls under way raise LineClosedError. Closing twice does nothing.
+
+        Where the protocol has sessions, what is under way is waited for and the session closed first, for 5 s at most.
+        """
+        self._stop_polls()  # the session is closed when the line has come to rest
+        service = self._service
+        if service is not None:
+            left = asyncio.Event()
+            close_sessions((service,), service.clock, LONGEST_SHUTDOWN, left.set)
+            await left.wait()
+        self.close_now()
+        await asyncio.sleep(0)
+
+    def close_now(self) -> None:
+        """As `close`, without letting the loop go on: network connections are told at its next turn."""
+        self._stop_polls()
+        service, self._service = self._service, None
+        if service is None:
+            return
+        self._why = "it was closed"
+        service.stop()
+        for device in self._devices:
+            device.end()
+        self._fail_waiting()
+
+    def __await__(self) -> Generator[Any, None, Self]:
+        return self.open().__await__()
+
+    async def __aenter__(self) -> Self:
+        return await self.open()
+
+    async def __aexit__(self, *error: object) -> None:
+        await self.close()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the port is open now. One that was lost is opened again by itself."""
+        return self._service is not None and self._service.is_open
+
+    @property
+    def protocol(self) -> Protocol:
+        """The definition that is spoken."""
+        return self.settings.protocol
+
+    def _on_state(self, is_open: bool, reason: str) -> None:
+        opening = self._opening
+        if not is_open:
+            self._why = reason
+            self._fail_waiting()
+        if opening is not None and not opening.done():
+            if is_open:
+                opening.set_result(None)
+            else:
+                opening.set_exception(LineClosedError(reason, "closed", reason))
+
+    def _working(self) -> ClientService:
+        """The service, which is open."""
+        service = self._service
+        if service is None or not service.driver.is_open:
+            raise LineClosedError(f"{self.settings.port} is not open: {self._why}", "closed", self._why)
+        return service
+
+    # ---- reading ------------------------------------------------------------------------------------------
+
+    @overload
+    async def read(
+        self, address: str, count: int = ..., *, station: Any = ..., type: IntType,
+        order: Order | None = ..., params: Mapping[str, Any] | None = ...,
+    ) -> Reading[int]: ...  # fmt: skip
+    @overload
+    async def read(
+        self, address: str, count: int = ..., *, station: Any = ..., type: FloatType,
+        order: Order | None = ..., params: Mapping[str, Any] | None = ...,
+    ) -> Reading[float]: ...  # fmt: skip
+    @overload
+    async def read(
+        self, address: str, count: int = ..., *, station: Any = ..., type: TextType,
+        order: Order | None = ..., params: Mapping[str, Any] | None = ...,
+    ) -> Reading[str]: ...  # fmt: skip
+    @overload
+    async def read(
+        self, address: str, count: int = ..., *, station: Any = ..., type: str | None = ...,
+        order: Order | None = ..., params: Mapping[str, Any] | None = ...,
+    ) -> Reading[Any]: ...  # fmt: skip
+    async def read(
+        self, address: str, count: int = 1, *, station: Any = None, type: str | None = None,
+        order: Order | None = None, params: Mapping[str, Any] | None = None,
+    ) -> Reading[Any]:  # fmt: skip
+        """`count` values from an address on; of a string, so many characters.
+
+        `type`: a unit of memory (`bit byte word dword lword`), or `int16`, `uint32`, `float32`, `string` …; default:
+        what the protocol says such a place holds, else the address's own unit. `order`: where their bytes stand.
+        `params`: other values of parameters, for this call.
+        Raises RequestError, NoReplyError, RefusedError, ReplyError, LineClosedError.
+        """
+        service = self._working()
+        how, to = self._how(address, type, order, count, station)
+        given = None if params is None else self._params(params)
+        result = await self._transfer(
+            service,
+            lambda client, now, done: client.read(
+                address, station=to, unit=how.unit, count=how.units, params=given, now=now, on_done=done
+            ),
+        )
+        return self._reading(how, result, (address,), to)
+
+    def place(self, address: str) -> Address:
+        """Where an address is, and what it usually holds. Raises RequestError, LineClosedError."""
+        try:
+            return self._working().client.grammar.parse(address)
+        except AddressError as error:
+            raise RequestError(str(error)) from None
+
+    def _how(self, address: str, type: str | None, order: Order | None, count: int, station: Any) -> tuple[Typed, Any]:
+        """As `typed`, and the station that is asked, once for reads that are repeated."""
+        key = (address, type, order, count, station, station.__class__)
+        try:
+            known = self._known_reads.get(key)
+        except TypeError:  # a list of addresses, say
+            known = None
+        if known is None:
+            to = self.settings.station_for(station)
+            known = typed(self._working().client.grammar, address, type, order, count), to
+            if len(self._known_reads) >= MOST_KEPT:
+                self._known_reads.clear()
+            self._known_reads[key] = known
+        return known
+
+    def poll(
+        self, address: str, count: int = 1, *, on_values: OnValues, on_error: OnError | None = None,
+        every: float = 0.0, station: Any = None, type: str | None = None, order: Order | None = None,
+    ) -> Poll:  # fmt: skip
+        """Reads again and again until it is stopped; `on_values` gets the values of each reply, a tuple.
+
+        A read begins `every` seconds after the one before; 0: as soon as that is answered. This costs far less than a
+        loop around `read`. A read that fails goes to `on_error`, and the next begins 0.1 s later at the earliest;
+        without `on_error`, or when a callback raises, that is the end, and `await` raises it. Other arguments as for
+        `read`. Raises RequestError, LineClosedError.
+        """
+        service = self._working()
+        how, to = self._how(address, type, order, count, station)
+        try:
+            poll = Poll(service, how, address, to, every, on_values, on_error, self._new_trouble())
+        except (ValueError, DeviceMemoryError) as error:
+            raise RequestError(str(error)) from None
+        self._polls = [*(one for one in self._polls if one.is_running), poll]
+        return poll
+
+    def _stop_polls(self) -> None:
+        for poll in self._polls:
+            poll.stop()
+
+    async def read_many(
+        self, addresses: Sequence[str], *, station: Any = None, type: str | None = None, order: Order | None = None,
+        params: Mapping[str, Any] | None = None,
+    ) -> Reading[Any]:  # fmt: skip
+        """One value of each address, in their order; in one request where the protocol has lists. Else as `read`."""
+        service = self._working()
+        to = self.settings.station_for(station)
+        if type == "string":
+            raise RequestError("read_many reads one number of each address – texts are read one by one")
+        how = typed_each(service.client.grammar, addresses, type, order)
+        result = await self._transfer(
+            service,
+            lambda client, now, done: client.read_variables(
+                addresses, station=to, unit=how.unit, params=self._params(params), now=now, on_done=done
+            ),
+        )
+        values = tuple(answered(how.values, result.values))
+        return Reading(values, how.type, tuple(addresses), to, result.data, result.raw)
+
+    @staticmethod
+    def _reading(how: Typed, result: TransferResult, addresses: tuple[str, ...], station: Any) -> Reading[Any]:
+        values = tuple(answered(how.values, result.data, result.values))
+        return Reading(values, how.type, addresses, station, result.data, result.raw)
+
+    # ---- writing ------------------------------------------------------------------------------------------
+
+    async def write(
+        self, address: str, values: Value | Sequence[Value], *, station: Any = None, type: str | None = None,
+        order: Order | None = None, count: int | None = None, params: Mapping[str, Any] | None = None,
+    ) -> None:  # fmt: skip
+        """Writes one value, or several from an address on; a text is filled up with 00 to `count` characters.
+
+        `type` and `order` as for `read`; negative numbers are written as two's complement. Raises what `read` raises;
+        `written` of the error counts what was written before a later part failed.
+        """
+        service = self._working()
+        to = self.settings.station_for(station)
+        given = values_given(values)
+        several = len(given[0]) if type == "string" and given and isinstance(given[0], str) else len(given)
+        how = typed(service.client.grammar, address, type, order, several if count is None else count)
+        numbers = asked(how.numbers, given)
+        await self._transfer(
+            service,
+            lambda client, now, done: client.write(
+                address, numbers, station=to, unit=how.unit, params=self._params(params), now=now, on_done=done
+            ),
+        )
+
+    async def write_many(
+        self, values: Mapping[str, int | float], *, station: Any = None, type: str | None = None,
+        order: Order | None = None, params: Mapping[str, Any] | None = None,
+    ) -> None:  # fmt: skip
+        """Writes one value to each address; in one request where the protocol has lists. Else as `write`."""
+        service = self._working()
+        to = self.settings.station_for(station)
+        if type == "string":
+            raise RequestError("write_many writes one number to each address – texts are written one by one")
+        addresses = list(values)
+        how = typed_each(service.client.grammar, addresses, type, order)
+        numbers = asked(how.numbers, list(values.values()))
+        await self._transfer(
+            service,
+            lambda client, now, done: client.write_variables(
+                addresses, numbers, station=to, unit=how.unit, params=self._params(params), now=now, on_done=done
+            ),
+        )
+
+    # ---- services -----------------------------------------------------------------------------------------
+
+    async def call(
+        self, service: str, arguments: Mapping[str, Any] | None = None, *, station: Any = None,
+        addresses: Sequence[str] = (), unit: str | None = None, count: int = 1,
+        params: Mapping[str, Any] | None = None,
+    ) -> Answer:  # fmt: skip
+        """Runs any other service of the protocol. One address stands for `count` elements, several for one each.
+
+        Raises what `read` raises.
+        """
+        working = self._working()
+        to = self.settings.station_for(station, needed=False)
+        result = await self._transfer(
+            working,
+            lambda client, now, done: client.call(
+                service, arguments, station=to, addresses=addresses, unit=unit, count=count,
+                params=self._params(params), now=now, on_done=done,
+            )
+        )  # fmt: skip
+        return Answer(result.gives, None if result.reply is None else frame_of(result.reply), result.raw)
+
+    # ---- command blocks -----------------------------------------------------------------------------------
+
+    def command_blocks(
+        self, application: ProtocolGiven | None = None, memory: DeviceMemory | None = None
+    ) -> CommandBlocks:
+        """Command blocks on this line, as an application of commands reads them; default: the one its protocol names.
+
+        `memory`: where their data and status words stand; default: one with the application's areas. Raises
+        DefinitionError and LineClosedError, ValueError when the application has no command blocks.
+        """
+        service = self._working()
+        found = protocol_of(application or self.settings.protocol.commands_file)
+        own = DeviceMemory(memory_of(found)[0]) if memory is None else memory
+        engine, client = service.engine, service.client
+        return CommandBlocks(found, own, channel=engine.scope, engine=engine, client=client)
+
+    async def command(self, blocks: CommandBlocks, words: bytes) -> CommandEnd:
+        """Carries out the command block that begins with these bytes; how it ended, failures too.
+
+        One is carried out after the other: each finds the memory as those before have left it. Raises
+        RequestError where requests need a number of the own side, LineClosedError.
+        """
+        self.settings.check_own()
+        future: asyncio.Future[CommandEnd] = asyncio.get_running_loop().create_future()
+        station = self.settings.station
+        turn = self._command_turn
+
+        def ended(end: CommandEnd) -> None:
+            turn.release()
+            if not future.done():
+                future.set_result(end)
+
+        await turn.acquire()
+        try:
+            service = self._working()
+        except LineClosedError:
+            turn.release()
+            raise
+        service.driver.do(lambda now: blocks.start(words, station, now, ended))
+        return await future
+
+    def _params(self, params: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
+        return None if params is None else checked_params(self.settings.protocol, params)
+
+    async def _transfer(self, service: ClientService, begin: Begin) -> TransferResult:
+        """Starts a transfer and waits for it. Raises what it failed with."""
+        trouble = self._new_trouble() if self._devices else str
+        future: asyncio.Future[TransferResult] = asyncio.get_running_loop().create_future()
+        try:
+            request = service.request(begin, lambda result: None if future.done() else future.set_result(result))
+        except (ValueError, DeviceMemoryError) as error:
+            raise RequestError(str(error)) from None
+        try:
+            result = await future
+        except asyncio.CancelledError:
+            service.give_up(request)
+            raise
+        if not result.ok:
+            raise error_of(result, trouble())
+        return result
+
+    # ---- frames -------------------------------------------------------------------------------------------
+
+    async def send(self, frame: str, fields: Mapping[str, Any] | None = None) -> None:
+        """Sends a frame by itself and returns when it has left. Raises RequestError, LineClosedError."""
+        service = self._working()
+        self._known(frame)
+        left: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
+        try:
+            service.send(frame, fields or {}, lambda sent: None if left.done() else left.set_result(sent))
+        except (ValueError, LookupError, TypeError) as error:
+            raise RequestError(f"frame '{frame}': {explain(error)}") from None
+        if not await left:
+            raise LineClosedError(f"the line was closed before '{frame}' had left", "closed")
+
+    async def wait_for(self, *frames: str, timeout: float | None = None) -> Frame:
+        """The next frame of one of these names (of any, without names) that no exchange took.
+
+        One that came before the call counts, unless it was taken. `timeout` in seconds. Raises NoReplyError when that
+        is over, LineClosedError, RequestError where frames are only looked for during exchanges.
+        """
+        service = self._working()
+        for name in frames:
+            self._known(name)
+        role = None if self.settings.role is None else self.protocol.roles[self.settings.role]
+        if role is not None and not any(lane.listen for lane in role.lanes):
+            what = f"the role '{role.name}' listens only while it asks – connect with frames_alone=True"
+            raise RequestError(what)
+        there = service.take_frame(frames)
+        if there is not None:
+            return frame_of(there)
+        future: asyncio.Future[FrameValue] = asyncio.get_running_loop().create_future()
+        waiting = (frames, future)
+        self._waiting.append(waiting)
+        try:
+            async with asyncio.timeout(timeout):
+                return frame_of(await future)
+        except TimeoutError:
+            raise NoReplyError(f"no {' or '.join(frames) or 'frame'} came in {timeout:g} s", "timeout") from None
+        finally:
+            if waiting in self._waiting:
+                self._waiting.remove(waiting)
+
+    def _known(self, frame: str) -> None:
+        if frame not in self.protocol.frames:
+            raise RequestError(no_such(f"'{self.protocol.name}' has no frame", frame, self.protocol.frames))
+
+    def _on_frame(self) -> None:
+        """A frame that was not taken has come: the call that has waited longest gets it."""
+        assert self._service is not None
+        for waiting in list(self._waiting):
+            names, future = waiting
+            if future.done():
+                continue
+            found = self._service.take_frame(names)
+            if found is not None:
+                future.set_result(found)
+                self._waiting.remove(waiting)
+
+    def _fail_waiting(self) -> None:
+        waiting, self._waiting = self._waiting, []
+        for _, future in waiting:
+            if not future.done():
+                future.set_exception(LineClosedError(f"the line was closed: {self._why}", "closed", self._why))
+
+
+def aconnect(
+    protocol: ProtocolGiven,
+    port: str,
+    *,
+    station: Any = None,
+    speed: int | None = None,
+    format: str | None = None,
+    params: Mapping[str, Any] | None = None,
+    role: str | None = None,
+    own: Any = None,
+    frames_alone: bool = False,
+    open_within: float = OPEN_WITHIN,
+    monitor: Callable[[Seen], None] | None = None,
+) -> AsyncClient:
+    """A client for asyncio, opened by `async with` or `await`; see `framekit.connect` for the arguments."""
+    settings = line_settings(
+        protocol, port, role=role, frames_alone=frames_alone, speed=speed, format=format, own=own, station=station,
+        params=params,
+    )  # fmt: skip
+    return AsyncClient(settings, open_within=open_within, monitor=monitor)
+
+
+OnValues = Callable[[tuple[Any, ...]], None]
+OnError = Callable[[FramekitError], None]
+
+
+class Poll:
+    """Reads that follow each other until `stop`, made by `AsyncClient.poll`. `reads` and `failures` count them.
+
+    `await` waits for the end, and raises what it ended with; who gives up waiting stops nothing. Raises ValueError for
+    what cannot be asked.
+    """
+
+    def __init__(
+        self, service: ClientService, how: Typed, address: str, station: Any, every: float, on_values: OnValues,
+        on_error: OnError | None, trouble: Callable[[], str],
+    ) -> None:  # fmt: skip
+        if not isinstance(every, int | float) or not 0 <= every < math.inf:
+            raise ValueError(f"every is {every!r}: it is the seconds from one read to the next, 0 or more")
+        _check_callback("on_values", on_values)
+        if on_error is not None:
+            _check_callback("on_error", on_error)
+        self.failures = 0
+        self._address, self._every = address, every
+        self._error: Exception | None = None
+        self._reads = 0
+        self._how = how
+        self._on_values = on_values
+        self._on_error = on_error
+        self._trouble = trouble
+        self._ended: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self._polling = Polling(
+            service, address, station=station, unit=how.unit, count=how.units, every=round(every * 1e9),
+            on_result=self._result,
+        )  # fmt: skip
+        self._polling.start()
+
+    @property
+    def reads(self) -> int:
+        """How many have ended well."""
+        return self._reads
+
+    @property
+    def is_running(self) -> bool:
+        """Whether more will be read."""
+        return self._polling.is_running
+
+    def stop(self) -> None:
+        """Ends it: the callbacks are not called any more."""
+        self._polling.stop()
+        if not self._ended.done():
+            self._ended.set_result(None)
+
+    def __repr__(self) -> str:
+        how, first = self._how, self._address
+        what = first if how.count == 1 else f"{how.count} × {how.type} from {first} on"
+        often = f"every {self._every:g} s" if self._every else "without pause"
+        state = "running" if self.is_running else "stopped"
+        if not self.is_running and self._error is not None:
+            state = f"ended by {self._error!r}"
+        return f"<Poll of {what}, {often}: {self.reads} reads, {self.failures} failures, {state}>"
+
+    def __await__(self) -> Generator[Any, None, None]:
+        yield from asyncio.wait([self._ended]).__await__()  # cancelled, it leaves the end to come, and others waiting
+        self._ended.result()
+
+    def _result(self, result: TransferResult) -> None:
+        try:
+            if not result.ok:
+                raise error_of(result, self._trouble())
+            values = tuple(answered(self._how.values, result.data, result.values))
+        except ExchangeError as error:
+            self._failed(error)
+        else:
+            self._numbers(values)
+
+    def _failed(self, error: ExchangeError) -> None:
+        self.failures += 1
+        if self._on_error is None:
+            self._fail(error)
+            return
+        try:
+            self._on_error(error)
+        except Exception as another:
+            self._fail(another)
+
+    def _numbers(self, values: tuple[Any, ...]) -> None:
+        self._reads += 1
+        try:
+            self._on_values(values)
+        except Exception as error:  # whatever it is, it belongs to the caller that waits for the end
+            self._fail(error)
+
+    def _fail(self, error: Exception) -> None:
+        self._polling.stop()
+        if not self._ended.done():
+            self._error = error
+            self._ended.set_exception(error)
+
+
+def _check_callback(name: str, callback: object) -> None:
+    """Raises ValueError for what cannot be called, or would have to be awaited: its values would be lost silently."""
+    if not callable(callback):
+        raise ValueError(f"{name} has to be a plain function, not {callback!r}")
+    if inspect.iscoroutinefunction(callback):
+        raise ValueError(
+            f"{name} has to be a plain function: it is called, not awaited – for tasks, hand over an asyncio.Queue's "
+            "put_nowait"
+        )
+
+
+def frame_of(value: FrameValue) -> Frame:
+    """A frame of the engine as users get it."""
+    fields = {name: plain(item) for name, item in value.complete().items()}
+    return Frame(value.frame, fields, value.raw or b"", value.refusal)
+
+
+# ---- without asyncio ------------------------------------------------------------------------------------------
+
 
 T = TypeVar("T")
 P = ParamSpec("P")

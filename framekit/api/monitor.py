@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from framekit.api.errors import LineClosedError, RequestError
-from framekit.api.frame_rows import FAULTY, FieldRow, FrameEntry, ascii_of
+from framekit.api.rows import FAULTY, FieldRow, FrameEntry, ascii_of
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.codec.plain import PlainValues
 from framekit.definition.model.protocol import Protocol

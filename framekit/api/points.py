@@ -1,20 +1,34 @@
-"""The points of a run: named values with quality and time, read, waited for and written by name."""
+"""The points of a run: named values with quality and time, read, waited for and written by name.
+
+And points as files: register lists turned into them, and the values that runs have kept of them.
+"""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterator, Mapping
+import sqlite3
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 from typing import Any
+
+import yaml
 
 from framekit.api.errors import ExchangeError, NoReplyError, RequestError
 from framekit.codec.shown import shown
-from framekit.definition.problems import no_such
+from framekit.definition.problems import did_you_mean, no_such
 from framekit.run.behaviours import number_of
 from framekit.run.block_state import Failure
 from framekit.run.points import PointValue
 from framekit.run.points import Quality as Quality
+from framekit.run.points import iso_time as iso_time
+from framekit.runfile.run_file import load_run
+from framekit.runfile.vendor_tables import Imported as Imported
+from framekit.runfile.vendor_tables import label_of
+from framekit.runfile.vendor_tables import read_vendor_table as read_vendor_table
 from framekit.service.points import PointService, Written
+from framekit.sinks.base import fits
+from framekit.sinks.sqlite import HistoryError, HistoryRow, SqliteHistory, read_history
 
 Do = Callable[[Callable[[], Any]], Any]
 """Carries a function out in the run's thread, and gives its result."""
@@ -182,3 +196,45 @@ class RunPoints(Mapping[str, RunPoint]):
                 listeners.remove(callback)
 
         return lambda: self._do(end)
+
+
+# ---- points as files ------------------------------------------------------------------------------------------
+
+
+def points_text(imported: Imported, name: str, source: str) -> str:
+    """A points file with what was read of a register list."""
+    lines = [f"points: {label_of(name) or 'points'}", f"source: {_scalar(source)}", "values:"]
+    for point, keys in imported.points.items():
+        inside = ", ".join(f"{key}: {_scalar(value)}" for key, value in keys.items())
+        lines.append(f"  {point}: {{{inside}}}")
+    return "\n".join(lines) + "\n"
+
+
+def _scalar(text: str) -> str:
+    """A text as YAML writes it in braces, in quotes where it has to be."""
+    written: str = yaml.safe_dump([text], default_flow_style=True, allow_unicode=True, width=10**9)
+    return written.strip()[1:-1]
+
+
+def history_of(
+    path: Path, points: Sequence[str] = ("*",), since: int | None = None, until: int | None = None
+) -> Iterator[HistoryRow]:
+    """The kept values of a run, by its file or by that of its history; times in ns since 1970 (UTC).
+
+    Raises RequestError for a run without a history, DefinitionError for a run file that is wrong.
+    """
+    if path.suffix in (".yaml", ".yml"):
+        run = load_run(path)
+        names = [point.name for point in run.points]
+        for pattern in points:
+            if not any(fits(pattern, name) for name in names):
+                hint = did_you_mean(pattern, names) or f"known: {', '.join(names[:10])}"
+                raise RequestError(f"no point of {path} is called '{pattern}' – {hint}")
+        found = [Path(sink.sqlite) for sink in run.sinks if isinstance(sink, SqliteHistory)]
+        if not found:
+            raise RequestError(f"{path} has no sqlite sink – add it, or name a file of one")
+        path = found[0]
+    try:
+        yield from read_history(path, points, since, until)
+    except (HistoryError, sqlite3.Error) as error:
+        raise RequestError(f"{path}: {error}" if isinstance(error, sqlite3.Error) else str(error)) from None

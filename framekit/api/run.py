@@ -31,8 +31,7 @@ from framekit.run.status import ChannelStatus as ChannelStatus
 from framekit.run.status import JobsStatus as JobsStatus
 from framekit.run.status import RunStatus as RunStatus
 from framekit.run.status import SinkStatus as SinkStatus
-from framekit.runfile.read_only import only_reading
-from framekit.runfile.run_file import load_run
+from framekit.runfile.run_file import load_run, only_reading
 from framekit.service.capture import Capture
 from framekit.service.channel import ChannelService
 from framekit.service.run import RunService

@@ -26,8 +26,8 @@ from framekit.runfile.devices import Device as Device
 from framekit.runfile.devices import DeviceSettings, load_devices, with_faults
 from framekit.service.capture import Capture
 from framekit.service.device import Serving, ServingMonitor, check_line
-from framekit.service.device_points import DevicePoints
 from framekit.service.driver import LineLoad
+from framekit.service.points import DevicePoints
 from framekit.transport.clock import AsyncioClock
 from framekit.transport.schemes import scheme_of
 

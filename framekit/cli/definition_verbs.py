@@ -19,8 +19,9 @@ from glob import glob
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from framekit.api.frame_rows import spaced
+from framekit.api.rows import spaced
 from framekit.cli.common import (
+    ProgressLine,
     VerbError,
     WordsError,
     add,
@@ -34,6 +35,7 @@ from framekit.cli.common import (
     load,
     load_codec,
     near,
+    painted,
     print_json,
     problem_data,
     scope_of,
@@ -46,7 +48,6 @@ from framekit.cli.common import (
     told_once,
     why_not,
 )
-from framekit.cli.terminal import ProgressLine, painted
 from framekit.codec.shown import code_text
 from framekit.definition.problems import no_such, plural, printable
 
@@ -406,7 +407,7 @@ def _archive(protocol: Protocol, arguments: argparse.Namespace) -> int:
 
 def _values(protocol: Protocol, arguments: argparse.Namespace) -> int:
     """Writes the values in a capture to a table. Raises VerbError."""
-    from framekit.api.captured import captured_values, write_values
+    from framekit.api.archive import captured_values, write_values
     from framekit.api.monitor import decoder
 
     useless = {"--ascii": arguments.ascii, "--filter": arguments.filter, "--frame-name": arguments.frame_name}

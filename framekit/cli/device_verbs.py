@@ -74,8 +74,7 @@ def carry_out(
 
     `check` raises RequestError for what cannot be asked on any line: where there is no line, that is what is told.
     """
-    from framekit.api.async_client import AsyncClient
-    from framekit.api.client import Client
+    from framekit.api.client import AsyncClient, Client
     from framekit.api.errors import FramekitError, LineClosedError, RequestError
     from framekit.api.settings import grammar_of
 

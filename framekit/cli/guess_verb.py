@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from framekit.cli.common import (
+    ProgressLine,
     VerbError,
     WordsError,
     add,
@@ -20,7 +21,6 @@ from framekit.cli.common import (
     table,
     until,
 )
-from framekit.cli.terminal import ProgressLine
 from framekit.cli.web_option import WebPage, add_web
 from framekit.definition.problems import plural
 
@@ -116,9 +116,8 @@ def _of_guess(arguments: argparse.Namespace, chunks: list[HeardBytes], page: Web
     if page.server is None:
         tell()
         return 0
-    from framekit.api.draft import DraftError, protocol_name
+    from framekit.api.draft import DraftError, NamedGuess, protocol_name
     from framekit.api.hex_table import guessed_table
-    from framekit.api.named_guess import NamedGuess
     from framekit.web.hex_session import HexBoard
 
     told = [

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from framekit.cli.common import (
     PortError,
+    ProgressLine,
     VerbError,
     WordsError,
     add,
@@ -31,9 +32,7 @@ from framekit.cli.common import (
     until,
     why_not,
 )
-from framekit.cli.screen import show
-from framekit.cli.screen.session import LiveSession
-from framekit.cli.terminal import ProgressLine
+from framekit.cli.screen import LiveSession, show
 from framekit.definition.problems import plural
 from framekit.transport.schemes import help_on_ports
 

@@ -49,6 +49,7 @@ VERBS = {
 
 TOGETHER = {
     "device_verbs": ("read", "write", "call"),
+    "file_verbs": ("new", "schema"),
     "definition_verbs": ("check", "test", "encode", "decode", "frames", "generate"),
     "points_verbs": ("points", "history"),
     "guess_verb": ("guess", "diff"),

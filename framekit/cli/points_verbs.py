@@ -34,7 +34,7 @@ def add_points_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_points(arguments: argparse.Namespace) -> int:
-    from framekit.api.tables import points_text, read_vendor_table
+    from framekit.api.points import points_text, read_vendor_table
 
     if "{}" not in arguments.address:
         raise WordsError(f"--address: '{arguments.address}' has no {{}} for the number of the register")
@@ -69,7 +69,7 @@ def add_history_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_history(arguments: argparse.Namespace) -> int:
-    from framekit.api.tables import history_of, iso_time
+    from framekit.api.points import history_of, iso_time
 
     now = time.time_ns()
     since, until = (

@@ -111,8 +111,7 @@ def _line(form: str, speed: int) -> LineFormat:
 
 async def _record(arguments: argparse.Namespace, line: LineFormat, duration: int | None, stopped: asyncio.Event) -> int:
     """Until the time is over, or SIGINT or SIGTERM asks to stop. Raises WordsError, PortError, OSError."""
-    from framekit.api.byte_rows import LEGEND, ByteRows, ByteView, usual_pause
-    from framekit.api.record import Recorder, clock_of_loop
+    from framekit.api.record import LEGEND, ByteRows, ByteView, Recorder, clock_of_loop, usual_pause
     from framekit.transport.schemes import scheme_of
 
     loop, began = asyncio.get_running_loop(), time.monotonic_ns()
@@ -263,8 +262,8 @@ def _what(heard: HeardAt) -> str:
 
 
 def _show_verdict(verdict: Verdict, as_json: bool) -> None:
-    from framekit.api.frame_rows import ascii_of, spaced
     from framekit.api.line_trial import shown_share
+    from framekit.api.rows import ascii_of, spaced
 
     heard = [(one, bits) for one, bits in zip(verdict.ranking, verdict.bits, strict=False) if one.characters]
     if as_json:

@@ -31,8 +31,7 @@ from framekit.cli.common import (
     why_not,
     without_collecting,
 )
-from framekit.cli.screen import show
-from framekit.cli.screen.session import LiveSession
+from framekit.cli.screen import LiveSession, show
 from framekit.cli.web_option import WebPage, add_web
 from framekit.transport.schemes import help_on_ports
 

@@ -1,10 +1,21 @@
-"""Reads how the memory of a simulated device behaves: `behave:`, by address, each of a kind of `run/behaviours.py`."""
+"""Reads how the memory of a simulated device behaves: `behave:`, by address, each of a kind of `run/behaviours.py`.
+
+The kind `replay` is here: it reads what a sink has kept, a table of `csv` in both forms, `jsonl`, or the database of
+`sqlite`. What `framekit history --csv` prints is such a table too. Values that were not good are left out.
+"""
 
 from __future__ import annotations
 
+import csv
+import json
+import sqlite3
+from bisect import bisect_right
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
+from operator import itemgetter
 from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
 
 from framekit.definition.expression import (
     Binary,
@@ -19,18 +30,19 @@ from framekit.definition.expression import (
     Unary,
     walk,
 )
-from framekit.definition.keys import read_part
+from framekit.definition.keys import Form, KeyReading, key, keys, read_part, ref, words
 from framekit.definition.load.documents import without_effect
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Entry, Mapping, Scalar, unread
 from framekit.definition.nodes import Node as YamlNode
 from framekit.definition.problems import Position, did_you_mean, parted
 from framekit.link.addresses import Address, AddressError, AddressGrammar
-from framekit.run.behaviours import BEHAVIOURS, Behaviour
+from framekit.run.behaviours import BEHAVIOURS, Behaviour, BehaviourMoment
 from framekit.run.model import Point
 from framekit.run.points import unscaled
-from framekit.runfile import replay as replay  # it brings a kind
+from framekit.runfile.fault_plans import leaves_folder
 from framekit.runfile.points import PointsLoader
+from framekit.sinks.sqlite import HistoryError, read_history
 
 _OF_THE_PLACE = ("type", "order", "scale", "offset")
 """Keys that say what stands at an address, as those of a point do."""
@@ -172,12 +184,12 @@ class BehaveLoader:
         behaviour = read_part(BEHAVIOURS[words[0]], self, keys, place=point)
         behaviour = replace(behaviour, names=self._names)
         reader.problems.extend(without_effect(entry, f"in a {words[0]}") for _, entry in unread(keys))
-        for key, why in behaviour.useless():
-            reader.note(_at(keys, key), f"'{key}' has no effect: {why}", "remove it")
+        for name, why in behaviour.useless():
+            reader.note(_at(keys, name), f"'{name}' has no effect: {why}", "remove it")
         assert point.form.bounds is not None
         low, high = point.form.bounds
-        for key, number in behaviour.numbers:
-            with reader.refusing(_at(keys, key)):
+        for name, number in behaviour.numbers:
+            with reader.refusing(_at(keys, name)):
                 if not low <= unscaled(point, number) <= high:
                     what = f"{number:g} does not fit into {point.address} ({point.form.type})"
                     raise ValueError(f"{what} – give another number, type or scale")
@@ -189,11 +201,11 @@ class BehaveLoader:
         """Each behind those that it needs; circles in which nothing goes on from what it was are noted."""
         plain = {id(one.place): one for one in found if one.formula is not None and not one.goes_on}
         yield from (one for one in found if id(one.place) not in plain)
-        needs = {key: set(self._needed(one)) & plain.keys() for key, one in plain.items()}
-        while ready := [key for key, others in needs.items() if not others & needs.keys()]:
-            for key in ready:
-                del needs[key]
-                yield plain[key]
+        needs = {own: set(self._needed(one)) & plain.keys() for own, one in plain.items()}
+        while ready := [own for own, others in needs.items() if not others & needs.keys()]:
+            for own in ready:
+                del needs[own]
+                yield plain[own]
         for others in needs.values():
             others &= needs.keys()
         while needs:
@@ -201,9 +213,9 @@ class BehaveLoader:
             while (following := next(iter(needs[circle[-1]]))) not in circle:
                 circle.append(following)
             circle = circle[circle.index(following) :]
-            for key in _leading_to(set(circle), needs):
-                needs.pop(key)
-            members = [plain[key] for key in circle]
+            for own in _leading_to(set(circle), needs):
+                needs.pop(own)
+            members = [plain[own] for own in circle]
             first = min(members, key=lambda one: (one.at.line, one.at.column))
             texts = [one.name or one.place.address for one in (*members, members[0])]
             what = f"a circle: {', which goes by '.join(texts).replace(', which', '', 1)}"
@@ -237,3 +249,172 @@ def _leading_to(circle: set[int], needs: dict[int, set[int]]) -> set[int]:
 def _at(keys: Mapping, key: str) -> Position:
     node = keys.value(key)
     return keys.at if node is None else node.at
+
+
+# ---- replay: what a sink has kept stands in a simulated device again, in the same time ------------------------
+
+MOST_BYTES = 64_000_000
+MOST_VALUES = 1_000_000
+"""No larger file is read, and no more values of a point."""
+MOST_NAMES = 1000
+"""So many names of points are kept for what is told."""
+
+
+class RecordedError(ValueError):
+    """A file that holds no such values; the text says what to do."""
+
+
+class _Value(NamedTuple):
+    time: int
+    value: Any
+
+
+class _Wanted:
+    """Which point of a file is read: the one that is named, else the first. It keeps some names, to tell them."""
+
+    def __init__(self, point: str | None) -> None:
+        self.point = point
+        self.names: dict[str, None] = {}
+
+    def __call__(self, name: str, value: Any) -> bool:
+        """Whether a value there is one of this point, and good."""
+        if name == self.point or len(self.names) < MOST_NAMES:
+            self.names[name] = None
+        return name == (next(iter(self.names)) if self.point is None else self.point) and value not in ("", None)
+
+
+def recorded(path: Path, point: str | None) -> tuple[tuple[int, ...], tuple[float, ...]]:
+    """The numbers of a point, oldest first: when each came, in ns from the first one on, and what it was.
+
+    `point` may be left out where the file has one point. Raises RecordedError.
+    """
+    wanted, found = _Wanted(point), list[_Value]()
+    try:
+        if path.stat().st_size > MOST_BYTES:
+            raise RecordedError(f"{path.name} is larger than {MOST_BYTES // 1_000_000} MB – cut it into pieces")
+        for one in _values(path, wanted):
+            if len(found) == MOST_VALUES:
+                raise RecordedError(f"{path.name} has more than {MOST_VALUES} values – cut it into pieces")
+            found.append(one)
+    except (OSError, UnicodeDecodeError, csv.Error, sqlite3.Error, HistoryError) as error:
+        what = getattr(error, "strerror", None) or error
+        raise RecordedError(f"{path.name} cannot be read: {what} – name a file of values") from None
+    names = list(wanted.names)
+    if point is None and len(names) > 1:
+        raise RecordedError(f"{path.name} has several points: {', '.join(names[:12])} – say which by point:")
+    if not found and point is not None and point not in names:
+        raise RecordedError(f"{path.name} has no point '{point}' – {did_you_mean(point, names) or 'name another'}")
+    if not found:
+        raise RecordedError(f"{path.name} has no good values – name another file or point")
+    numbers = sorted(((one.time, _number(one, path)) for one in found), key=itemgetter(0))
+    first = numbers[0][0]
+    return tuple(time - first for time, _ in numbers), tuple(value for _, value in numbers)
+
+
+def _number(row: _Value, path: Path) -> float:
+    if isinstance(row.value, (int, float)):
+        return row.value
+    text = str(row.value)
+    try:
+        return int(text) if text.lstrip("-").isdecimal() else float(text)
+    except ValueError:
+        raise RecordedError(f"{path.name} has '{row.value}', which is no number – replay another point") from None
+
+
+def _values(path: Path, wanted: _Wanted) -> Iterator[_Value]:
+    """The good values of one point in a file, by what the file begins with."""
+    with path.open("rb") as file:
+        begin = file.read(16)
+    if begin.startswith(b"SQLite format 3"):
+        yield from (_Value(row.time, row.value) for row in read_history(path) if wanted(row.point, row.value))
+    else:
+        yield from _objects(path, wanted) if begin.lstrip().startswith(b"{") else _table(path, wanted)
+
+
+def _objects(path: Path, wanted: _Wanted) -> Iterator[_Value]:
+    with path.open(encoding="utf-8", newline="\n") as lines:
+        for number, line in enumerate(lines, 1):
+            try:
+                one = json.loads(line)
+                time, value = _time(one["time"]), one["value"]
+                is_wanted = wanted(str(one["point"]), value)
+            except (ValueError, KeyError, TypeError, RecursionError):
+                what = f"{path.name}, line {number}, is no value of a point"
+                raise RecordedError(f"{what} – name a file of jsonl") from None
+            if is_wanted:
+                yield _Value(time, value)
+
+
+def _table(path: Path, wanted: _Wanted) -> Iterator[_Value]:
+    with path.open(encoding="utf-8-sig", newline="") as lines:
+        rows = csv.reader(lines)
+        head = next(rows, [])
+        if len(head) < 2 or head[0] != "time":
+            what = f"{path.name} has no column time first"
+            raise RecordedError(f"{what} – name a file of a sink, or framekit history --csv")
+        columns = [] if head[1:3] == ["point", "value"] else [title.rpartition(" (")[0] or title for title in head[1:]]
+        for row in rows:
+            try:
+                time = _time(row[0])
+                cells = zip(columns, row[1:], strict=False) if columns else [(row[1], row[2])]
+            except (ValueError, IndexError):
+                what = f"{path.name}, line {rows.line_num}, has no time and value"
+                raise RecordedError(f"{what} – name a file of a sink, or framekit history --csv") from None
+            yield from (_Value(time, cell) for name, cell in cells if wanted(name, cell))
+
+
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+
+
+def _time(text: str) -> int:
+    """Nanoseconds since 1970 (UTC). Raises ValueError, TypeError."""
+    moment = datetime.fromisoformat(text)
+    since = (moment if moment.tzinfo else moment.replace(tzinfo=UTC)) - _EPOCH
+    return since // timedelta(microseconds=1) * 1000
+
+
+Samples = tuple[tuple[int, ...], tuple[float, ...]]
+"""Times from the first one on (ns), and the values."""
+
+
+def _samples(reading: KeyReading) -> Samples:
+    reader, node, named = reading.reader, reading.keys.get("replay"), reading.keys.get("point")
+    name = reader.text(node)
+    point = None if named is None else reader.text(named)
+    assert node is not None
+    if leaves_folder(name):
+        raise reader.broken(node.at, f"'{name}' leaves the folder of this file", "name a file beside it")
+    with reader.refusing(node.at):
+        found = recorded(reading.loader.folder / name, point)
+    return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReplayedValues(Behaviour):
+    """Is what a point was, as a sink has kept it, in the same time."""
+
+    word: ClassVar[str] = "replay"
+    samples: Samples = keys(
+        {
+            "replay": {**ref("text"), "description": "A file of values of a sink: csv, jsonl or sqlite."},
+            "point": {**ref("text"), "description": "The point in it; it may be left out where there is one."},
+        },
+        _samples,
+    )
+    then: str = key(
+        "then", Form(words("an end of a replay", "again", "stay"), lambda r, node: r.reader.text(node)),
+        "What comes then: the last value stays (the default), or all again, one every after it.", default="stay",
+    )  # fmt: skip
+
+    def value(self, now: BehaviourMoment) -> float | None:
+        times, values = self.samples
+        time = now.time % (times[-1] + self.every) if self.then == "again" else now.time
+        return values[bisect_right(times, time) - 1]
+
+    @property
+    def numbers(self) -> Iterator[tuple[str, float]]:
+        _, values = self.samples
+        yield from (("replay", min(values)), ("replay", max(values)))
+
+
+BEHAVIOURS["replay"] = ReplayedValues

@@ -22,7 +22,7 @@ from framekit.memory.views import ORDERS, VIEWS
 from framekit.run.behaviours import BEHAVIOURS
 from framekit.run.behaviours import schema_of as schema_of_behaviour
 from framekit.run.triggers import TRIGGERS
-from framekit.runfile import replay as replay  # it brings a kind of behaviour
+from framekit.runfile import behave as behave  # it brings a kind of behaviour
 from framekit.runfile.fleet import fleet_schema
 from framekit.sinks import SINKS
 from framekit.sinks.base import schema_of

@@ -25,7 +25,7 @@ from framekit.link.frame_faults import FrameFaults
 from framekit.link.scope import DeviceState, Scope
 from framekit.link.services.server import MemoryServer, ServiceCounters
 from framekit.memory.clock_bits import SystemBits
-from framekit.run.behaving import Behaving
+from framekit.run.behaviours import Behaving
 from framekit.run.model import DEFAULT_LIMITS, Channel, ConnectionLimits, FaultPlan
 from framekit.run.own_memory import AddressedMemory
 from framekit.runfile.devices import Device, load_devices

@@ -11,9 +11,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from framekit import __version__
+from framekit.api.draft import NamedGuess
 from framekit.api.guess import Statement
 from framekit.api.hex_table import NOISE, HexLine, HexSpan, HexTable, guessed_spans, shown_as
-from framekit.api.named_guess import NamedGuess
 from framekit.definition.problems import printable
 from framekit.guess.naming import TYPES, FieldNaming, NamingError, types_of
 from framekit.web.access import Access, Visitor

@@ -14,17 +14,15 @@ from typing import Any
 
 from framekit import __version__
 from framekit.api.errors import FramekitError, RequestError
-from framekit.api.frame_rows import FrameEntry, field_row, frame_row
 from framekit.api.monitor import FrameFilter, parse_filter
 from framekit.api.points import RunPoint
-from framekit.api.rows import POINT_HEAD
+from framekit.api.rows import POINT_HEAD, FrameEntry, field_row, frame_row
 from framekit.codec.plain import PlainValues
 from framekit.codec.shown import explain
 from framekit.definition.problems import printable
 from framekit.web.access import Access, Visitor
-from framekit.web.changes import ChangingRows, ChangingValues, PointHistory, value_cells
 from framekit.web.messages import Actions, Message, Told, answered, plain_text, whole_number
-from framekit.web.shown import Shown
+from framekit.web.shown import ChangingRows, ChangingValues, PointHistory, Shown, value_cells
 
 log = logging.getLogger(__name__)
 

@@ -1,10 +1,16 @@
-"""What a page shows of a run or of devices: the tables, the points, the frames, and what may be done there."""
+"""What a page shows of a run or of devices: the tables, the points, the frames, and what may be done there.
+
+And what has changed since when: rows by their keys, and the values of points. Nothing waits: what is asked for is made
+of what is so now, so that who asks rarely gets less, and never anything old.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from array import array
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import isfinite, nan
+from typing import Any, NamedTuple
 
 from framekit.api.monitor import FrameLog, LiveView
 from framekit.api.points import RunPoints
@@ -25,7 +31,127 @@ from framekit.api.rows import (
 from framekit.api.run import RunCalls
 from framekit.api.server import AsyncServer
 from framekit.run.model import POINTS_SET
-from framekit.web.changes import ShownRow
+from framekit.run.points import PointValue
+
+
+class ShownRow(NamedTuple):
+    """Cells of text; `state`: one word that the page may show by a colour."""
+
+    state: str
+    cells: tuple[str, ...]
+
+
+@dataclass(slots=True)
+class ChangingRows:
+    """A table. `put` begins a new round; every row knows the round in which it has changed."""
+
+    round: int = 0
+    keys_round: int = 0
+    _rows: dict[str, tuple[int, ShownRow]] = field(default_factory=dict)
+
+    def put(self, rows: Mapping[str, ShownRow]) -> None:
+        """The rows as they are now, in their order."""
+        self.round += 1
+        before = self._rows
+        if list(rows) != list(before):
+            self.keys_round = self.round
+        nothing = (0, None)
+        self._rows = {
+            key: (seen, row) if (seen := before.get(key, nothing)[0]) and before[key][1] == row else (self.round, row)
+            for key, row in rows.items()
+        }
+
+    @property
+    def keys(self) -> list[str]:
+        return list(self._rows)
+
+    def since(self, number: int) -> dict[str, ShownRow]:
+        """The rows that have changed after a round."""
+        return {key: row for key, (seen, row) in self._rows.items() if seen > number}
+
+
+class ChangingValues:
+    """The values of points, numbered from 0 through all groups."""
+
+    def __init__(self, groups: Sequence[RunPoints]) -> None:
+        self.round = 0
+        self._groups = groups
+        self.values: list[PointValue] = []
+        self._rounds: list[int] = []
+
+    def look(self) -> None:
+        """A new round. What was only read anew, and is as it was, has not changed."""
+        self.round = number = self.round + 1
+        now = [value for group in self._groups for value in group.now()]
+        if len(now) != len(self.values):
+            self._rounds = [number] * len(now)
+        else:
+            rounds = self._rounds
+            for at, (value, before) in enumerate(zip(now, self.values, strict=True)):
+                if value is not before and _differs(value, before):
+                    rounds[at] = number
+        self.values = now
+
+    def since(self, number: int) -> Iterator[tuple[int, PointValue]]:
+        """The points that have changed after a round, with their numbers."""
+        values = self.values
+        return ((at, values[at]) for at, seen in enumerate(self._rounds) if seen > number)
+
+
+def _differs(value: PointValue, before: PointValue) -> bool:
+    return (value.value, value.quality, value.reason) != (before.value, before.quality, before.reason)
+
+
+def value_cells(value: PointValue) -> list[Any]:
+    """What the page gets of a value: its text, quality, reason, and the number that is drawn."""
+    shown = "-" if value.value is None else str(value.value)
+    number = number_of(value)
+    return [shown, value.quality, value.reason, number if isfinite(number) else None]
+
+
+def number_of(value: PointValue) -> float:
+    """What is drawn of a value; nan where it is not good, or no number."""
+    number = value.number
+    if value.quality != "good" or not isinstance(number, (int, float)):
+        return nan
+    try:
+        return float(number)
+    except OverflowError:
+        return nan
+
+
+MOST_KEPT = 600
+MOST_NUMBERS = 2_000_000
+"""Moments that are kept of each point, and numbers in all (8 bytes each)."""
+
+
+class PointHistory:
+    """The last moments of all points: `size` numbers of each, all taken at the same times (seconds since 1970)."""
+
+    def __init__(self, points: int) -> None:
+        self.size = max(2, min(MOST_KEPT, MOST_NUMBERS // max(1, points)))
+        self.taken = 0
+        self._times = array("d", bytes(8 * self.size))
+        self._numbers = [array("d", bytes(8 * self.size)) for _ in range(points)]
+
+    def take(self, time: float, values: Sequence[PointValue]) -> None:
+        """One more moment; the oldest goes."""
+        at = self.taken % self.size
+        self._times[at] = time
+        for numbers, value in zip(self._numbers, values, strict=True):
+            numbers[at] = number_of(value)
+        self.taken += 1
+
+    def last(self, point: int, most: int) -> tuple[list[float], list[float | None]]:
+        """The last moments of a point, oldest first: times, and numbers, None where there was none."""
+        count = min(most, self.taken, self.size)
+        places = [at % self.size for at in range(self.taken - count, self.taken)]
+        numbers = self._numbers[point]
+        return (
+            [self._times[at] for at in places],
+            [number if isfinite(number := numbers[at]) else None for at in places],
+        )
+
 
 Rows = Mapping[str, ShownRow]
 STATES = {"open": "", "closed": "off", "switched off": "off"}

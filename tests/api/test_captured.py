@@ -9,7 +9,7 @@ import pytest
 from service.fault_world import LINKS, Link
 from service.test_unfinished_requests import PLCS, SNP
 
-from framekit.api.captured import captured_values
+from framekit.api.archive import captured_values
 from framekit.api.monitor import decoder
 from framekit.api.run import VirtualRun
 from framekit.cli.main import main

@@ -9,8 +9,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from framekit.api.byte_diagram import Box, byte_diagram
-from framekit.api.document import Heading, PageTable, Picture, document, html, markdown
+from framekit.api.document import Box, Heading, PageTable, Picture, byte_diagram, document, html, markdown
 from framekit.api.vectors import vectors_path
 from framekit.cli.main import main
 from framekit.definition.load.protocol import definition_path, load_protocol, load_protocol_text

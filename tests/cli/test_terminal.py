@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from framekit.cli.common import ProgressLine, has_colours, painted
 from framekit.cli.main import main
-from framekit.cli.terminal import ProgressLine, has_colours, painted
 
 OWN = "protocol: own\nline: {kind: stream}\nframes:\n  one: {body: [{const: 01}, {field: value, type: u8}]}\n"
 CASES = "vectors: own\nframes:\n  - {frame: one, bytes: 01 02, values: {value: 2}}\n"

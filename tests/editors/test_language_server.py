@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from editors.language_server import LanguageServer
 
-from framekit.api.schemas import schema
+from framekit.api.new_files import schema
 
 PROGRAM = shutil.which("yaml-language-server")
 ROOT = Path(__file__).parents[2]

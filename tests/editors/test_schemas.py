@@ -11,7 +11,7 @@ import yaml
 from jsonschema import Draft202012Validator
 
 from framekit.api.errors import RequestError
-from framekit.api.schemas import kinds, schema
+from framekit.api.new_files import kinds, schema
 from framekit.cli.main import main
 
 ROOT = Path(__file__).parents[2]

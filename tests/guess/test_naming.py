@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from framekit.api.check import check_file
-from framekit.api.draft import DraftError, drafted, protocol_name, write_definition
-from framekit.api.named_guess import NamedGuess
+from framekit.api.draft import DraftError, NamedGuess, drafted, protocol_name, write_definition
 from framekit.api.vectors import run_vectors
 from framekit.codec.checks import compute
 from framekit.definition.model.checks import ready_methods

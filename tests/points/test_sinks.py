@@ -23,7 +23,6 @@ from framekit.run.model import OwnPlace, Point
 from framekit.run.points import PointValue, iso_time
 from framekit.runfile.schema_files import read_files
 from framekit.service import sinks as at_work
-from framekit.service import waiting
 from framekit.service.points import PointService
 from framekit.service.sinks import SinkFeeder, SinkHost
 from framekit.sinks import SINKS, Sink, SinkKind
@@ -372,7 +371,7 @@ def test_what_fails_is_tried_again_in_order() -> None:
 
 
 def test_a_sink_that_hangs_holds_nothing_up_and_the_oldest_go_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(waiting, "MOST_WAITING", 10)
+    monkeypatch.setattr(at_work, "MOST_WAITING", 10)
     monkeypatch.setattr(at_work, "AT_ONCE", 4)
     one, sink = feeder(threaded=True)
     hangs, goes_on = threading.Event(), threading.Event()

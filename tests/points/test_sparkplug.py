@@ -17,7 +17,7 @@ from framekit.definition.problems import DefinitionError
 
 pytest.importorskip("google.protobuf", reason="protobuf is not installed")
 
-from framekit.sinks.sparkplug_messages import Metric, decoded, encoded
+from framekit.sinks.sparkplug import Metric, decoded, encoded
 
 
 def fields(data: bytes) -> Iterator[tuple[int, Any]]:
@@ -175,7 +175,7 @@ def test_what_waited_is_history_and_a_cut_tells_the_death(tmp_path: Path) -> Non
     ],
 )  # fmt: skip
 def test_values_of_all_types_are_read(type_: int, which: str, raw: Any, value: Any) -> None:
-    from framekit.sinks.sparkplug_messages import payload_class
+    from framekit.sinks.sparkplug import payload_class
 
     payload = payload_class()()
     metric = payload.metrics.add(name="a")

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 import yaml
 
+from framekit.api.points import points_text, read_vendor_table
 from framekit.api.run import VirtualRun
-from framekit.api.tables import points_text, read_vendor_table
 from framekit.cli import points_verbs
 from framekit.cli.main import main
 from framekit.definition.problems import DefinitionError

@@ -15,8 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from framekit.api.byte_rows import ByteRows, ByteView, usual_pause
-from framekit.api.record import Heard, Recorder
+from framekit.api.record import ByteRows, ByteView, Heard, Recorder, usual_pause
 from framekit.cli.main import main
 from framekit.definition.load.protocol import load_protocol
 from framekit.definition.times import LineFormat

@@ -15,9 +15,9 @@ import framekit
 from framekit.cli.main import main
 from framekit.codec.support import times
 from framekit.link.packing import typed_at
+from framekit.runfile.behave import RecordedError, recorded
 from framekit.runfile.devices import DeviceSettings, load_devices
 from framekit.service.device import DeviceStore
-from framekit.sinks.recorded import RecordedError, recorded
 from framekit.transport.clock import VirtualClock
 
 SECOND = 1_000_000_000
@@ -344,7 +344,7 @@ def test_lines_of_jsonl_end_at_a_line_feed_only(tmp_path: Path) -> None:
 
 
 def test_only_good_values_of_the_point_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("framekit.sinks.recorded.MOST_VALUES", 2)
+    monkeypatch.setattr("framekit.runfile.behave.MOST_VALUES", 2)
     file = tmp_path / "a.csv"
     rows = [f"2026-01-01T00:00:0{second}Z,{second},,{second // 3 or ''}\n" for second in range(5)]
     file.write_text("".join(["time,up,gone,few\n", *rows]), "utf-8")

@@ -6,10 +6,9 @@ import random
 import struct
 from pathlib import Path
 
-from framekit.api.draft import write_definition
+from framekit.api.draft import NamedGuess, write_definition
 from framekit.api.guess import guess
 from framekit.api.hex_table import guessed_table
-from framekit.api.named_guess import NamedGuess
 from framekit.codec.checks import compute
 from framekit.definition.model.checks import ready_methods
 from framekit.guess.model import HeardBytes

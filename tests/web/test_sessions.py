@@ -13,7 +13,7 @@ pytest.importorskip("starlette")
 from web.page_world import TOKEN, Browser, Page, written
 
 from framekit.web import session as session_module
-from framekit.web.changes import ChangingRows, PointHistory, ShownRow
+from framekit.web.shown import ChangingRows, PointHistory, ShownRow
 
 
 @pytest.fixture

@@ -12,17 +12,16 @@ from textual.binding import Binding
 from textual.coordinate import Coordinate
 from textual.widgets import DataTable, Footer, Header, Input, Static
 
-from framekit.api.frame_rows import FIELD_HEAD, FRAME_HEAD, field_row, frame_row
 from framekit.api.monitor import parse_filter
-from framekit.api.rows import BLOCK_HEAD, POINT_HEAD, block_row
+from framekit.api.rows import BLOCK_HEAD, FIELD_HEAD, FRAME_HEAD, POINT_HEAD, block_row, field_row, frame_row
 from framekit.api.run import COMMANDS
 from framekit.cli.common import VerbError
 from framekit.definition.problems import plural
 
 if TYPE_CHECKING:
-    from framekit.api.frame_rows import FrameEntry
     from framekit.api.monitor import LineOf, LiveView
-    from framekit.cli.screen.session import LiveSession
+    from framekit.api.rows import FrameEntry
+    from framekit.cli.screen import LiveSession
 
 
 MOST_ROWS = 500

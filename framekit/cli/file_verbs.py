@@ -1,4 +1,6 @@
-"""`framekit schema`: the schemas of files, with which editors complete keys and mark what is wrong."""
+"""The verbs that write files to begin with: `framekit new`, those of a protocol of one's own; `framekit schema`, the
+schemas with which editors complete keys and mark what is wrong.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +8,26 @@ import argparse
 from pathlib import Path
 
 from framekit.cli.common import VerbError, in_words, near, print_json, why_not
+
+
+def add_new_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("what", choices=("protocol",), help="protocol: a package with a definition, cases and a test")
+    parser.add_argument("name", metavar="NAME", help="name of the protocol, such as acme-meter")
+    parser.add_argument("-o", "--output", metavar="FOLDER", type=Path, help="where to write it; default: framekit-NAME")
+
+
+def run_new(arguments: argparse.Namespace) -> int:
+    from framekit.api.new_files import new_protocol
+
+    folder = arguments.output or Path(f"framekit-{arguments.name}")
+    with in_words():
+        try:
+            written = new_protocol(arguments.name, folder)
+        except OSError as error:
+            raise VerbError(why_not(error)) from None
+    for path in written:
+        print(near(str(path)))
+    return 0
 
 
 def add_schema_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,7 +43,7 @@ def add_schema_arguments(parser: argparse.ArgumentParser) -> None:
 def run_schema(arguments: argparse.Namespace) -> int:
     import json
 
-    from framekit.api.schemas import schema, settings_of_vscode
+    from framekit.api.new_files import schema, settings_of_vscode
 
     with in_words():
         whole = schema(arguments.kind)

@@ -1,12 +1,15 @@
-"""The schemas of files for editors: one for a kind of file, or one that tells the kinds apart by their first key.
+"""The files that people begin with: the schemas for editors, and a package for a protocol of one's own.
 
-Each stands alone: what the shipped schemas have in files of their own is in its `$defs`.
+There is a schema for a kind of file, or one that tells the kinds apart by their first key. Each stands alone: what the
+shipped schemas have in files of their own is in its `$defs`. A package is found by framekit when it is installed.
 """
 
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
+from string import Template
 from typing import Any
 
 from framekit.api.errors import RequestError
@@ -99,3 +102,35 @@ def _moved(part: Any, stem: str) -> Any:
         else:
             found[key] = _moved(value, stem)
     return found
+
+
+# ---- a package for a protocol ---------------------------------------------------------------------------------
+
+
+TEMPLATES = Path(__file__).parent.parent / "templates"
+_TEMPLATE = ".template"
+_NAME = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
+LONGEST_NAME = 40
+
+
+def new_protocol(name: str, folder: Path) -> list[Path]:
+    """Lays a package for the protocol `name` out in `folder`, which must not hold anything; the files in it.
+
+    They are a definition that runs (an example to write over), vectors, a simulated device, a test and a readme.
+    Raises RequestError for a name that cannot be one and for a folder that is in use; OSError.
+    """
+    if not _NAME.fullmatch(name) or len(name) > LONGEST_NAME:
+        what = f"'{name}' cannot name a protocol: small letters, digits and single hyphens, a letter first"
+        raise RequestError(f"{what}, {LONGEST_NAME} at most")
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise RequestError(f"{folder} is there already, and nothing in it is written over – name another folder by -o")
+    module = f"framekit_{name.replace('-', '_')}"
+    words = {"name": name, "module": module, "package": f"framekit-{name}"}
+    source, written = TEMPLATES / "protocol", []
+    for template in sorted(source.rglob(f"*{_TEMPLATE}")):
+        place = str(template.relative_to(source)).removesuffix(_TEMPLATE)
+        path = folder / place.replace("MODULE", module).replace("NAME", name)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(Template(template.read_text("utf-8")).substitute(words), "utf-8")
+        written.append(path)
+    return written
