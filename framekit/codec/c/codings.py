@@ -34,12 +34,10 @@ def open_wrap(
     bad = r.local("size_t", "bad_place")
     reason = r.local("enum framekit_reason", "opened_as", "FRAMEKIT_OK")
     r.add(f"{reason} = {call(raw, room, capacity, f'&{opened}.end, &{bad}')};")
-    with r.block(f"if ({reason} == FRAMEKIT_NO_ROOM)"):
-        r.add("notes->no_room = true;", r.leave())
+    r.when(f"{reason} == FRAMEKIT_NO_ROOM", "notes->no_room = true;", r.leave())
     if isinstance(coding, Blocks):
         wrong = r.file.helper("wrong_check")
-        with r.block(f"if ({reason} == FRAMEKIT_CHECK)"):
-            r.add(f"{wrong}_at({r.n}, fk_wire({r.n}, {opened}.start + {bad}));")
+        r.when(f"{reason} == FRAMEKIT_CHECK", f"{wrong}_at({r.n}, fk_wire({r.n}, {opened}.start + {bad}));")
         other = f"else if ({reason} != FRAMEKIT_OK)"
     else:
         other = f"if ({reason} != FRAMEKIT_OK)"
@@ -101,11 +99,9 @@ def _escaped(r: Any, coding: Escaped, fixed: int | None) -> tuple[str, str, Call
         code.add("size_t at = 0;", "*got = 0;")
         with code.block("while (at < size)"):
             code.add("uint8_t byte = raw[at];", "bool right = true;", "*bad = at;")
-            with code.block("if (*got >= room)"):
-                code.add("return FRAMEKIT_NO_ROOM;")
+            code.when("*got >= room", "return FRAMEKIT_NO_ROOM;")
             with code.block(f"if (byte == {coding.escape})"):
-                with code.block("if (++at >= size)"):
-                    code.add("*got = 0;", "return FRAMEKIT_CONSTANT;")
+                code.when("++at >= size", "*got = 0;", "return FRAMEKIT_CONSTANT;")
                 with code.block("switch (raw[at])"):
                     for plain, wire in coding.codes:
                         code.add(f"case {wire}: byte = {plain}; break;")
@@ -116,15 +112,13 @@ def _escaped(r: Any, coding: Escaped, fixed: int | None) -> tuple[str, str, Call
                 never = sorted(coding.never)
                 if never:  # such a byte stands nowhere, not behind the escape byte either
                     tests = " || ".join(f"raw[at] == {one}" for one in never)
-                    with code.block(f"if ({tests})"):
-                        code.add("right = false;")
+                    code.when(tests, "right = false;")
             never = sorted(coding.never)
             if never:
                 tests = " || ".join(f"byte == {one}" for one in never)
                 with code.block(f"else if ({tests})"):
                     code.add("right = false;")
-            with code.block("if (!right)"):
-                code.add("*got = 0;", "return FRAMEKIT_CONSTANT;")
+            code.when("!right", "*got = 0;", "return FRAMEKIT_CONSTANT;")
             code.add("to[(*got)++] = byte;", "at++;")
         code.add("return FRAMEKIT_OK;")
     r.file.function(name, code)
@@ -147,11 +141,9 @@ def _blocks(r: Any, coding: Blocks, fixed: int | None) -> tuple[str, str, Call]:
             whole = coding.size + check.size
             code.add(f"uint8_t right[{check.size}];", "uint64_t code;")
             code.add(f"size_t block = size - at < {whole} ? size - at : {whole};")
-            with code.block(f"if (block <= {check.size})"):
-                code.add("*got = 0;", "*bad = at;", "return FRAMEKIT_SHORT;")
+            code.when(f"block <= {check.size}", "*got = 0;", "*bad = at;", "return FRAMEKIT_SHORT;")
             code.add(f"block -= {check.size};")
-            with code.block("if (*got + block > room)"):
-                code.add("return FRAMEKIT_NO_ROOM;")
+            code.when("*got + block > room", "return FRAMEKIT_NO_ROOM;")
             code.add(f"code = {function}(UINT64_C({initial}), 0, raw + at, block);")
             writer = _Lines(r.file, code)
             code.add(f"code = {r.file.checks.finished(check.method, 'code')};")
@@ -159,8 +151,7 @@ def _blocks(r: Any, coding: Blocks, fixed: int | None) -> tuple[str, str, Call]:
             same = f"memcmp(right, raw + at + block, {check.size}) != 0"
             if check.form in ("hex", "HEX"):
                 same = f"!{r.file.helper('same_digits')}(right, raw + at + block, {check.size})"
-            with code.block(f"if (found == FRAMEKIT_OK && {same})"):
-                code.add("found = FRAMEKIT_CHECK;", "*bad = at + block;")
+            code.when(f"found == FRAMEKIT_OK && {same}", "found = FRAMEKIT_CHECK;", "*bad = at + block;")
             code.add("memcpy(to + *got, raw + at, block);", "*got += block;", f"at += block + {check.size};")
         code.add("return found;")
     r.file.function(name, code)
@@ -175,6 +166,7 @@ class _Lines:
         self.file = file
         self.add = code.add
         self.block = code.block
+        self.when = code.when
 
 
 _OPEN: dict[type[Coding], Callable[[Any, Any, int | None], tuple[str, str, Call]]] = {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Protocol
 
@@ -54,6 +54,11 @@ def order_of_bytes(type_: FieldType, size: int) -> list[int]:
         back = places[::-1]
         return [back[place ^ 1] for place in places]
     return places
+
+
+def stands(span: str, data: str, first: str, last: str) -> tuple[str, ...]:
+    """The statements that keep where a segment stands."""
+    return f"{span}.data = {data};", f"{span}.first = {first};", f"{span}.last = {last};", f"{span}.there = true;"
 
 
 class CFunctionWriter:
@@ -117,6 +122,14 @@ class CFunctionWriter:
             self.spans[name] = self.local("struct fk_span", f"{name.strip('_')}_span", "{ NULL, 0, 0, false }")
         return self.spans[name]
 
+    def worked_out(self, local: str, text: str, if_bad: Callable[[], tuple[str, ...]]) -> None:
+        """Puts what is worked out into a local. `if_bad`: gives what is done where it cannot be."""
+        if "&bad" not in text:
+            self.add(f"{local} = {text};")
+            return
+        self.add("bad = false;", f"{local} = {text};")
+        self.when("bad", *if_bad())
+
     embedded = "NULL, 0"
     """What may stand in the content of the wrap that is written: the table of it and how many there are."""
 
@@ -148,6 +161,9 @@ class CFunctionWriter:
 
     def add(self, *lines: str) -> None:
         self.out.add(*lines)
+
+    def when(self, test: str, *lines: str) -> None:
+        self.out.when(test, *lines)
 
     def writer(self, scope: CScope) -> CExpressionWriter:
         return CExpressionWriter(self.file, scope)

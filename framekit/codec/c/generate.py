@@ -239,8 +239,7 @@ class CFile:
             code.add(*(f"    {{ {one}, {two} }}," for one, two in rows), "};", "size_t i;")
             with code.block(f"for (i = 0; i < {len(rows)}; i++)"), code.block(f"if ({test})"):
                 code.add("return rows[i].value;")
-            with code.block("if (bad != NULL)"):
-                code.add("*bad = true;")
+            code.when("bad != NULL", "*bad = true;")
             code.add(f"return {nothing};")
         with code.block(f"static inline bool {function}_has({key} key)"):
             code.add("bool bad = false;", f"(void){function}(key, &bad);", "return !bad;")
@@ -325,8 +324,7 @@ class CFile:
                                 code.add(f"case {place}: {call}; break;")
                             code.add("default: break;")
                         code.add("fk_told(&notes, &fault);")
-                        with code.block("if (fault.reason == FRAMEKIT_OK || fault.refuse >= 0)"):
-                            code.add("return found;")
+                        code.when("fault.reason == FRAMEKIT_OK || fault.refuse >= 0", "return found;")
                     code.add("other = other == 0 || found < other ? found : other;")
                 with code.block("else if (found > FK_QUIET)"):
                     code.add("want = found != 0 && (want == 0 || found > want) ? found : want;")
@@ -387,11 +385,13 @@ class CFile:
         with code.block(""):
             code.add("struct fk_notes notes;", "memset(&notes, 0, sizeof notes);")
             code.add(f"{reader}(data, size{self.hand_on}, &v->of.{inner_name(frame)}, &notes);")
-            with code.block("if (notes.no_room)"):
-                code.add("outer->no_room = true;", "return;")
+            code.when("notes.no_room", "outer->no_room = true;", "return;")
             code.add("fk_told(&notes, fault);")
-            with code.block("if (fault->reason == FRAMEKIT_OK || fault->refuse >= 0)"):
-                code.add(f"v->frame = {upper}_FRAME_{identifier(frame)};", "return;")
+            code.when(
+                "fault->reason == FRAMEKIT_OK || fault->refuse >= 0",
+                f"v->frame = {upper}_FRAME_{identifier(frame)};",
+                "return;",
+            )
             code.add("fault->reason = FRAMEKIT_OK;")
 
 
@@ -717,8 +717,7 @@ class _Writing:
         ):
             out.add("struct fk_out out = { to, room, 0, FRAMEKIT_OK };")
             out.add(f"{prefix}_fk_write_{name}(frame{file.hand_on}, &out);")
-            with out.block("if (out.at > 0x7FFFFFFF)"):
-                out.add("out.reason = FRAMEKIT_NO_ROOM;")
+            out.when("out.at > 0x7FFFFFFF", "out.reason = FRAMEKIT_NO_ROOM;")
             out.add("return out.reason == FRAMEKIT_OK ? (int32_t)out.at : -(int32_t)out.reason;")
         out.add("")
 

@@ -205,10 +205,7 @@ class CMeasureWriter(CFunctionWriter):
         return local
 
     def keep(self, local: str, text: str) -> None:
-        if "&bad" in text:
-            self.add("bad = false;", f"{local} = {text};", "if (bad) {", f"    return {LOST};", "}")
-        else:
-            self.add(f"{local} = {text};")
+        self.worked_out(local, text, lambda: (f"return {LOST};",))
 
     def condition(self, expression: Expression, scope: CScope) -> str:
         text = self.writer(scope).condition(expression)
@@ -353,8 +350,9 @@ class CMeasureWriter(CFunctionWriter):
         )
         self.add(f"{self.file.helper('told')}(&{notes}, &{fault});")
         fits = f"{fault}.reason != FRAMEKIT_CHECK && (int64_t){fault}.offset < {tail}"
-        with self.block(f"if ({fault}.reason == FRAMEKIT_OK || {fault}.reason == FRAMEKIT_NO_ROOM || ({fits}))"):
-            self.add(f"return {total};")
+        self.when(
+            f"{fault}.reason == FRAMEKIT_OK || {fault}.reason == FRAMEKIT_NO_ROOM || ({fits})", f"return {total};"
+        )
 
     def _constant(self, after: Pairs) -> int | None:
         fixed = (self.static.present(segment).fixed is not None for segment, _ in after)

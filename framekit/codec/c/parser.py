@@ -61,8 +61,7 @@ class ParserWriter:
         out.add("")
         with out.block(f"size_t {p}_parser_put(struct {p}_parser *parser, const uint8_t *data, size_t size)"):
             out.add("size_t room;")
-            with out.block("if (parser->told > 0)"):
-                out.add(f"{p}_fk_drop(parser, parser->told);", "parser->told = 0;")
+            out.when("parser->told > 0", f"{p}_fk_drop(parser, parser->told);", "parser->told = 0;")
             out.add("room = sizeof parser->buffer - parser->size;", "size = size < room ? size : room;")
             with out.block("if (size > 0)"):
                 out.add("memcpy(parser->buffer + parser->size, data, size);", "parser->size += size;")
@@ -117,8 +116,7 @@ class ParserWriter:
             out.add(f"int64_t sizes[{count}];", "unsigned i;")
             if self.context:
                 out.add("(void)context;")
-            with out.block("if (parser->told > 0)"):
-                out.add(f"{p}_fk_drop(parser, parser->told);", "parser->told = 0;")
+            out.when("parser->told > 0", f"{p}_fk_drop(parser, parser->told);", "parser->told = 0;")
             with out.block("for (;;)"):
                 self._one_place(out, count)
         out.add("")
@@ -129,17 +127,14 @@ class ParserWriter:
         out.add("size_t least = SIZE_MAX, bad_size = 1, bad_at = 0;", "unsigned bad = 0;")
         out.add("enum framekit_reason reason = FRAMEKIT_LENGTH;")
         with out.block("if (parser->is_broken || parser->is_skipping)"):
-            with out.block("if (parser->is_skipping && parser->is_silent)"):
-                out.add("parser->is_skipping = false;")
+            out.when("parser->is_skipping && parser->is_silent", "parser->is_skipping = false;")
             out.add("parser->size = 0;")
         if self.rules.delimiter is not None:
             byte = self.rules.delimiter
             with out.block(f"while (parser->size > 1 && parser->buffer[0] == {byte} && parser->buffer[1] == {byte})"):
                 out.add(f"{p}_fk_drop(parser, 1);")
-        with out.block("if (parser->size == 0)"):
-            out.add("parser->is_silent = false;", "return FRAMEKIT_MORE;")
-        with out.block("if (!parser->is_silent && parser->size < parser->wanted)"):
-            out.add("return FRAMEKIT_MORE;")
+        out.when("parser->size == 0", "parser->is_silent = false;", "return FRAMEKIT_MORE;")
+        out.when("!parser->is_silent && parser->size < parser->wanted", "return FRAMEKIT_MORE;")
         with out.block(f"for (i = 0; i < {count}; i++)"):
             out.add(f"sizes[i] = {p}_fk_size(parser, i{self.hand_on});")
             out.add("/* what has no room here is bad: nothing else would come of it */")
@@ -160,18 +155,15 @@ class ParserWriter:
             shorter = f"if (sizes[i] > 0 && (next == {count} || sizes[i] < sizes[next]))"
             with out.block(f"for (i = 0; i < {count}; i++)"), out.block(shorter):
                 out.add("next = i;")
-            with out.block(f"if (next == {count})"):
-                out.add("break;")
+            out.when(f"next == {count}", "break;")
             out.add(f"{p}_fk_look(parser, next, (size_t)sizes[next]{self.hand_on});")
             self._taken(out, "(size_t)sizes[next]")
             with out.block("if (!is_bad || parser->fault.offset > bad_at)"):
                 out.add("bad = next;", "bad_at = parser->fault.offset;", "bad_size = (size_t)sizes[next];")
                 out.add("reason = parser->fault.reason;")
             out.add("is_bad = true;", "sizes[next] = 0;")
-        with out.block("if (wants && !parser->is_silent)"):
-            out.add("parser->wanted = parser->size + least;", "return FRAMEKIT_MORE;")
-        with out.block("if (!is_bad && quiet && !parser->is_silent)"):
-            out.add("return FRAMEKIT_MORE;")
+        out.when("wants && !parser->is_silent", "parser->wanted = parser->size + least;", "return FRAMEKIT_MORE;")
+        out.when("!is_bad && quiet && !parser->is_silent", "return FRAMEKIT_MORE;")
         with out.block("if (parser->is_silent && (wants || quiet) && !is_bad)"):
             with out.block(f"for (i = 0; i < {count}; i++)"):
                 with out.block("if (sizes[i] == FK_QUIET)"):
@@ -182,8 +174,7 @@ class ParserWriter:
                     )
                 with out.block("else if (sizes[i] < 0 && !is_bad)"):
                     out.add("bad = i;", "cut = true;")
-            with out.block("if (!is_bad && cut)"):
-                out.add("is_bad = true;", "reason = FRAMEKIT_CUT;", "bad_at = parser->size;")
+            out.when("!is_bad && cut", "is_bad = true;", "reason = FRAMEKIT_CUT;", "bad_at = parser->size;")
             out.add("bad_size = parser->size;")
         self._unusable(out)
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from framekit.codec.c.codings import open_wrap
@@ -16,12 +18,13 @@ from framekit.codec.python.expressions import constant_of
 from framekit.codec.python.facts import comes_with, is_followed, is_plain_name, may_be_empty, targets_of
 from framekit.codec.python.function import covers_later, wire_names
 from framekit.definition.codings import Plain
-from framekit.definition.expression import Expression, Text
+from framekit.definition.expression import Expression
 from framekit.definition.model.segments import (
     INDEX,
     LAST,
     PREVIOUS,
     Bits,
+    BitsPart,
     Check,
     Choose,
     Const,
@@ -51,8 +54,7 @@ from framekit.definition.wire_types import exactly
 def _const(r: ReadWriter, segment: Const, here: Here, behind: Behind) -> None:
     helper = r.file.helper("constant")
     call = f"{helper}({r.n}, {string(segment.data)}, {len(segment.data)}, {r.refuse(segment)})"
-    with r.block(f"if (!{call})"):
-        r.add(r.leave())
+    r.when(f"!{call}", r.leave())
     r.stands(segment.name)
 
 
@@ -66,10 +68,8 @@ def _fill(r: ReadWriter, segment: Fill, here: Here, behind: Behind) -> None:
     r.begin()
     r.take(_rest(r, behind))
     r.stands(segment.name)
-    with r.block(f"if ({r.inn}.end < {segment.total})"):
-        r.add(r.note("short", f"{r.inn}.end"))
-    with r.block(f"if ({r.inn}.end > {segment.total})"):
-        r.add(r.note("surplus", str(segment.total)))
+    r.when(f"{r.inn}.end < {segment.total}", r.note("short", f"{r.inn}.end"))
+    r.when(f"{r.inn}.end > {segment.total}", r.note("surplus", str(segment.total)))
 
 
 def _rest(r: ReadWriter, behind: Behind) -> str:
@@ -77,8 +77,7 @@ def _rest(r: ReadWriter, behind: Behind) -> str:
     helper = r.file.helper("rest")
     size = r.local("int64_t", "rest")
     text = r.behind(behind)
-    with r.block(f"if (!{helper}({r.n}, {text}, &{size}))"):
-        r.add(r.leave())
+    r.when(f"!{helper}({r.n}, {text}, &{size})", r.leave())
     return size
 
 
@@ -99,21 +98,16 @@ def _sized(r: ReadWriter, size: object, scope: CScope, reason: str, refuse: str,
     return f"({local} >> 1)" if factor == "/" else local
 
 
-def _start(r: ReadWriter, segment: Segment, name: str) -> tuple[str, str]:
+def _start(r: ReadWriter, name: str) -> tuple[str, str]:
     """The locals with the place and the turn of a segment that is compared later."""
     start, turn = r.local("size_t", f"{name}_start"), r.local("unsigned long", f"{name}_turn")
     r.add(f"{start} = fk_wire({r.n}, {r.at});", f"{turn} = notes->turn;")
     return start, turn
 
 
-def _number_value(
-    r: ReadWriter, segment: Field | Length | Count, type_: FieldType, raw: str, size: str
-) -> tuple[str, str]:
-    """The value of a number, and the call that says that it is none."""
-    inside = type_.inside if type_.kind == "scaled" else type_
-    assert inside is not None
-    wire, failing = r.read_number(inside, raw, size, segment)
-    return wire, failing
+def _on_the_wire(type_: FieldType) -> FieldType:
+    """The type of the number that stands there, of which a scaled one is worked out."""
+    return type_.inside if type_.kind == "scaled" and type_.inside is not None else type_
 
 
 def _changed(segment: Field | Length | Count, wire: str, type_: FieldType) -> str:
@@ -143,26 +137,26 @@ def _store_number(
     type_: FieldType,
 ) -> None:
     """Keeps a number, and what must hold for it. `start`: where it begins in the buffer."""
-    scope, _, path = here
-    target = f"{path}{member.cname}"
-
-    def keep() -> None:
+    target = f"{here[2]}{member.cname}"
+    with _if_number(r, segment, failing, start):
         if member.high > MOST:
             r.add(f"{target} = ({member.ctype}){wire};")
         else:
             r.add(f"{target} = ({member.ctype}){_changed(segment, wire, type_)};")
-        r.stored(member, scope, segment.name, sure=not failing)
-        if member.has:
-            r.add(f"{path}{member.flag} = true;")
+        r.is_there(member, here, sure=not failing)
         _validate(r, segment, member, target, start)
 
+
+@contextmanager
+def _if_number(r: ReadWriter, segment: Segment, failing: str, start: str) -> Iterator[None]:
+    """What is done with a number that was read. `failing`: the call that tells that it is none (1), or too large (2)."""
     if not failing:
-        keep()
+        yield
         return
     with r.block(f"switch ({failing})"):
         r.add("case 0:")
         r.out.depth += 1
-        keep()
+        yield
         r.add("break;")
         r.out.depth -= 1
         r.add("case 1:", f"    {r.note('digits', start, r.refuse(segment))}", "    break;")
@@ -170,24 +164,33 @@ def _store_number(
 
 
 def _validate(r: ReadWriter, segment: Field | Length | Count, member: CMember, target: str, start: str) -> None:
-    among: tuple[int | str | bytes, ...] | None = None
-    cause = "value"
     if isinstance(segment, Field):
-        if segment.constants is not None:
-            among, cause = segment.constants, "where"
-        elif segment.is_ is not None and (one := constant_of(segment.is_)) is not None:
-            among = (one,)
-        elif segment.only and segment.values is not None:
-            among = tuple(segment.values)
-    if among is not None:
-        tests = " && ".join(_differs(r, member, target, one) for one in among)
-        with r.block(f"if ({tests})"):
-            r.add(r.note(cause, start, r.refuse(segment)))
+        only = tuple(segment.values) if segment.only and segment.values is not None else None
+        _among(r, segment, segment, member, target, start, only)
     if segment.limits is not None:
         tests = _outside(member, target, *segment.limits)
         if tests:
-            with r.block(f"if ({tests})"):
-                r.add(r.note("range", start, r.refuse(segment)))
+            r.when(tests, r.note("range", start, r.refuse(segment)))
+
+
+def _among(
+    r: ReadWriter,
+    segment: Segment,
+    one: Field | BitsPart,
+    member: CMember,
+    target: str,
+    start: str,
+    only: tuple[int, ...] | None = None,
+) -> None:
+    """A value that is always the same, or one of several."""
+    among: tuple[int | str | bytes, ...] | None = only
+    if one.constants is not None:
+        among = one.constants
+    elif one.is_ is not None and (found := constant_of(one.is_)) is not None:
+        among = (found,)
+    if among is not None:
+        tests = " && ".join(_differs(r, member, target, value) for value in among)
+        r.when(tests, r.note("value" if one.constants is None else "where", start, r.refuse(segment)))
 
 
 def _outside(member: CMember, target: str, low: int, high: int) -> str:
@@ -223,8 +226,10 @@ def _field(r: ReadWriter, segment: Field, here: Here, behind: Behind) -> None:
     member = struct.members[segment.name]
     type_ = segment.type
     r.begin()
-    compared = segment.is_ is not None and (segment.constants is not None or constant_of(segment.is_) is None)
-    started = _start(r, segment, segment.name) if compared else ("", "")
+    wanted = segment.is_
+    if wanted is not None and segment.constants is None and constant_of(wanted) is not None:
+        wanted = None  # it is compared at once
+    awaited = None if wanted is None else _Awaited(r, segment, member, here)
     if segment.long is not None:
         _long(r, segment, member, here)
     elif type_.kind in ("ascii", "bytes"):
@@ -247,10 +252,10 @@ def _field(r: ReadWriter, segment: Field, here: Here, behind: Behind) -> None:
         if type_.kind in ("float", "hex_float"):
             _float(r, segment, member, here)
         else:
-            wire, failing = _number_value(r, segment, type_, r.raw, size)
+            wire, failing = r.read_number(_on_the_wire(type_), r.raw, size, segment)
             _store_number(r, segment, member, here, wire, failing, f"{r.inn}.from", type_)
-    if segment.is_ is not None and compared:
-        _compare_later(r, segment, segment.is_, member, here, started)
+    if awaited is not None and wanted is not None:
+        awaited.compare("value", lambda: r.default_value(segment, wanted, scope), wanted)
 
 
 def _delimited_number(r: ReadWriter, segment: Field, member: CMember, here: Here) -> None:
@@ -270,9 +275,7 @@ def _delimited_number(r: ReadWriter, segment: Field, member: CMember, here: Here
         if member.kind == "decimal":
             _decimal(r, segment, member, here, size)
         else:
-            inside = type_.inside if type_.kind == "scaled" else type_
-            assert inside is not None
-            wire, failing = r.read_number(inside, r.raw, size, segment)
+            wire, failing = r.read_number(_on_the_wire(type_), r.raw, size, segment)
             _store_number(r, segment, member, here, wire, failing, f"{r.inn}.from", type_)
     r.is_sure = sure
     if type_.end is not None:
@@ -287,12 +290,9 @@ def _decimal(r: ReadWriter, segment: Field, member: CMember, here: Here, size: s
         raise CannotSayError(segment.at, "a number with any number of decimals that is compared with others")
     call = r.file.helper("decimal_value")
     form = r.decimal_form(segment.type, size)
-    with r.block(f"switch ({call}({r.raw}, {form}, &{path}{member.cname}))"):
-        r.add("case 0:")
+    with _if_number(r, segment, f"{call}({r.raw}, {form}, &{path}{member.cname})", f"{r.inn}.from"):
         if member.has:
-            r.add(f"    {path}{member.flag} = true;")
-        r.add("    break;", "case 1:", f"    {r.note('digits', f'{r.inn}.from', r.refuse(segment))}", "    break;")
-        r.add("default:", "    notes->no_room = true;", f"    {r.leave()}")
+            r.add(f"{path}{member.flag} = true;")
     scope.entries[segment.name] = Val("other")
 
 
@@ -336,73 +336,43 @@ def _long(r: ReadWriter, segment: Field, member: CMember, here: Here) -> None:
     _store_number(r, segment, member, here, value, "", start, segment.type)
 
 
-def _compare_later(
-    r: ReadWriter, segment: Field, wanted: Expression, member: CMember, here: Here, started: tuple[str, str]
-) -> None:
-    scope, _, path = here
-    inn, sure = r.inn, r.is_sure
-    known = r.known.get(id(member), "")
+class _Awaited:
+    """A value that is read now, and compared when what it has to be has been read. Made before it is read."""
 
-    def write() -> None:
-        outside, r.inn = r.inn, inn
-        value = (
-            r.default_value(segment, wanted, scope) if isinstance(wanted.root, Text) else r.writer(scope).value(wanted)
-        )
-        _same(
-            r,
-            "value",
-            member,
-            f"{path}{member.cname}",
-            value,
-            started,
-            r.refuse(segment),
-            known if not sure else "",
-            wanted,
-        )
-        r.inn = outside
+    def __init__(self, r: ReadWriter, segment: Segment, member: CMember, here: Here, *, sure: bool = True) -> None:
+        self.r, self.member, self.target = r, member, f"{here[2]}{member.cname}"
+        self.refuse = r.refuse(segment)
+        self.start, self.turn = _start(r, member.name)
+        self.known = "" if r.is_sure and sure else r.known_of(member)
 
-    if not sure and not known:
-        known = r.local("unsigned", f"{segment.name}_known")
-        r.known[id(member)] = known
-        r.add(f"{known} = 1;")
-    r.later(write, wanted)
+    def compare(self, cause: str, wanted: Callable[[], Val], *needed: str | Expression) -> None:
+        self.r.later(lambda: self._write(cause, wanted()), *needed)
 
-
-def _same(
-    r: ReadWriter,
-    cause: str,
-    member: CMember,
-    target: str,
-    value: Val,
-    started: tuple[str, str],
-    refuse: str,
-    known: str,
-    at: Any,
-) -> None:
-    """Compares a value that was read with what it should be, as far as that can be told."""
-    start, turn = started
-    with r.block(f"if ({known} == 1)" if known else ""):
-        if member.kind == "bytes":
-            if value.kind != "bytes" or value.fold:
-                raise CannotSayError(member.at, "a text compared with what is none")
-            text = f"!{r.file.helper('same_bytes')}({target}, {r.writer(CScope()).bytes(value)})"
-        elif member.kind == "number" and not member.places and value.kind == "number":
-            if member.high > MOST:
-                raise CannotSayError(member.at, "a number of 64 bits compared with another")
-            text = f"(int64_t){target} != {value.text}"
-        else:
-            raise CannotSayError(member.at, "a value compared with another kind")
-        if value.there:
-            text = f"!({value.there}) || {text}"
-        differs = text
-        if "&bad" in text:
-            differs = r.local("bool", "differs", "false")
-            r.add("bad = false;", f"{differs} = {text};")
-            with r.block("if (bad)"), r.block("if (notes->reason == FRAMEKIT_OK && !notes->wrong_check)"):
-                r.add(f"fk_note_at({r.n}, FRAMEKIT_{cause.upper()}, {start}, {turn}, {refuse});")
-            differs = f"!bad && {differs}"
-        with r.block(f"if ({differs})"):
-            r.add(f"fk_note_at({r.n}, FRAMEKIT_{cause.upper()}, {start}, {turn}, {refuse});")
+    def _write(self, cause: str, value: Val) -> None:
+        """Compares it with what it should be, as far as that can be told."""
+        r, member, target = self.r, self.member, self.target
+        note = f"fk_note_at({r.n}, FRAMEKIT_{cause.upper()}, {self.start}, {self.turn}, {self.refuse});"
+        with r.block(f"if ({self.known} == 1)" if self.known else ""):
+            if member.kind == "bytes":
+                if value.kind != "bytes" or value.fold:
+                    raise CannotSayError(member.at, "a text compared with what is none")
+                text = f"!{r.file.helper('same_bytes')}({target}, {r.writer(CScope()).bytes(value)})"
+            elif member.kind == "number" and not member.places and value.kind == "number":
+                if member.high > MOST:
+                    raise CannotSayError(member.at, "a number of 64 bits compared with another")
+                text = f"(int64_t){target} != {value.text}"
+            else:
+                raise CannotSayError(member.at, "a value compared with another kind")
+            if value.there:
+                text = f"!({value.there}) || {text}"
+            differs = text
+            if "&bad" in text:
+                differs = r.local("bool", "differs", "false")
+                r.add("bad = false;", f"{differs} = {text};")
+                with r.block("if (bad)"):
+                    r.when("notes->reason == FRAMEKIT_OK && !notes->wrong_check", note)
+                differs = f"!bad && {differs}"
+            r.when(differs, note)
 
 
 def _text(r: ReadWriter, segment: Field, member: CMember, here: Here, behind: Behind) -> None:
@@ -429,9 +399,7 @@ def _text(r: ReadWriter, segment: Field, member: CMember, here: Here, behind: Be
             with r.block(f"while ({target}.size > 0 && {_is_pad(target, type_.pad)})"):
                 r.add(f"{target}.size--;")
         place = f"{r.inn}.from"
-    if member.has:
-        r.add(f"{path}{member.flag} = true;")
-    r.stored(member, scope, segment.name)
+    r.is_there(member, here)
     _validate(r, segment, member, target, place)
 
 
@@ -453,8 +421,7 @@ def _up_to_end(r: ReadWriter, segment: Field, start: str) -> str:
         find = r.file.helper("find_stop")
         found = f"{find}({r.inn}.data, {start}, {limit}, {r.stops(type_)}, {longest}, &{stop})"
         found = f"({found} && {stop} <= {r.inn}.end)"
-    with r.block(f"if (!{found})"):
-        r.add(r.note("short", r.at, refuse), r.leave())
+    r.when(f"!{found}", r.note("short", r.at, refuse), r.leave())
     r.take(f"(int64_t)({stop} - {start})", refuse)
     return stop
 
@@ -477,20 +444,16 @@ def _data(r: ReadWriter, segment: Data, here: Here, behind: Behind) -> None:
     found = f"{r.at} - {start}"
 
     def kept() -> None:
-        r.stored(member, scope, segment.name, sure=segment.convert is None)
-        if member.has:
-            r.add(f"{path}{member.flag} = true;")
+        r.is_there(member, here, sure=segment.convert is None)
         if segment.least:
-            with r.block(f"if ({target}.size < {segment.least})"):
-                r.add(r.note("short", start, refuse))
+            r.when(f"{target}.size < {segment.least}", r.note("short", start, refuse))
 
     if segment.never:
         _never(r, segment, refuse)
     if member.room and (segment.convert or segment.swap):
         room, capacity = f"{path}{member.room}", member.capacity
         factor = {"hex_to_ascii": " / 2", "ascii_to_hex": " * 2", None: ""}[segment.convert]
-        with r.block(f"if (({found}){factor} > {capacity})"):
-            r.add("notes->no_room = true;", r.leave())
+        r.when(f"({found}){factor} > {capacity}", "notes->no_room = true;", r.leave())
         with r.block(""):
             if segment.convert == "hex_to_ascii":
                 r.add(f"if ({r.file.helper('unhex')}({r.raw}, {found}, {room})) {{")
@@ -524,11 +487,8 @@ def _bits(r: ReadWriter, segment: Bits, here: Here, behind: Behind) -> None:
     scope, struct, path = here
     refuse = r.refuse(segment)
     r.begin()
-    starts = {
-        part.name: _start(r, segment, part.name)
-        for part in segment.parts
-        if part.is_ is not None and part.constants is None and constant_of(part.is_) is None
-    }
+    later = [one for one in segment.parts if one.constants is None and one.is_ and constant_of(one.is_) is None]
+    awaited = [(_Awaited(r, segment, struct.members[one.name], here), one.is_) for one in later]
     size = _sized(r, segment.type.size, scope, "length", refuse)
     r.take(size, refuse)
     r.stands(segment.name)
@@ -537,7 +497,7 @@ def _bits(r: ReadWriter, segment: Bits, here: Here, behind: Behind) -> None:
     whole = r.local("uint64_t", "bits")
     wire, failing = r.read_number(segment.type, r.raw, size, segment)
 
-    def keep() -> None:
+    with _if_number(r, segment, failing, f"{r.inn}.from"):
         if not failing:
             r.add(f"{whole} = (uint64_t){wire};")
         for part in segment.parts:
@@ -547,100 +507,34 @@ def _bits(r: ReadWriter, segment: Bits, here: Here, behind: Behind) -> None:
             source = whole if not failing else wire
             shifted = f"{source} >> {part.low}" if part.low else source
             r.add(f"{target} = ({member.ctype})({shifted} & {mask});")
-            if member.has:
-                r.add(f"{path}{member.flag} = true;")
-            r.stored(member, scope, part.name, sure=not failing)
-            among: tuple[int, ...] | None = None
-            if part.constants is not None:
-                among, cause = part.constants, "where"
-            elif part.is_ is not None and (one := constant_of(part.is_)) is not None:
-                among, cause = (one,), "value"
-            if among is not None:
-                tests = " && ".join(_differs(r, member, target, one) for one in among)
-                with r.block(f"if ({tests})"):
-                    r.add(r.note(cause, f"{r.inn}.from", refuse))
-
-    if failing:
-        with r.block(f"switch ({failing})"):
-            r.add("case 0:")
-            r.out.depth += 1
-            keep()
-            r.add("break;")
-            r.out.depth -= 1
-            r.add("case 1:", f"    {r.note('digits', f'{r.inn}.from', refuse)}", "    break;")
-            r.add("default:", "    notes->no_room = true;", f"    {r.leave()}")
-        if whole:
-            r.add(f"(void){whole};")
-    else:
-        keep()
-    for part in segment.parts:
-        if part.name in starts and part.is_ is not None:
-            _later_part(r, segment, part.name, part.is_, here, starts[part.name])
-
-
-def _later_part(
-    r: ReadWriter, segment: Bits, name: str, wanted: Expression, here: Here, started: tuple[str, str]
-) -> None:
-    scope, struct, path = here
-    member, inn, sure = struct.members[name], r.inn, r.is_sure
-    known = r.known.get(id(member), "")
-
-    def write() -> None:
-        outside, r.inn = r.inn, inn
-        value = r.writer(scope).value(wanted)
-        _same(
-            r,
-            "value",
-            member,
-            f"{path}{member.cname}",
-            value,
-            started,
-            r.refuse(segment),
-            "" if sure else known,
-            wanted,
-        )
-        r.inn = outside
-
-    if not sure and not known:
-        known = r.local("unsigned", f"{name}_known")
-        r.known[id(member)] = known
-        r.add(f"{known} = 1;")
-    r.later(write, wanted)
+            r.is_there(member, here, sure=not failing)
+            _among(r, segment, part, member, target, f"{r.inn}.from")
+    for one, wanted in awaited:
+        assert wanted is not None
+        one.compare("value", partial(r.writer(scope).value, wanted), wanted)
 
 
 # ---- lengths and counts -------------------------------------------------------------------------------------
 
 
 def _counted(r: ReadWriter, segment: Length | Count, here: Here, behind: Behind) -> None:
-    scope, struct, path = here
+    scope, struct, _ = here
     member = struct.members[segment.name]
     refuse = r.refuse(segment)
     r.begin()
     wanted = _wanted_length(r, segment) if isinstance(segment, Length) else _wanted_count(r, segment, here)
-    started = _start(r, segment, segment.name) if wanted is not None else ("", "")
+    sure = segment.type.kind == "int" and segment.type.fixed_size is not None
+    awaited = None if wanted is None else _Awaited(r, segment, member, here, sure=sure)
     size = _sized(r, segment.type.size, scope, "length", refuse)
     r.take(size, refuse)
     r.stands(segment.name)
     wire, failing = r.read_number(segment.type, r.raw, size, segment)
-    inn, sure = r.inn, r.is_sure and not failing
-    known = r.known.get(id(member), "")
-    if wanted is not None and not sure and not known:
-        known = r.local("unsigned", f"{segment.name}_known")
-        r.known[id(member)] = known
     _store_number(r, segment, member, here, wire, failing, f"{r.inn}.from", segment.type)
-    if wanted is None:
+    if awaited is None or wanted is None:
         return
-
-    def write() -> None:
-        assert wanted is not None
-        outside, r.inn = r.inn, inn
-        text = wanted()
-        plus = f" + {number(segment.plus)}" if segment.plus else ""
-        value = Val("number", f"({text}{plus})")
-        _same(r, "length", member, f"{path}{member.cname}", value, started, refuse, "" if sure else known, segment)
-        r.inn = outside
-
-    r.later(write, *(segment.of if isinstance(segment, Length) else (segment.of,)))
+    plus = f" + {number(segment.plus)}" if segment.plus else ""
+    needed = segment.of if isinstance(segment, Length) else (segment.of,)
+    awaited.compare("length", lambda: Val("number", f"({wanted()}{plus})"), *needed)
 
 
 def _wanted_length(r: ReadWriter, length: Length) -> Callable[[], str] | None:
@@ -696,16 +590,14 @@ def _value(r: ReadWriter, segment: Value, here: Here, behind: Behind) -> None:
     if fails:
         r.add("bad = false;")
     if value.there:
-        with r.block(f"if ({there})"):
-            r.add(f"{path}{member.cname} = {text};", f"{path}{member.flag} = true;")
+        r.when(there, f"{path}{member.cname} = {text};", f"{path}{member.flag} = true;")
         known = r.known.get(id(member), "")
         if known:
             r.add(f"{known} = {path}{member.flag} ? 1 : 2;")
         return
     r.add(f"{path}{member.cname} = {text};")
     if fails:
-        with r.block("if (bad)"):
-            r.add(r.note("value", r.at, r.refuse(segment)))
+        r.when("bad", r.note("value", r.at, r.refuse(segment)))
         with r.block("else"):
             r.add(f"{path}{member.flag} = true;")
             r.stands(segment.name)
@@ -723,8 +615,7 @@ def _require(r: ReadWriter, segment: Require, here: Here, behind: Behind) -> Non
         holds = r.local("bool", "holds", "false")
         r.add("bad = false;", f"{holds} = {text};")
         text = f"{holds} && !bad"
-    with r.block(f"if (!({text}))"):
-        r.add(r.note("require", r.at, r.refuse(segment)))
+    r.when(f"!({text})", r.note("require", r.at, r.refuse(segment)))
 
 
 # ---- check codes --------------------------------------------------------------------------------------------
@@ -738,15 +629,8 @@ def _check(r: ReadWriter, segment: Check, here: Here, behind: Behind) -> None:
     r.stands(segment.name)
     if segment.verify != "error":
         return
-    inn = r.inn
     if covers_later(segment, r.segments):
-
-        def write() -> None:
-            outside, r.inn = r.inn, inn
-            _verify(r, segment, here, start)
-            r.inn = outside
-
-        r.late.append(write)
+        r.late.append(r.in_this_buffer(lambda: _verify(r, segment, here, start)))
     else:
         _verify(r, segment, here, start)
 
@@ -764,13 +648,11 @@ def _verify(r: ReadWriter, segment: Check, here: Here, start: str) -> None:
             compare = f"!{r.file.helper('same_digits')}(right, {{raw}}, {{size}})"
         test = compare.format(raw=f"{r.inn}.data + {start}", size=segment.size)
         if fails:
-            with r.block("if (bad)"):
-                r.add(r.note("value", start), "notes->unchecked = true;")
+            r.when("bad", r.note("value", start), "notes->unchecked = true;")
             with r.block(f"else if ({test})"):
                 r.add(f"{wrong}_at({r.n}, fk_wire({r.n}, {start}));")
         else:
-            with r.block(f"if ({test})"):
-                r.add(f"{wrong}_at({r.n}, fk_wire({r.n}, {start}));")
+            r.when(test, f"{wrong}_at({r.n}, fk_wire({r.n}, {start}));")
 
 
 # ---- choices and optional parts -----------------------------------------------------------------------------
@@ -876,13 +758,11 @@ def _values(r: ReadWriter, segment: Repeat, of: FieldType, here: Here, behind: B
     found = f"({r.at} - {r.inn}.from)"
     header = ""
     if segment.times == "rest" and size > 1:
-        with r.block(f"if ({found} % {size} != 0)"):
-            r.add(r.note("short", f"{r.inn}.from", refuse))
+        r.when(f"{found} % {size} != 0", r.note("short", f"{r.inn}.from", refuse))
         header = "else"
     with r.block(header):
-        with r.block(f"if ({found} / {size} > {member.capacity})"):
-            r.add("notes->no_room = true;", r.leave())
-        inside = of.inside if of.kind == "scaled" and of.inside is not None else of
+        r.when(f"{found} / {size} > {member.capacity}", "notes->no_room = true;", r.leave())
+        inside = _on_the_wire(of)
         if of.kind == "fraction" and member.item.kind == "decimal":
             raise CannotSayError(segment.at, "a list of numbers with any number of decimals")
         fails = r.local("bool", "fails", "false") if inside.kind not in ("int", "float") else ""
@@ -899,19 +779,15 @@ def _values(r: ReadWriter, segment: Repeat, of: FieldType, here: Here, behind: B
             else:
                 wire, failing = r.read_number(inside, raw, str(size), segment)
                 if failing:
-                    with r.block(f"if ({failing} != 0)"):
-                        r.add(f"{fails} = true;")
+                    r.when(f"{failing} != 0", f"{fails} = true;")
                 if of.kind == "scaled":
                     assert of.scale is not None
                     wire = f"((int64_t){wire} * {number(of.scale.factor)} + {number(of.scale.offset)})"
                 r.add(f"{item} = ({member.item.ctype}){wire};")
         r.add(f"{target}.count = {found} / {size};")
         if fails:
-            with r.block(f"if ({fails})"):
-                r.add(r.note("digits", f"{r.inn}.from", refuse), f"{target}.count = 0;")
-        if member.has:
-            r.add(f"{path}{member.flag} = true;")
-        r.stored(member, scope, segment.name, sure=segment.times != "rest" and not fails)
+            r.when(fails, r.note("digits", f"{r.inn}.from", refuse), f"{target}.count = 0;")
+        r.is_there(member, here, sure=segment.times != "rest" and not fails)
 
 
 def _items(r: ReadWriter, segment: Repeat, of: Segments, here: Here, behind: Behind) -> None:
@@ -938,8 +814,7 @@ def _items(r: ReadWriter, segment: Repeat, of: Segments, here: Here, behind: Beh
         )
         count = r.ask(times, "length", "times")
         if times.low < 0:
-            with r.block(f"if ({count} < 0)"):
-                r.add(r.note("length", r.at), r.leave())
+            r.when(f"{count} < 0", r.note("length", r.at), r.leave())
         header = f"while ((int64_t){target}.count < {count})"
     ended = r.local("bool", "is_last", "false") if segment.until is not None else ""
     if segment.until is not None:
@@ -953,8 +828,7 @@ def _items(r: ReadWriter, segment: Repeat, of: Segments, here: Here, behind: Beh
         if segment.align > 1 and segment.between:
             r.add(f"{r.at} += ({segment.align} - ({r.at} - {start}) % {segment.align}) % {segment.align};")
         r.add(f"{begun} = {r.at};")
-        with r.block(f"if ({target}.count >= {member.capacity})"):
-            r.add("notes->no_room = true;", r.leave())
+        r.when(f"{target}.count >= {member.capacity}", "notes->no_room = true;", r.leave())
         r.forget(member.inside)
         r.initial(member.inside, item_path)
         inside.entries[INDEX] = Val("number", index, 0, member.capacity)
@@ -970,8 +844,11 @@ def _items(r: ReadWriter, segment: Repeat, of: Segments, here: Here, behind: Beh
         r.in_item = outside
         r.add(f"{target}.count++;")
         if not isinstance(segment.times, int) and (may_be_empty(r.static, segment) or _has_open_number(of)):
-            with r.block(f"if ({r.at} == {begun})"):
-                r.add(f"fk_note_at({r.n}, FRAMEKIT_LENGTH, fk_wire({r.n}, {r.at}), {turn}, -1);", r.leave())
+            r.when(
+                f"{r.at} == {begun}",
+                f"fk_note_at({r.n}, FRAMEKIT_LENGTH, fk_wire({r.n}, {r.at}), {turn}, -1);",
+                r.leave(),
+            )
         if segment.align > 1 and not segment.between:
             r.take(f"(int64_t)(({segment.align} - ({r.at} - {start}) % {segment.align}) % {segment.align})")
         if not segment.between:
@@ -980,9 +857,7 @@ def _items(r: ReadWriter, segment: Repeat, of: Segments, here: Here, behind: Beh
     if whole:
         r.add(f"{r.inn}.end = {whole};")
     r.stands_from(segment.name, start)
-    if member.has:
-        r.add(f"{path}{member.flag} = true;")
-    r.stored(member, scope, segment.name)
+    r.is_there(member, here)
 
 
 def _has_open_number(segments: Segments) -> bool:
@@ -1032,13 +907,13 @@ def _inner(r: ReadWriter, segment: Inner, here: Here, behind: Behind) -> None:
     function = r.file.inner_reader(segment)
     fault = r.local("struct framekit_fault", "inner_fault", "{ FRAMEKIT_OK, 0, -1 }")
     r.add(f"{function}({r.raw}, {r.at} - {r.inn}.from{r.file.hand_on}, (void *)&{target}, &{fault}, notes);")
-    with r.block("if (notes->no_room)"):
-        r.add(r.leave())
-    with r.block(f"if ({fault}.reason != FRAMEKIT_OK)"):
-        r.add("notes->turn++;", f"fk_note({r.n}, {fault}.reason, {start} + {fault}.offset, {fault}.refuse);")
-    if member.has:
-        r.add(f"{path}{member.flag} = true;")
-    r.stored(member, scope, segment.name)
+    r.when("notes->no_room", r.leave())
+    r.when(
+        f"{fault}.reason != FRAMEKIT_OK",
+        "notes->turn++;",
+        f"fk_note({r.n}, {fault}.reason, {start} + {fault}.offset, {fault}.refuse);",
+    )
+    r.is_there(member, here)
 
 
 def _found_inside(r: ReadWriter, segment: Inner, here: Here) -> str:
@@ -1047,8 +922,7 @@ def _found_inside(r: ReadWriter, segment: Inner, here: Here) -> str:
     function = r.file.first_inside(segment)
     room = f"{r.at} < {r.inn}.end ? {r.inn}.end - {r.at} : 0"
     r.add(f"{size} = {function}({r.inn}.data + {r.at}, {room}{r.file.hand_on}, true, 0);")
-    with r.block(f"if ({size} <= 0)"):
-        r.add(r.note("value", r.at), r.leave())
+    r.when(f"{size} <= 0", r.note("value", r.at), r.leave())
     return size
 
 
@@ -1090,8 +964,7 @@ def _wrap(r: ReadWriter, segment: Wrap, here: Here, behind: Behind) -> None:
     r.inn, r.deferred, r.in_item = opened, [], False
     if fails:
         r.is_sure = False
-        with r.block(f"if (!{has_content})"):
-            r.add(f"{opened}.quiet = true;")
+        r.when(f"!{has_content}", f"{opened}.quiet = true;")
     inside = segment.of
     with r.part("0", -1, has_checks(inside)):
         _limits(r, segment, scope)
@@ -1124,14 +997,12 @@ def _forget_content(r: ReadWriter, segments: Segments, struct: Any) -> None:
 def _limits(r: ReadWriter, segment: Wrap, scope: CScope) -> None:
     refuse = r.refuse(segment)
     if segment.least:
-        with r.block(f"if ({r.inn}.end < {segment.least})"):
-            r.add(r.note("short", "0", refuse))
+        r.when(f"{r.inn}.end < {segment.least}", r.note("short", "0", refuse))
     if segment.most is not None:
         text = str(segment.most) if isinstance(segment.most, int) else r.number(segment.most, scope).text
         if "&bad" in text:
             raise CannotSayError(segment.at, "a greatest size that may not be known")
-        with r.block(f"if ((int64_t){r.inn}.end > {text})"):
-            r.add(r.note("too_long", "0", refuse))
+        r.when(f"(int64_t){r.inn}.end > {text}", r.note("too_long", "0", refuse))
 
 
 def _end_of_doubled(r: ReadWriter, segment: Wrap, fixed: int | None, behind: Behind) -> str:
@@ -1146,8 +1017,7 @@ def _end_of_doubled(r: ReadWriter, segment: Wrap, fixed: int | None, behind: Beh
         call = f"{r.file.helper('end_of_region')}({r.inn}.data, {r.at}, {r.inn}.end, {segment.escape}, {some}, &{stop})"
     else:
         return _rest(r, behind)
-    with r.block(f"if (!({call}))"):
-        r.add(r.note("short", r.at), r.leave())
+    r.when(f"!({call})", r.note("short", r.at), r.leave())
     return f"(int64_t)({stop} - {r.at})"
 
 

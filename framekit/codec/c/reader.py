@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 from framekit.codec.c.expressions import CScope, Val
-from framekit.codec.c.functions import CFunctionWriter, FileFacts, pruned
+from framekit.codec.c.functions import CFunctionWriter, FileFacts, pruned, stands
 from framekit.codec.c.layout import CMember, CStruct, val_of
 from framekit.codec.c.source import CannotSayError, CSource, identifier, string
 from framekit.codec.python.facts import fixed_and_conditional, parts_around
@@ -62,11 +62,9 @@ class ReadWriter(CFunctionWriter):
         surplus = -1 if frame.surplus is None else frame.surplus
         self.initial(self.struct, "v->")
         if frame.most is not None and self._may_be_longer(frame):
-            with self.block(f"if (size > {frame.most})"):
-                self.add(f"fk_note(&in, FRAMEKIT_TOO_LONG, {frame.most}, -1);")
+            self.when(f"size > {frame.most}", f"fk_note(&in, FRAMEKIT_TOO_LONG, {frame.most}, -1);")
         if self._needs_limit(frame):
-            with self.block(f"if (size > {self.file.layouts.most_of(frame)})"):
-                self.add("notes->no_room = true;", "return;")
+            self.when(f"size > {self.file.layouts.most_of(frame)}", "notes->no_room = true;", "return;")
         with self.part("0", surplus, has_checks(self.segments)):
             self.region(self.segments, scope, "v->", self.struct, frame)
             for write in self.late:
@@ -150,33 +148,23 @@ class ReadWriter(CFunctionWriter):
 
     def take(self, size: str, refuse: str = "-1") -> None:
         take = self.file.helper("take")
-        with self.block(f"if (!{take}({self.n}, {size}, {refuse}))"):
-            self.add(self.leave())
+        self.when(f"!{take}({self.n}, {size}, {refuse})", self.leave())
 
     def stands(self, name: str | None) -> None:
         """Keeps where the segment stands that was taken last."""
-        span = self.span(name)
-        if span is not None:
-            self.add(f"{span}.data = {self.inn}.data;", f"{span}.first = {self.inn}.from;",
-                     f"{span}.last = {self.at};", f"{span}.there = true;")  # fmt: skip
+        self.stands_from(name, f"{self.inn}.from")
 
     def stands_from(self, name: str | None, start: str) -> None:
         span = self.span(name)
         if span is not None:
-            self.add(f"{span}.data = {self.inn}.data;", f"{span}.first = {start};",
-                     f"{span}.last = {self.at};", f"{span}.there = true;")  # fmt: skip
+            self.add(*stands(span, f"{self.inn}.data", start, self.at))
 
     def ask(self, value: Val, reason: str, name: str, refuse: str = "-1") -> str:
         """The local with a number that is worked out here; the part ends where it cannot be."""
         if value.constant is not None:
             return value.text
         local = self.local("int64_t", name)
-        if "&bad" not in value.text:
-            self.add(f"{local} = {value.text};")
-            return local
-        self.add("bad = false;", f"{local} = {value.text};")
-        with self.block("if (bad)"):
-            self.add(self.note(reason, self.at, refuse), self.leave())
+        self.worked_out(local, value.text, lambda: (self.note(reason, self.at, refuse), self.leave()))
         return local
 
     def ask_whether(self, text: str, reason: str, refuse: str = "-1") -> str:
@@ -184,9 +172,7 @@ class ReadWriter(CFunctionWriter):
         if "&bad" not in text:
             return text
         local = self.local("bool", "holds", "false")
-        self.add("bad = false;", f"{local} = {text};")
-        with self.block("if (bad)"):
-            self.add(self.note(reason, self.at, refuse), self.leave())
+        self.worked_out(local, text, lambda: (self.note(reason, self.at, refuse), self.leave()))
         return local
 
     # ---- names --------------------------------------------------------------------------------------------
@@ -225,8 +211,20 @@ class ReadWriter(CFunctionWriter):
             return replace(value, wire=wire, known="false")
         return replace(value, wire=wire, known=f"{known} != 0", there=f"{known} == 1")
 
+    def known_of(self, member: CMember) -> str:
+        """The local that tells whether a member has been read: 1; 2 for one that is nothing."""
+        if id(member) not in self.known:
+            self.known[id(member)] = self.local("unsigned", f"{member.name}_known")
+        return self.known[id(member)]
+
+    def is_there(self, member: CMember, here: Here, *, sure: bool = True) -> None:
+        """The value of a member is there now, for the reader of the struct and for expressions."""
+        if member.has:
+            self.add(f"{here[2]}{member.flag} = true;")
+        self.stored(member, here[0], member.name, sure=sure)
+
     def stored(self, member: CMember, scope: CScope, name: str, *, sure: bool = True) -> None:
-        """The value of a name is there now."""
+        """Expressions may read the value of a name from here on."""
         known = self.known.get(id(member), "")
         if known:
             self.add(f"{known} = 1;")
@@ -259,8 +257,7 @@ class ReadWriter(CFunctionWriter):
         if behind != "0":
             self.add(f"{self.inn}.end = {whole} - (size_t){behind};")
         yield
-        with self.block(f"if ({self.at} < {self.inn}.end)"):
-            self.add("notes->turn++;", self.note("surplus", self.at, str(surplus)))
+        self.when(f"{self.at} < {self.inn}.end", "notes->turn++;", self.note("surplus", self.at, str(surplus)))
         self._stopped(checks, [])
         self.add(f"{self.at} = {self.inn}.end;", f"{self.inn}.end = {whole};")
         self.stop = outside
@@ -283,8 +280,7 @@ class ReadWriter(CFunctionWriter):
             done = self.fresh("attempt_done")
             self.add(f"goto {done};")
             self.out.lines.append(f"{label}:")
-            with self.block(f"if ({tail} < (int64_t){start})"):
-                self.add(self.leave())
+            self.when(f"{tail} < (int64_t){start}", self.leave())
             self.add(f"{self.at} = (size_t){tail};", f"{self.inn}.end = {whole};")
             if checks:
                 self.add("notes->unchecked = true;")
@@ -343,8 +339,7 @@ class ReadWriter(CFunctionWriter):
         place = self.local("size_t", "tail_place")
         find = self.file.helper("find")
         found = f"{find}({self.inn}.data, {self.at}, {self.inn}.end, {string(mark)}, 1, &{place})"
-        with self.block(f"if (!{found})"):
-            self.add(self.note("short", self.at), self.leave())
+        self.when(f"!{found}", self.note("short", self.at), self.leave())
         sure, self.is_sure = self.is_sure, False
         with self.part(f"({self.inn}.end - {place})", surplus, has_checks(frame.body)):
             self.list(frame.body, here, (), finish=False)
@@ -373,11 +368,25 @@ class ReadWriter(CFunctionWriter):
             self.deferred = outside + self.deferred
 
     def later(self, write: Callable[[], None], *needed: str | Expression) -> None:
-        """Writes a comparison when the segments of these names, and those an expression reads, have been read."""
+        """Writes a comparison when the segments of these names, and those an expression reads, have been read.
+
+        It stands in the buffer that is read now.
+        """
         names = {one for one in needed if isinstance(one, str)}
         names.update(name for one in needed if isinstance(one, Expression) for name in names_in(one.root))
         wanted = frozenset(names) & (self.by_value_name.keys() | self.by_name.keys() | {LAST})
-        self.deferred.append(LaterLines(write, wanted))
+        self.deferred.append(LaterLines(self.in_this_buffer(write), wanted))
+
+    def in_this_buffer(self, write: Callable[[], None]) -> Callable[[], None]:
+        """What writes so later, whichever buffer is read then."""
+        inn = self.inn
+
+        def written() -> None:
+            outside, self.inn = self.inn, inn
+            write()
+            self.inn = outside
+
+        return written
 
     def finish(self, *, all_is_read: bool) -> None:
         deferred, self.deferred = self.deferred, []
@@ -420,8 +429,7 @@ class ReadWriter(CFunctionWriter):
             self.add("bad = false;")
         self.add(f"{path}{member.cname} = {text};")
         if "&bad" in text:
-            with self.block("if (bad)"):
-                self.add(self.note("value", self.at))
+            self.when("bad", self.note("value", self.at))
             with self.block("else"):
                 self.stored(member, scope, segment.name)
         else:
@@ -502,8 +510,7 @@ class ReadWriter(CFunctionWriter):
         found = (
             f"{find}({self.inn}.data, {self.at}, {self.inn}.end, {string(segment.data)}, {len(segment.data)}, &{place})"
         )
-        with self.block(f"if (!{found})"):
-            self.add(self.note("length", self.at), self.leave())
+        self.when(f"!{found}", self.note("length", self.at), self.leave())
         return f"(int64_t)({self.inn}.end - {place})"
 
 

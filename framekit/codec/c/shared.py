@@ -48,8 +48,10 @@ def work_out(r: Any, segment: Check, scope: CScope, code: str, start: str) -> bo
 def _up_to_here(r: Any, names: Any, function: str, code: str, start: str) -> None:
     """All that stands in the buffer of the check from a segment on."""
     first = r.span(names[0])
-    with r.block(f"if ({first}.there && {first}.first <= {start})"):
-        r.add(f"{code} = {function}({code}, 0, {r.inn}.data + {first}.first, {start} - {first}.first);")
+    r.when(
+        f"{first}.there && {first}.first <= {start}",
+        f"{code} = {function}({code}, 0, {r.inn}.data + {first}.first, {start} - {first}.first);",
+    )
     with r.block("else"):
         r.add("bad = true;")
 
@@ -88,8 +90,7 @@ def _run(r: Any, names: list[str], function: str, code: str, place: str) -> None
     first, last = spans[0], spans[-1]
     there = " && ".join(f"{span}.there" for span in spans)
     size = f"{last}.last - {first}.first"
-    with r.block(f"if ({there})"):
-        r.add(f"{code} = {function}({code}, {place}, {first}.data + {first}.first, {size});", f"{place} += {size};")
+    r.when(there, f"{code} = {function}({code}, {place}, {first}.data + {first}.first, {size});", f"{place} += {size};")
     with r.block("else"):
         r.add("bad = true;")
 
@@ -158,8 +159,7 @@ def case_tests(r: Any, segment: Choose, value: Val, here: Any) -> list[tuple[str
             nothing = f" && {is_there}"
         if r.is_reader and "&bad" in text:
             r.add("bad = false;", f"{local} = {text};")
-            with r.block("if (bad)"):
-                r.add(r.note("value", r.at), r.leave())
+            r.when("bad", r.note("value", r.at), r.leave())
         else:
             r.add(f"{local} = {text};")
         chosen = Val("number", local)
@@ -168,8 +168,7 @@ def case_tests(r: Any, segment: Choose, value: Val, here: Any) -> list[tuple[str
         local = r.local("struct framekit_bytes", "chosen", "{ NULL, 0 }")
         if r.is_reader and "&bad" in value.text:
             r.add("bad = false;", f"{local} = {writer.bytes(value)};")
-            with r.block("if (bad)"):
-                r.add(r.note("value", r.at), r.leave())
+            r.when("bad", r.note("value", r.at), r.leave())
         else:
             r.add(f"{local} = {writer.bytes(value)};")
         chosen = Val("bytes", local)

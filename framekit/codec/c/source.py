@@ -116,5 +116,10 @@ class CSource:
             self.depth -= 1
             self.add(f"}}{behind}")
 
+    def when(self, test: str, *lines: str) -> None:
+        """Lines that are done where a condition holds."""
+        with self.block(f"if ({test})"):
+            self.add(*lines)
+
     def text(self) -> str:
         return "\n".join(self.lines) + "\n"

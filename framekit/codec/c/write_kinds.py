@@ -135,8 +135,7 @@ def _take(w: WriteWriter, segment: Field, taken: Taken) -> None:
                 w.fail_if(f"{condition} && !{flag}", "value")
                 there = condition
         else:
-            with w.block(f"if ({flag})"):
-                w.add(f"{local} = {cast}{given};")
+            w.when(flag, f"{local} = {cast}{given};")
             default = segment.default
             if condition and segment.build is not None:
                 with w.block(f"else if ({condition})"):
@@ -225,8 +224,7 @@ def _take_float(w: WriteWriter, segment: Field, member: CMember, taken: Taken) -
         value = constant_of(chosen)
         if value is None or abs(value) > 1 << 24:
             raise CannotSayError(segment.at, "a float whose default is worked out")
-        with w.block(f"if (!{w.given_flag(member, taken)})"):
-            w.add(f"{local} = {value};")
+        w.when(f"!{w.given_flag(member, taken)}", f"{local} = {value};")
     elif segment.when is not None:
         condition = w.holds(segment.when, taken)
         w.fail_if(f"{condition} && !{w.given_flag(member, taken)}", "value")
@@ -265,8 +263,7 @@ def _take_wide(w: WriteWriter, segment: Field, member: CMember, taken: Taken) ->
         value = constant_of(chosen)
         if value is None or value < 0:
             raise CannotSayError(segment.at, "a number of 64 bits whose default is worked out")
-        with w.block(f"if (!{w.given_flag(member, taken)})"):
-            w.add(f"{local} = {number(value)};")
+        w.when(f"!{w.given_flag(member, taken)}", f"{local} = {number(value)};")
     taken.scope.entries[segment.name] = Val("other", local)
 
 
@@ -437,8 +434,7 @@ def _part(w: WriteWriter, part: BitsPart, when: Expression | None, taken: Taken)
         elif part.build is not None:
             value = w.number(part.build, source.scope)
             text = f"{condition} ? {value.text} : 0" if condition else value.text
-            with w.block(f"if ({flag})"):
-                w.add(f"{local} = {given};")
+            w.when(flag, f"{local} = {given};")
             with w.block("else"):
                 w.keep(local, text)
         else:
@@ -485,8 +481,10 @@ def _number_told(w: WriteWriter, segment: Length | Count, member: CMember, local
     if tests:
         with w.block(f"if ({there}({' || '.join(tests)}))"):
             w.fail("range")
-    with w.block(f"if ({local} < {number(member.low)} || {local} > {number(min(member.high, MOST))})"):
-        w.add(f"{local} = {number(max(member.low, 0))};")
+    w.when(
+        f"{local} < {number(member.low)} || {local} > {number(min(member.high, MOST))}",
+        f"{local} = {number(max(member.low, 0))};",
+    )
     if segment.when is not None and member.has:
         w.fail_if(f"!{condition} && {taken.path}{member.flag}", "value")
     taken.scope.entries[segment.name] = Val("number", local, member.low, min(member.high, MOST), there=condition)
@@ -538,8 +536,7 @@ def _value(w: WriteWriter, segment: Value, taken: Taken) -> list[Task]:
         source = w.with_missing(taken)
         there = w.local("bool", f"{segment.name}_there", "false")
         flag = f"{taken.path}{member.flag}"
-        with w.block(f"if ({flag})"):
-            w.add(f"{local} = {'' if is_text else '(int64_t)'}{taken.path}{member.cname};", f"{there} = true;")
+        w.when(flag, f"{local} = {'' if is_text else '(int64_t)'}{taken.path}{member.cname};", f"{there} = true;")
         with w.block(f"else if ({condition})" if condition else "else"):
             if segment.build is not None and not w.can_say(segment.build, source, segment.name):
                 w.fail("value")
@@ -844,8 +841,7 @@ def _put_text(w: WriteWriter, segment: Field, taken: Taken) -> None:
         if len(pad) != 1:
             raise CannotSayError(segment.at, "a text that is filled up with several bytes")
         left = f"{size} - (int64_t){local}.size"
-        with w.block(f"if ({left} > 0)"):
-            w.add(f"{w.file.helper('put_fill')}({w.n}, {string(pad)}, 1, {left});")
+        w.when(f"{left} > 0", f"{w.file.helper('put_fill')}({w.n}, {string(pad)}, 1, {left});")
 
 
 def _put_end(w: WriteWriter, segment: Field) -> None:
@@ -982,8 +978,7 @@ def _put_data(w: WriteWriter, segment: Data, taken: Taken) -> None:
         left = f"{size} - (int64_t){local}.size"
         if segment.convert is not None or segment.swap:
             raise CannotSayError(segment.at, "data that are filled up and converted")
-        with w.block(f"if ({left} > 0)"):
-            w.add(f"{w.file.helper('put_fill')}({w.n}, {string(bytes((segment.pad,)))}, 1, {left});")
+        w.when(f"{left} > 0", f"{w.file.helper('put_fill')}({w.n}, {string(bytes((segment.pad,)))}, 1, {left});")
 
 
 def _put_swapped(w: WriteWriter, segment: Data, local: str) -> None:
@@ -1147,8 +1142,7 @@ def _put_inner(w: WriteWriter, segment: Inner, taken: Taken) -> None:
         w.add(f"    {w.file.helper('put_bytes')}(&{inside}, {unknown}.data, {unknown}.size);", "    break;")
         w.add("default:", f"    {w.file.helper('fail')}(&{inside}, FRAMEKIT_VALUE);", "    break;")
     w.add(f"{w.inn}.at = {begin} + {inside}.at;")
-    with w.block(f"if ({inside}.reason != FRAMEKIT_OK)"):
-        w.add(f"{w.file.helper('fail')}({w.n}, {inside}.reason);")
+    w.when(f"{inside}.reason != FRAMEKIT_OK", f"{w.file.helper('fail')}({w.n}, {inside}.reason);")
     if isinstance(segment.size, Expression):
         if not w.size_by_length(segment):
             told = w.number_or_nothing(segment.size, taken)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 from framekit.codec.c.expressions import CScope, Val
-from framekit.codec.c.functions import CFunctionWriter, FileFacts, pruned
+from framekit.codec.c.functions import CFunctionWriter, FileFacts, pruned, stands
 from framekit.codec.c.layout import CMember, CStruct
 from framekit.codec.c.source import CannotSayError, CSource, string
 from framekit.codec.python.encode_plan import Task, run_in_order
@@ -167,7 +167,10 @@ class WriteWriter(CFunctionWriter):
         return f"&{self.inn}"
 
     def fail(self, reason: str) -> None:
-        self.add(f"{self.file.helper('fail')}({self.n}, FRAMEKIT_{reason.upper()});")
+        self.add(self.failing(reason))
+
+    def failing(self, reason: str) -> str:
+        return f"{self.file.helper('fail')}({self.n}, FRAMEKIT_{reason.upper()});"
 
     def fail_if(self, condition: str, reason: str) -> None:
         if condition and condition != "false":
@@ -188,11 +191,7 @@ class WriteWriter(CFunctionWriter):
 
     def keep(self, local: str, text: str) -> None:
         """Puts what is worked out into a local."""
-        if "&bad" in text:
-            self.add("bad = false;")
-        self.add(f"{local} = {text};")
-        if "&bad" in text:
-            self.fail_if("bad", "value")
+        self.worked_out(local, text, lambda: (self.failing("value"),))
 
     def holds(self, expression: Expression, taken: Taken) -> str:
         """The local that tells whether a condition holds."""
@@ -314,12 +313,7 @@ class WriteWriter(CFunctionWriter):
                     kind(self, segment, taken)
             span = self.span(segment.name)
             if span is not None:
-                self.add(
-                    f"{span}.data = {self.inn}.data;",
-                    f"{span}.first = {begin};",
-                    f"{span}.last = {self.inn}.at;",
-                    f"{span}.there = true;",
-                )
+                self.add(*stands(span, f"{self.inn}.data", begin, f"{self.inn}.at"))
             end = self.ends.get((segment.name, segment.at))
             if end is not None:
                 held = self.file.helper("holds_end")
