@@ -149,7 +149,7 @@ def _store_number(
 
 @contextmanager
 def _if_number(r: ReadWriter, segment: Segment, failing: str, start: str) -> Iterator[None]:
-    """What is done with a number that was read. `failing`: the call that tells that it is none (1), or too large (2)."""
+    """What is done with a number that was read. `failing`: the call that says that it is none (1), or too large."""
     if not failing:
         yield
         return

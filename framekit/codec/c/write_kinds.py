@@ -50,6 +50,11 @@ from framekit.definition.model.segments import (
 Number = Field | Length | Count
 
 
+def both(condition: str) -> str:
+    """Before a test: it counts where the condition holds; '' for none."""
+    return f"{condition} && " if condition else ""
+
+
 def _nothing(w: WriteWriter, segment: Segment, taken: Taken) -> list[Task]:
     return []
 
@@ -272,8 +277,8 @@ def _validate(w: WriteWriter, segment: Field, taken: Taken) -> None:
     member = _member(taken, segment.name)
     entry = taken.scope.entries[segment.name]
     local = entry.text
-    condition = "" if segment.when is None else w.holds(segment.when, taken)
-    there = f"{condition} && " if condition else ""
+    condition = w.condition(segment, taken)
+    there = both(condition)
     if segment.when is not None and member.has:
         flag = f"{taken.path}{member.flag}"
         if segment.default is not None and member.kind in ("number", "bytes"):
@@ -353,16 +358,11 @@ def _validate_text(w: WriteWriter, segment: Field, local: str, there: str) -> No
 def _told_size(w: WriteWriter, segment: Field | Data, name: str, size: Expression, taken: Taken) -> None:
     """A value must be as long as others say; one that is filled up may be shorter."""
     local = taken.scope.entries[name].text
-    told = w.number_or_nothing(size, taken)
-    condition = "" if segment.when is None else f"{w.holds(segment.when, taken)} && "
-    if told.there:
-        condition += f"{told.there} && "
     if isinstance(segment, Data):
         filled = segment.pad is not None
     else:
         filled = segment.type.pad is not None or segment.type.end is not None
-    kept = w.kept(replace(told, there=""), "size_told")
-    w.fail_if(f"{condition}(int64_t){local}.size {'>' if filled else '!='} {kept}", "length")
+    w.fail_unless_told(segment, size, taken, f"(int64_t){local}.size {'>' if filled else '!='}")
 
 
 # ---- other values -------------------------------------------------------------------------------------------
@@ -393,7 +393,7 @@ def _take_data(w: WriteWriter, segment: Data, taken: Taken) -> None:
         there = condition
     else:
         w.add(f"{local} = {given};")
-    guard = f"{there} && " if there else ""
+    guard = both(there)
     if isinstance(segment.size, int):
         w.fail_if(f"{guard}{local}.size {'>' if segment.pad is not None else '!='} {segment.size}", "length")
     if segment.least and not (isinstance(segment.size, int) and segment.pad is None):
@@ -473,8 +473,8 @@ def _length(w: WriteWriter, segment: Length, taken: Taken) -> list[Task]:
 
 
 def _number_told(w: WriteWriter, segment: Length | Count, member: CMember, local: str, taken: Taken) -> None:
-    condition = "" if segment.when is None else w.holds(segment.when, taken)
-    there = f"{condition} && " if condition else ""
+    condition = w.condition(segment, taken)
+    there = both(condition)
     limits = forms.value_range(segment)
     tests = [f"{local} < {number(max(limits.least or 0, LEAST))}"] if limits.least is not None else []
     tests += [f"{local} > {number(limits.most)}"] if limits.most is not None and limits.most <= MOST else []
@@ -532,7 +532,7 @@ def _value(w: WriteWriter, segment: Value, taken: Taken) -> list[Task]:
         is_text = member.kind == "bytes"
         local = w.local("struct framekit_bytes" if is_text else "int64_t", f"{segment.name}_value",
                         "{ NULL, 0 }" if is_text else "0")  # fmt: skip
-        condition = "" if segment.when is None else w.holds(segment.when, taken)
+        condition = w.condition(segment, taken)
         source = w.with_missing(taken)
         there = w.local("bool", f"{segment.name}_there", "false")
         flag = f"{taken.path}{member.flag}"
@@ -568,7 +568,7 @@ def _value(w: WriteWriter, segment: Value, taken: Taken) -> list[Task]:
         entry = taken.scope.entries[segment.name]
         member = _member(taken, segment.name)
         value = w.writer(taken.scope).value(segment.read)
-        condition = "" if segment.when is None else f"{w.holds(segment.when, taken)} && "
+        condition = both(w.condition(segment, taken))
         if value.kind == "none":
             return
         text = _differs_kept(w, member, entry.text, value, segment)
@@ -614,7 +614,7 @@ def _differs_kept(w: WriteWriter, member: CMember, local: str, value: Val, segme
 
 def _require(w: WriteWriter, segment: Require, taken: Taken) -> list[Task]:
     def write(missing: set[str]) -> None:
-        guard = "" if segment.when is None else w.holds(segment.when, taken)
+        guard = w.condition(segment, taken)
         if guard:
             with w.block(f"if ({guard})"):
                 w.fail_if(f"!{w.holds(segment.condition, taken)}", "require")
@@ -653,7 +653,7 @@ def _branches(w: WriteWriter, segment: Choose | Optional, taken: Taken) -> None:
     w.chosen[id(segment)] = case
     w.add(f"{case} = -1;")
     first_line = len(w.out.lines)
-    guard = "" if segment.when is None else w.holds(segment.when, taken)
+    guard = w.condition(segment, taken)
     outside: dict[str, tuple[str, str, Val]] = {}
     names = {name for one in flat((segment,)) for name in one.value_names}
     if isinstance(segment, Choose):
@@ -726,7 +726,7 @@ def _record(w: WriteWriter, segment: Record, taken: Taken) -> list[Task]:
     def write(missing: set[str]) -> None:
         inner = Taken(CScope(taken.scope), inside_struct, f"{taken.path}{member.cname}.")
         w.scopes[id(segment.of)] = inner
-        condition = "" if segment.when is None else w.holds(segment.when, taken)
+        condition = w.condition(segment, taken)
         if condition:
             w.fail_if(f"!{condition} && {taken.path}{member.flag}", "value")
             if segment.wanted_names:
@@ -746,10 +746,10 @@ def _repeat(w: WriteWriter, segment: Repeat, taken: Taken) -> list[Task]:
     path = f"{taken.path}{member.cname}"
 
     def write(missing: set[str]) -> None:
-        condition = "" if segment.when is None else w.holds(segment.when, taken)
+        condition = w.condition(segment, taken)
         if condition:
             w.fail_if(f"{condition} != {taken.path}{member.flag}", "value")
-        guard = f"{condition} && " if condition else ""
+        guard = both(condition)
         w.fail_if(f"{guard}{path}.count > {member.capacity}", "no_room")
         if isinstance(segment.times, int):
             w.fail_if(f"{guard}{path}.count != {segment.times}", "length")
@@ -759,12 +759,7 @@ def _repeat(w: WriteWriter, segment: Repeat, taken: Taken) -> list[Task]:
 
     def compare(missing: set[str]) -> None:
         assert isinstance(segment.times, Expression)
-        told = w.number_or_nothing(segment.times, taken)
-        guard = "" if segment.when is None else f"{w.holds(segment.when, taken)} && "
-        if told.there:
-            guard += f"{told.there} && "
-        kept = w.kept(replace(told, there=""), "times_told")
-        w.fail_if(f"{guard}(int64_t){path}.count != {kept}", "length")
+        w.fail_unless_told(segment, segment.times, taken, f"(int64_t){path}.count !=", "times_told")
 
     tasks = [Task((segment.name,), w.waits(segment.when), write)]
     if isinstance(segment.times, Expression):
@@ -837,7 +832,7 @@ def _put_text(w: WriteWriter, segment: Field, taken: Taken) -> None:
         return
     pad = type_.pad if type_.end is None else (type_.pad or b"\0")
     if type_.kind == "ascii" and pad is not None and type_.size is not None:
-        size = str(type_.size) if isinstance(type_.size, int) else w.number_of(type_.size, taken, "size_told")
+        size = w.size_of(type_.size, taken)
         if len(pad) != 1:
             raise CannotSayError(segment.at, "a text that is filled up with several bytes")
         left = f"{size} - (int64_t){local}.size"
@@ -867,8 +862,7 @@ def _put_field(w: WriteWriter, segment: Field, taken: Taken) -> None:
         _put_text(w, segment, taken)
     elif type_.kind == "fraction":
         entry = taken.scope.entries[segment.name]
-        size = "0" if type_.size is None else str(type_.size) if isinstance(type_.size, int) else w.number_of(
-            type_.size, taken, "size_told")  # fmt: skip
+        size = w.size_of(type_.size, taken)
         member = _member(taken, segment.name)
         value = f"{local}.number, {local}.places" if member.kind == "decimal" else f"{local}, {member.places}"
         with w.block(f"if ({entry.there})" if entry.there and type_.form is not None and type_.form.empty else ""):
@@ -898,7 +892,7 @@ def _put_field(w: WriteWriter, segment: Field, taken: Taken) -> None:
     elif type_.size is None:
         raise CannotSayError(segment.at, f"'{segment.name}' is a number that its end shows")
     else:
-        size = str(type_.size) if isinstance(type_.size, int) else w.number_of(type_.size, taken, "size_told")
+        size = w.size_of(type_.size, taken)
         if isinstance(type_.size, Expression):
             _fits(w, type_, local, size)
         _put_number(w, type_, _wire(segment, local), size, segment)
@@ -972,10 +966,7 @@ def _put_data(w: WriteWriter, segment: Data, taken: Taken) -> None:
         names = {"hex_to_ascii": "put_hex_bytes", "ascii_to_hex": "put_unhex_bytes", None: "put_bytes"}
         w.add(f"{w.file.helper(names[segment.convert])}({w.n}, {local}.data, {local}.size);")
     if segment.pad is not None and segment.size != "rest":
-        size = str(segment.size)
-        if isinstance(segment.size, Expression):
-            size = w.number_of(segment.size, taken, "size_told")
-        left = f"{size} - (int64_t){local}.size"
+        left = f"{w.size_of(segment.size, taken)} - (int64_t){local}.size"
         if segment.convert is not None or segment.swap:
             raise CannotSayError(segment.at, "data that are filled up and converted")
         w.when(f"{left} > 0", f"{w.file.helper('put_fill')}({w.n}, {string(bytes((segment.pad,)))}, 1, {left});")
@@ -1000,16 +991,14 @@ def _put_bits(w: WriteWriter, segment: Bits, taken: Taken) -> None:
     for part in segment.parts:
         text = f"(uint64_t){taken.scope.entries[part.name].text}"
         parts.append(f"{text} << {part.low}" if part.low else text)
-    size = segment.type.size
-    text = str(size) if isinstance(size, int) else w.number_of(size, taken, "size_told") if size is not None else "1"
+    text = w.size_of(segment.type.size, taken)
     _put_number(w, replace(segment.type, signed=False), f"({' | '.join(parts) or '0'})", text, segment)
 
 
 def _put_counted(w: WriteWriter, segment: Length | Count, taken: Taken) -> None:
     type_ = segment.type
     local = taken.scope.entries[segment.name].text
-    size = str(type_.size) if isinstance(type_.size, int) else w.number_of(type_.size, taken, "size_told") if (
-        type_.size is not None) else "1"  # fmt: skip
+    size = w.size_of(type_.size, taken)
     if isinstance(type_.size, Expression):
         _fits(w, type_, local, size)
     _put_number(w, type_, _wire(segment, local), size, segment)
@@ -1145,10 +1134,7 @@ def _put_inner(w: WriteWriter, segment: Inner, taken: Taken) -> None:
     w.when(f"{inside}.reason != FRAMEKIT_OK", f"{w.file.helper('fail')}({w.n}, {inside}.reason);")
     if isinstance(segment.size, Expression):
         if not w.size_by_length(segment):
-            told = w.number_or_nothing(segment.size, taken)
-            guard = f"{told.there} && " if told.there else ""
-            kept = w.kept(replace(told, there=""), "size_told")
-            w.fail_if(f"{guard}(int64_t){inside}.at != {kept}", "length")
+            w.fail_unless_told(None, segment.size, taken, f"(int64_t){inside}.at !=")
     elif isinstance(segment.size, int):
         w.fail_if(f"{inside}.at != {segment.size}", "length")
 
@@ -1177,18 +1163,14 @@ def _put_wrap(w: WriteWriter, segment: Wrap, taken: Taken) -> None:
     if segment.least:
         w.fail_if(f"{inside}.at < {segment.least}", "length")
     if segment.most is not None:
-        most = str(segment.most) if isinstance(segment.most, int) else w.number_of(segment.most, taken, "most_told")
-        w.fail_if(f"(int64_t){inside}.at > {most}", "length")
+        w.fail_if(f"(int64_t){inside}.at > {w.size_of(segment.most, taken, 'most_told')}", "length")
     if isinstance(segment.coding, Plain):
         w.add(f"{w.inn}.at += {inside}.at;")
     else:
         wrap_up(w, segment, inside)
     if segment.size is not None and not w.size_by_length(segment):
         if isinstance(segment.size, Expression):
-            told = w.number_or_nothing(segment.size, taken)
-            guard = f"{told.there} && " if told.there else ""
-            size_text = w.kept(replace(told, there=""), "size_told")
-            w.fail_if(f"{guard}(int64_t)({w.inn}.at - {begin}) != {size_text}", "length")
+            w.fail_unless_told(None, segment.size, taken, f"(int64_t)({w.inn}.at - {begin}) !=")
         else:
             w.fail_if(f"{w.inn}.at - {begin} != {segment.size}", "length")
 

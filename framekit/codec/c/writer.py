@@ -8,7 +8,7 @@ What is written for a kind of segment stands in `write_kinds.py`.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from framekit.codec.c.expressions import CScope, Val
 from framekit.codec.c.functions import CFunctionWriter, FileFacts, pruned, stands
@@ -201,6 +201,23 @@ class WriteWriter(CFunctionWriter):
         local = self.local("bool", "holds", "false")
         self.keep(local, text)
         return local
+
+    def condition(self, segment: Segment, taken: Taken) -> str:
+        """The condition under which a segment is there; '' if it always is."""
+        return "" if segment.when is None else self.holds(segment.when, taken)
+
+    def size_of(self, size: object, taken: Taken, name: str = "size_told") -> str:
+        """Text of a size, which may be worked out; 0 for one that nothing tells."""
+        return self.number_of(size, taken, name) if isinstance(size, Expression) else str(size or 0)
+
+    def fail_unless_told(
+        self, segment: Segment | None, size: Expression, taken: Taken, found: str, name: str = "size_told"
+    ) -> None:
+        """What is `found` (a size, and how it must not compare) must be as others tell, where these are there."""
+        told = self.number_or_nothing(size, taken)
+        conditions = ["" if segment is None else self.condition(segment, taken), told.there]
+        kept = self.kept(replace(told, there=""), name)
+        self.fail_if(" && ".join([*filter(None, conditions), f"{found} {kept}"]), "length")
 
     # ---- values -------------------------------------------------------------------------------------------
 
