@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from framekit.codec.c.shared import put_code
+from framekit.codec.c.kinds.check import put_code
 from framekit.codec.c.source import CannotSayError, CSource, string
 from framekit.definition.codings import Blocks, Cobs, Coding, Doubled, Escaped, Hex, Inserted, Plain, Short
 from framekit.definition.model.segments import Wrap

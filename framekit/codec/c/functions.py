@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Protocol
 
 from framekit.codec.c.checks import CheckFunctions
 from framekit.codec.c.expressions import CExpressionWriter, CFacts, CScope, Val
 from framekit.codec.c.layout import CStruct, Layouts
 from framekit.codec.c.source import CannotSayError, CSource, identifier, string
+from framekit.codec.python.encode_plan import Task
 from framekit.codec.python.facts import is_followed, names_asked_for
 from framekit.codec.python.function import covered_names, wire_names
 from framekit.definition.expression import Call, Expression, Name, walk
@@ -19,9 +21,25 @@ from framekit.definition.model.segments import Check, Const, FieldType, Inner, L
 from framekit.definition.problems import Problem
 
 
+@dataclass(frozen=True, slots=True)
+class CKind:
+    """What the C of a kind of segment is (`kinds`): `read`, `put` and `measure` write statements of its functions.
+
+    `values`: gives what brings its values into locals before bytes are put together; None: it has none. `put`: None
+    where it takes no bytes. `measure`: None where its bytes are passed, as many as there always are.
+    """
+
+    model: type[Segment]
+    read: Callable[..., None]
+    values: Callable[..., list[Task]] | None = None
+    put: Callable[..., None] | None = None
+    measure: Callable[..., None] | None = None
+
+
 class FileFacts(CFacts, Protocol):
     """What the writer of a function asks of the file that is being written."""
 
+    kinds: Mapping[type[Segment], CKind]
     prefix: str
     static: StaticSizes
     layouts: Layouts
@@ -121,6 +139,13 @@ class CFunctionWriter:
             self.file.helper("spans")
             self.spans[name] = self.local("struct fk_span", f"{name.strip('_')}_span", "{ NULL, 0, 0, false }")
         return self.spans[name]
+
+    def kind_of(self, segment: Segment) -> CKind:
+        """What the C of a segment is. Raises CannotSayError for a kind that C does not have."""
+        found = self.file.kinds.get(type(segment))
+        if found is None:
+            raise CannotSayError(segment.at, f"a segment of the kind '{segment.KEY or type(segment).__name__.lower()}'")
+        return found
 
     def worked_out(self, local: str, text: str, if_bad: Callable[[], tuple[str, ...]]) -> None:
         """Puts what is worked out into a local. `if_bad`: gives what is done where it cannot be."""

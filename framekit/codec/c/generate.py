@@ -9,9 +9,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from framekit.codec.c import read_kinds, write_kinds  # noqa: F401 - they fill the tables of kinds
 from framekit.codec.c.checks import CheckFunctions
 from framekit.codec.c.expressions import LEAST, MOST, Val, constant
+from framekit.codec.c.kinds import KINDS
 from framekit.codec.c.layout import CMember, CStruct, Layouts, declare, inner_name
 from framekit.codec.c.measure import CMeasureWriter
 from framekit.codec.c.parser import ParserWriter, line_frames
@@ -71,6 +71,7 @@ class CFile:
 
     def __init__(self, protocol: Protocol, most: int = MOST_BYTES) -> None:
         self.protocol = protocol
+        self.kinds = KINDS
         self.prefix = prefix_of(protocol.name)
         self.static = StaticSizes(protocol.frames)
         self.helpers: list[str] = []

@@ -1,7 +1,7 @@
 """Decoders in C: one function a frame, which reads as the careful functions of Python do (`codec/python/diagnosis.py`).
 
 So the first fault, its place and its reason are the same. A fault behind which nothing can be read jumps to the end of
-the part it stands in. What is written for a kind of segment stands in `read_kinds.py`.
+the part it stands in. What is written for a kind of segment stands in `kinds`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
-from framekit.codec.c.expressions import CScope, Val
+from framekit.codec.c.expressions import MOST, CScope, Val
 from framekit.codec.c.functions import CFunctionWriter, FileFacts, pruned, stands
 from framekit.codec.c.layout import CMember, CStruct, val_of
 from framekit.codec.c.source import CannotSayError, CSource, identifier, string
@@ -360,7 +360,7 @@ class ReadWriter(CFunctionWriter):
             if segment.when is not None:
                 self._conditional(segment, segment.when, here, behind)
             else:
-                read(self, segment, here, behind)
+                self.kind_of(segment).read(self, segment, here, behind)
             self.read_names.update(name for one in everything((segment,)) for name in one.value_names)
             self.passed.update(one.name for one in everything((segment,)) if one.name)
         if finish:
@@ -401,7 +401,7 @@ class ReadWriter(CFunctionWriter):
         condition = self.ask_whether(self.writer(scope).condition(when), "value")
         sure, self.is_sure = self.is_sure, False
         with self.block(f"if ({condition})"):
-            read(self, without_when(segment), here, behind)
+            self.kind_of(segment).read(self, without_when(segment), here, behind)
         lines = CSource(self.out.depth + 1)
         out, self.out = self.out, lines
         if isinstance(segment, Field) and segment.default is not None:
@@ -469,6 +469,29 @@ class ReadWriter(CFunctionWriter):
                 self.add(f"{span}.data = {self.inn}.data;", f"{span}.first = {span}.last = {self.at};",
                          f"{span}.there = true;")  # fmt: skip
 
+    # ---- sizes --------------------------------------------------------------------------------------------
+
+    def rest(self, behind: Behind) -> str:
+        """The local with the number of bytes up to what is behind."""
+        helper = self.file.helper("rest")
+        size = self.local("int64_t", "rest")
+        text = self.behind(behind)
+        self.when(f"!{helper}({self.n}, {text}, &{size})", self.leave())
+        return size
+
+    def sized(self, size: object, scope: CScope, reason: str, refuse: str, factor: str = "") -> str:
+        """The text of a size in bytes."""
+        if isinstance(size, int):
+            return str(size * 2 if factor == "*" else size // 2 if factor == "/" else size)
+        assert isinstance(size, Expression)
+        value = self.number(size, scope)
+        local = self.ask(value, reason, "size_told", refuse)
+        if factor == "*":
+            if value.high > MOST // 2:
+                raise CannotSayError(size.at, "a size without bound")
+            return f"2 * {local}"
+        return f"({local} >> 1)" if factor == "/" else local
+
     # ---- what is behind -----------------------------------------------------------------------------------
 
     def behind(self, after: Behind) -> str:
@@ -512,18 +535,6 @@ class ReadWriter(CFunctionWriter):
         )
         self.when(f"!{found}", self.note("length", self.at), self.leave())
         return f"(int64_t)({self.inn}.end - {place})"
-
-
-READ: dict[type[Segment], Callable[..., None]] = {}
-"""How each kind of segment is read: `read_kinds.py` fills it."""
-
-
-def read(r: ReadWriter, segment: Segment, here: Here, behind: Behind) -> None:
-    """Writes how a segment that is there is read."""
-    kind = READ.get(type(segment))
-    if kind is None:
-        raise CannotSayError(segment.at, f"a segment of the kind '{segment.KEY or type(segment).__name__.lower()}'")
-    kind(r, segment, here, behind)
 
 
 Here = tuple[CScope, CStruct, str]

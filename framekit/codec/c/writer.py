@@ -2,13 +2,13 @@
 each other, then the bytes are put together. What is wrong is kept, and all goes on: nothing is written out of the room.
 
 A length that follows from bytes which are put together (of a frame inside, of a wrap) is found by doing it again.
-What is written for a kind of segment stands in `write_kinds.py`.
+What is written for a kind of segment stands in `kinds`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from framekit.codec.c.expressions import CScope, Val
 from framekit.codec.c.functions import CFunctionWriter, FileFacts, pruned, stands
@@ -21,11 +21,10 @@ from framekit.definition.expression import Call, Expression, Name, names_in, wal
 from framekit.definition.model.frames import Frame, bytes_of, everything, flat
 from framekit.definition.model.segments import Check, Const, Data, Field, FieldType, Length, Repeat, Segment, Segments
 
-Values = dict[type[Segment], Callable[..., list[Task]]]
-VALUES: Values = {}
-"""What brings the values of each kind of segment into locals: `write_kinds.py` fills both tables."""
-BYTES: dict[type[Segment], Callable[..., None]] = {}
-"""What puts the bytes of each kind of segment together."""
+
+def both(condition: str) -> str:
+    """Before a test: it counts where the condition holds; '' for none."""
+    return f"{condition} && " if condition else ""
 
 
 def late_checks(segments: Segments) -> set[str]:
@@ -51,7 +50,9 @@ class Taken:
     scope: CScope
     struct: CStruct
     path: str
-    cases: dict[int, str] = field(default_factory=dict)
+
+    def member(self, name: str) -> CMember:
+        return self.struct.members[name]
 
 
 class WriteWriter(CFunctionWriter):
@@ -249,10 +250,8 @@ class WriteWriter(CFunctionWriter):
 
     def tasks_of(self, segment: Segment, taken: Taken) -> list[Task]:
         self.scopes[id(segment)] = taken
-        make = VALUES.get(type(segment))
-        if make is None:
-            raise CannotSayError(segment.at, f"a segment of the kind '{segment.KEY or type(segment).__name__.lower()}'")
-        return make(self, segment, taken)
+        values = self.kind_of(segment).values
+        return [] if values is None else values(self, segment, taken)
 
     def with_missing(self, taken: Taken) -> Taken:
         """Where values wait for each other in a circle, those that are not worked out yet are the given ones."""
@@ -315,19 +314,17 @@ class WriteWriter(CFunctionWriter):
     def bytes(self, segments: Iterable[Segment], taken: Taken) -> None:
         """The bytes of a list of segments."""
         for segment in segments:
-            kind = BYTES.get(type(segment))
-            if kind is None:
-                raise CannotSayError(segment.at, f"a segment of the kind '{segment.KEY}'")
-            if not segment.takes_bytes:
+            put = self.kind_of(segment).put
+            if put is None:
                 continue
             begin = self.local("size_t", "begun")
             self.add(f"{begin} = {self.inn}.at;")
             if segment.when is None:
-                kind(self, segment, taken)
+                put(self, segment, taken)
             else:
                 condition = self.holds(segment.when, taken)
                 with self.block(f"if ({condition})"):
-                    kind(self, segment, taken)
+                    put(self, segment, taken)
             span = self.span(segment.name)
             if span is not None:
                 self.add(*stands(span, f"{self.inn}.data", begin, f"{self.inn}.at"))

@@ -1,16 +1,101 @@
-"""Check codes and cases, as functions that read and functions that write have them alike."""
+"""`check` in C: how a code is worked out and stands on the wire, for what reads, builds and measures."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from framekit.codec.c.expressions import CScope, Val, constant
+from framekit.codec.c.expressions import CScope
+from framekit.codec.c.functions import CKind
+from framekit.codec.c.measure import LOST, CMeasureWriter, Pairs
+from framekit.codec.c.reader import Behind, Here, ReadWriter
 from framekit.codec.c.source import CannotSayError, number
+from framekit.codec.c.writer import Taken, WriteWriter
 from framekit.codec.kinds.check import in_one_buffer
-from framekit.codec.python.function import covered_parts, on_the_wire
+from framekit.codec.python.function import covered_parts, covers_later, on_the_wire
 from framekit.definition.kinds.check import Added
 from framekit.definition.model.frames import everything, flat
-from framekit.definition.model.segments import Check, Choose, Field, Segments
+from framekit.definition.model.segments import Check, Segments
+
+# ---- read -----------------------------------------------------------------------------------------------------
+
+
+def _read(r: ReadWriter, segment: Check, here: Here, behind: Behind) -> None:
+    r.begin()
+    start = r.local("size_t", "check_start")
+    r.add(f"{start} = {r.at};")
+    r.take(str(segment.size))
+    r.stands(segment.name)
+    if segment.verify != "error":
+        return
+    if covers_later(segment, r.segments):
+        r.late.append(r.in_this_buffer(lambda: _verify(r, segment, here, start)))
+    else:
+        _verify(r, segment, here, start)
+
+
+def _verify(r: ReadWriter, segment: Check, here: Here, start: str) -> None:
+    """Compares a check code that was read with the bytes it should be."""
+    code = r.local("uint64_t", "code")
+    wrong = r.file.helper("wrong_check")
+    with r.block(""):
+        r.add(f"uint8_t right[{segment.size}];")
+        fails = work_out(r, segment, here[0], code, start)
+        put_code(r, segment, code, "right")
+        compare = "memcmp(right, {raw}, {size}) != 0"
+        if segment.form in ("hex", "HEX"):
+            compare = f"!{r.file.helper('same_digits')}(right, {{raw}}, {{size}})"
+        test = compare.format(raw=f"{r.inn}.data + {start}", size=segment.size)
+        if fails:
+            r.when("bad", r.note("value", start), "notes->unchecked = true;")
+            with r.block(f"else if ({test})"):
+                r.add(f"{wrong}_at({r.n}, fk_wire({r.n}, {start}));")
+        else:
+            r.when(test, f"{wrong}_at({r.n}, fk_wire({r.n}, {start}));")
+
+
+# ---- built ----------------------------------------------------------------------------------------------------
+
+
+def _put(w: WriteWriter, segment: Check, taken: Taken) -> None:
+    to, start = w.local("uint8_t *", "code_to", "NULL"), w.local("size_t", "check_start")
+    w.add(f"{start} = {w.inn}.at;", f"{to} = {w.file.helper('put')}({w.n}, {segment.size});")
+
+    def write() -> None:
+        code = w.local("uint64_t", "code")
+        with w.block(f"if ({to} != NULL)"):
+            fails = work_out(w, segment, taken.scope, code, start)
+            if fails:
+                w.fail_if("bad", "value")
+            put_code(w, segment, code, to)
+
+    if segment.name in w.late_names:
+        if w.in_wrap or w.in_list or segment.when is not None:
+            raise CannotSayError(segment.at, "a check code in a part, before what it covers")
+        w.late.append((segment, write))
+    else:
+        write()
+
+
+# ---- measured -------------------------------------------------------------------------------------------------
+
+
+def _measure(m: CMeasureWriter, segment: Check, scope: CScope, after: Pairs) -> None:
+    if segment.ends:
+        m.want(segment.size, after)
+        start, code = m.local("size_t", "check_start"), m.local("uint64_t", "code")
+        m.add(f"{start} = (size_t){m.here};")
+        with m.block(""):
+            m.add(f"uint8_t right[{segment.size}];", "struct fk_in in;", "struct fk_notes notes;")
+            m.add("memset(&notes, 0, sizeof notes);", f"fk_open(&in, data, {start}, &notes);")
+            m.file.helper("reader")
+            if work_out(m, segment, scope, code, start):
+                m.add("if (bad) {", f"    return {LOST};", "}")
+            put_code(m, segment, code, "right")
+            m.add(f"if (memcmp(right, data + {start}, {segment.size}) != 0) {{", f"    return {LOST};", "}")
+    m.skip(str(segment.size))
+
+
+# ---- the parts of these ---------------------------------------------------------------------------------------
 
 
 def work_out(r: Any, segment: Check, scope: CScope, code: str, start: str) -> bool:
@@ -143,44 +228,4 @@ def put_code(r: Any, segment: Check, code: str, target: str) -> None:
             r.add(f"{r.file.helper('put_digits')}({target}, {code}, {segment.size}, 16, {little}, {upper});")
 
 
-def case_tests(r: Any, segment: Choose, value: Val, here: Any) -> list[tuple[str, Segments]]:
-    """The conditions of the cases, with what is there then; the value is put into a local first."""
-    field = r.by_name.get(str(segment.on).strip())
-    names = field.values if isinstance(field, Field) and field.values is not None else {}
-    numbers = {name: one for one, name in names.items()}
-    writer = r.writer(here[0])
-    if value.kind == "number":
-        local = r.local("int64_t", "chosen")
-        nothing = f" && {value.there}" if value.there else ""
-        text = value.text if not value.there else f"({value.there} ? {value.text} : 0)"
-        is_there = r.local("bool", "is_there", "true") if value.there else ""
-        if is_there:
-            r.add(f"{is_there} = {value.there};")
-            nothing = f" && {is_there}"
-        if r.is_reader and "&bad" in text:
-            r.add("bad = false;", f"{local} = {text};")
-            r.when("bad", r.note("value", r.at), r.leave())
-        else:
-            r.add(f"{local} = {text};")
-        chosen = Val("number", local)
-    elif value.kind == "bytes" and not value.fold:
-        nothing = f" && {value.there}" if value.there else ""
-        local = r.local("struct framekit_bytes", "chosen", "{ NULL, 0 }")
-        if r.is_reader and "&bad" in value.text:
-            r.add("bad = false;", f"{local} = {writer.bytes(value)};")
-            r.when("bad", r.note("value", r.at), r.leave())
-        else:
-            r.add(f"{local} = {writer.bytes(value)};")
-        chosen = Val("bytes", local)
-    else:
-        raise CannotSayError(segment.at, "a choice by what is neither a number nor a text")
-    found = []
-    for keys, segments in segment.cases:
-        values = [numbers.get(one, one) if isinstance(one, str) else one for one in keys]
-        tests = []
-        for one in values:
-            key = constant(one.encode("latin-1", "replace") if isinstance(one, str) else int(one))
-            tests.append(writer._same(segment.on.root, chosen, key))
-        test = " || ".join(one for one in tests if one != "false") or "false"
-        found.append((f"({test}){nothing}" if nothing or len(tests) > 1 else test, segments))
-    return found
+KINDS = (CKind(Check, read=_read, put=_put, measure=_measure),)

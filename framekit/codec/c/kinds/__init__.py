@@ -1,0 +1,10 @@
+"""What the C of each kind of segment is: a module for a kind, or for a few that are alike, and a row for each here."""
+
+from collections.abc import Mapping
+
+from framekit.codec.c.functions import CKind
+from framekit.codec.c.kinds import bits, check, choose, const, counted, data, field, inner, repeat, value, wrap
+from framekit.definition.model.segments import Segment
+
+MODULES = (bits, check, choose, const, counted, data, field, inner, repeat, value, wrap)
+KINDS: Mapping[type[Segment], CKind] = {kind.model: kind for module in MODULES for kind in module.KINDS}

@@ -1,0 +1,226 @@
+"""`choose` and `optional` in C."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from framekit.codec.c.expressions import CScope, Val, constant
+from framekit.codec.c.functions import CKind
+from framekit.codec.c.measure import LOST, CMeasureWriter, Pairs
+from framekit.codec.c.reader import Behind, Here, ReadWriter
+from framekit.codec.c.source import INDENT, CannotSayError
+from framekit.codec.c.writer import Taken, WriteWriter
+from framekit.codec.python.encode_plan import Task
+from framekit.codec.python.function import standing_any_way
+from framekit.codec.python.measure import Finished
+from framekit.definition.model.frames import flat
+from framekit.definition.model.segments import Choose, Field, Optional, Segment, Segments
+
+# ---- read -----------------------------------------------------------------------------------------------------
+
+
+def _read(r: ReadWriter, segment: Choose, here: Here, behind: Behind) -> None:
+    scope, struct, _ = here
+    r.absent(segment)
+    value = r.writer(scope).value(segment.on)
+    sure, r.is_sure = r.is_sure, False
+    tests = _case_tests(r, segment, value, here)
+    for place, (test, segments) in enumerate(tests):
+        with r.block(f"{'else ' if place else ''}if ({test})"):
+            r.without((segment,), struct, segments)
+            r.list(segments, here, behind, all_is_read=False)
+    with r.block("else" if tests else ""):
+        if segment.otherwise is not None:
+            r.without((segment,), struct, segment.otherwise)
+            r.list(segment.otherwise, here, behind, all_is_read=False)
+        else:
+            r.add(r.note("value", r.at, r.refuse(segment)), r.leave())
+    r.is_sure = sure
+
+
+def _read_optional(r: ReadWriter, segment: Optional, here: Here, behind: Behind) -> None:
+    _, struct, _ = here
+    r.absent(segment)
+    size = r.rest(behind)
+    sure, r.is_sure = r.is_sure, False
+    with r.block(f"if ({size} > 0)"):
+        r.list(segment.of, here, behind, all_is_read=False)
+    with r.block("else"):
+        r.without(segment.of, struct)
+    r.is_sure = sure
+
+
+# ---- built ----------------------------------------------------------------------------------------------------
+
+
+def _values(w: WriteWriter, segment: Choose | Optional, taken: Taken) -> list[Task]:
+    inside = tuple(flat((segment,)))
+    names = [name for one in inside for name in one.value_names]
+    names += [one.name for one in inside if one.name]
+    outer = w.outer_names(segment)
+    return [Task(tuple(dict.fromkeys(names)), outer, lambda _: _branches(w, segment, taken))]
+
+
+def _branches(w: WriteWriter, segment: Choose | Optional, taken: Taken) -> None:
+    case = w.local("int", "case_taken", "-1")
+    w.chosen[id(segment)] = case
+    w.add(f"{case} = -1;")
+    first_line = len(w.out.lines)
+    guard = w.condition(segment, taken)
+    outside: dict[str, tuple[str, str, Val]] = {}
+    names = {name for one in flat((segment,)) for name in one.value_names}
+    if isinstance(segment, Choose):
+        value = w.writer(taken.scope).value(segment.on)
+        tests = _case_tests(w, segment, value, (taken.scope, taken.struct, taken.path))
+        rows: list[tuple[str, Segments]] = list(tests)
+        if segment.otherwise is not None:
+            rows.append(("", segment.otherwise))
+    else:
+        flags = []
+        for one in flat(segment.of):
+            for name in one.given_names:
+                member = taken.struct.members.get(name)
+                if member is not None and member.has:
+                    flags.append(f"{taken.path}{member.flag}")
+        rows = [(" || ".join(flags) or "true", segment.of)]
+    first = True
+    with w.block(f"if ({guard})" if guard else ""):
+        for place, (test, segments) in enumerate(rows):
+            word = "" if first else "else "
+            header = f"{word}if ({test})" if test else word.strip()
+            first = False
+            with w.block(header):
+                w.add(f"{case} = {place};")
+                inner = Taken(CScope(taken.scope), taken.struct, taken.path)
+                w.scopes[id(segments)] = inner
+                w.values(segments, inner)
+                w.refuse_given((segment,), taken, segments)
+                for name in names & inner.scope.entries.keys() & (w.asked_by_name | {*w.by_name}):
+                    _hand_out(w, name, inner.scope.entries[name], outside, taken)
+        if isinstance(segment, Choose) and segment.otherwise is None:
+            with w.block("else"):
+                w.fail("value")
+        elif isinstance(segment, Optional):
+            with w.block("else"):
+                w.refuse_given((segment,), taken)
+                w.add(";")
+    if guard:
+        with w.block("else"):
+            w.refuse_given((segment,), taken)
+            w.add(";")
+    for name, (local, there, value) in outside.items():
+        taken.scope.entries[name] = replace(value, text=local, there=there)
+        w.out.lines.insert(first_line, f"{INDENT * w.out.depth}{there} = false;")
+
+
+def _hand_out(w: WriteWriter, name: str, value: Val, outside: dict[str, tuple[str, str, Val]], taken: Taken) -> None:
+    """What expressions outside a case may read of it."""
+    if value.kind not in ("number", "bytes"):
+        if name in w.asked_by_name and value.kind == "record":
+            raise CannotSayError(w.by_name[name].at, f"the record '{name}' of a case, which is read outside it")
+        return
+    if name not in outside:
+        type_ = "int64_t" if value.kind == "number" else "struct framekit_bytes"
+        local = w.local(type_, f"{name}_out", "0" if value.kind == "number" else "{ NULL, 0 }")
+        outside[name] = local, w.local("bool", f"{name}_is_out", "false"), value
+    local, there, known = outside[name]
+    if known.kind != value.kind:
+        raise CannotSayError(w.by_name[name].at, f"'{name}' is of another kind in another case")
+    low, high = min(known.low, value.low), max(known.high, value.high)
+    outside[name] = local, there, replace(known, low=low, high=high)
+    w.add(f"{local} = {value.text};", f"{there} = {value.there or 'true'};")
+
+
+def _put(w: WriteWriter, segment: Choose | Optional, taken: Taken) -> None:
+    case = w.chosen[id(segment)]
+    for one in standing_any_way((segment,)):  # of a case that is not taken nothing is there
+        span = w.span(one.name)
+        if span is not None:
+            w.add(f"{span}.data = {w.inn}.data;", f"{span}.first = {span}.last = {w.inn}.at;", f"{span}.there = true;")
+    for place, segments in enumerate(segment.blocks):
+        inner = w.scopes.get(id(segments))
+        if inner is None:
+            continue
+        with w.block(f"if ({case} == {place})"):
+            w.bytes(segments, inner)
+
+
+# ---- measured -------------------------------------------------------------------------------------------------
+
+
+def _measure(m: CMeasureWriter, segment: Choose, scope: CScope, after: Pairs) -> None:
+    value = m.writer(scope).value(segment.on)
+    if "&bad" in value.text and value.kind == "number":
+        value = Val("number", m.kept(value, "chosen_by"), value.low, value.high, value.there)
+    elif "&bad" in value.text:
+        raise CannotSayError(segment.at, "a choice by what may have no value")
+    tests = _case_tests(m, segment, value, (scope, m.struct, ""))
+    m.settle()
+    finished = []
+    for place, (test, segments) in enumerate(tests):
+        with m.block(f"{'else ' if place else ''}if ({test})"):
+            finished.append(m.branch(m.pairs(segments, scope), after))
+    with m.block("else" if tests else ""):
+        if segment.otherwise is None:
+            m.add(f"return {LOST};")
+        else:
+            finished.append(m.branch(m.pairs(segment.otherwise, scope), after))
+    if all(finished):
+        raise Finished
+
+
+def _measure_optional(m: CMeasureWriter, segment: Segment, scope: CScope, after: Pairs) -> None:
+    m.rest(segment, after)
+
+
+# ---- the parts of these ---------------------------------------------------------------------------------------
+
+
+def _case_tests(r: Any, segment: Choose, value: Val, here: Any) -> list[tuple[str, Segments]]:
+    """The conditions of the cases, with what is there then; the value is put into a local first."""
+    field = r.by_name.get(str(segment.on).strip())
+    names = field.values if isinstance(field, Field) and field.values is not None else {}
+    numbers = {name: one for one, name in names.items()}
+    writer = r.writer(here[0])
+    if value.kind == "number":
+        local = r.local("int64_t", "chosen")
+        nothing = f" && {value.there}" if value.there else ""
+        text = value.text if not value.there else f"({value.there} ? {value.text} : 0)"
+        is_there = r.local("bool", "is_there", "true") if value.there else ""
+        if is_there:
+            r.add(f"{is_there} = {value.there};")
+            nothing = f" && {is_there}"
+        if r.is_reader and "&bad" in text:
+            r.add("bad = false;", f"{local} = {text};")
+            r.when("bad", r.note("value", r.at), r.leave())
+        else:
+            r.add(f"{local} = {text};")
+        chosen = Val("number", local)
+    elif value.kind == "bytes" and not value.fold:
+        nothing = f" && {value.there}" if value.there else ""
+        local = r.local("struct framekit_bytes", "chosen", "{ NULL, 0 }")
+        if r.is_reader and "&bad" in value.text:
+            r.add("bad = false;", f"{local} = {writer.bytes(value)};")
+            r.when("bad", r.note("value", r.at), r.leave())
+        else:
+            r.add(f"{local} = {writer.bytes(value)};")
+        chosen = Val("bytes", local)
+    else:
+        raise CannotSayError(segment.at, "a choice by what is neither a number nor a text")
+    found = []
+    for keys, segments in segment.cases:
+        values = [numbers.get(one, one) if isinstance(one, str) else one for one in keys]
+        tests = []
+        for one in values:
+            key = constant(one.encode("latin-1", "replace") if isinstance(one, str) else int(one))
+            tests.append(writer._same(segment.on.root, chosen, key))
+        test = " || ".join(one for one in tests if one != "false") or "false"
+        found.append((f"({test}){nothing}" if nothing or len(tests) > 1 else test, segments))
+    return found
+
+
+KINDS = (
+    CKind(Choose, read=_read, values=_values, put=_put, measure=_measure),
+    CKind(Optional, read=_read_optional, values=_values, put=_put, measure=_measure_optional),
+)
