@@ -270,14 +270,14 @@ class CExpressionWriter:
             return text if operator == "in" else f"!({text})"
         first, second = self.node(left), self.node(right)
         if operator in ("==", "!="):
-            text = self._same(node, first, second)
+            text = self.same(node, first, second)
             return text if operator == "==" else f"!({text})"
         if first.kind == second.kind == "bytes":
             raise CannotSayError(node.at, "texts compared by < or >")
         first, second = self._number(first, left), self._number(second, right)
         return f"{first.text} {operator} {second.text}"
 
-    def _same(self, node: Node, first: Val, second: Val) -> str:
+    def same(self, node: Node, first: Val, second: Val) -> str:
         if "none" in (first.kind, second.kind):
             other = second if first.kind == "none" else first
             if other.kind == "none":
@@ -320,7 +320,7 @@ class CExpressionWriter:
     def _within(self, node: Node, left: Node, right: Node) -> str:
         if isinstance(right, List):
             first = self.node(left)
-            tests = [self._same(node, first, self.node(one)) for one in right.items]
+            tests = [self.same(node, first, self.node(one)) for one in right.items]
             tests = [one for one in tests if one != "false"]
             return " || ".join(f"({one})" for one in tests) or "false"
         second = self.node(right)

@@ -9,15 +9,15 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from framekit.codec.c.checks import CheckFunctions
-from framekit.codec.c.expressions import CExpressionWriter, CFacts, CScope, Val
+from framekit.codec.c.expressions import CExpressionWriter, CFacts, CScope, Val, constant
 from framekit.codec.c.layout import CStruct, Layouts
 from framekit.codec.c.source import CannotSayError, CSource, identifier, string
 from framekit.codec.python.encode_plan import Task
 from framekit.codec.python.facts import is_followed, names_asked_for
 from framekit.codec.python.function import covered_names, wire_names
-from framekit.definition.expression import Call, Expression, Name, walk
+from framekit.definition.expression import Call, Expression, Name, Text, walk
 from framekit.definition.model.frames import StaticSizes, everything, expressions_of
-from framekit.definition.model.segments import Check, Const, FieldType, Inner, Length, Segment, Segments, Wrap
+from framekit.definition.model.segments import Check, Const, Field, FieldType, Inner, Length, Segment, Segments, Wrap
 from framekit.definition.problems import Problem
 
 
@@ -195,6 +195,14 @@ class CFunctionWriter:
 
     def number(self, expression: Expression, scope: CScope) -> Val:
         return self.writer(scope).number(expression)
+
+    def default_value(self, segment: Field, default: Expression, scope: CScope) -> Val:
+        """A default; one that is a name of `values` is its number."""
+        if segment.values is not None and isinstance(default.root, Text):
+            for number, name in segment.values.items():
+                if name == default.root.value:
+                    return constant(number)
+        return self.writer(scope).value(default)
 
     # ---- numbers on the wire ------------------------------------------------------------------------------
 

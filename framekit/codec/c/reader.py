@@ -436,17 +436,6 @@ class ReadWriter(CFunctionWriter):
             self.stored(member, scope, segment.name)
         self.stands(segment.name)
 
-    def default_value(self, segment: Field, default: Expression, scope: CScope) -> Val:
-        """A default; one that is a name of `values` is its number."""
-        from framekit.codec.c.expressions import constant
-        from framekit.definition.expression import Text
-
-        if segment.values is not None and isinstance(default.root, Text):
-            for number, name in segment.values.items():
-                if name == default.root.value:
-                    return constant(number)
-        return self.writer(scope).value(default)
-
     def without(self, segments: Iterable[Segment], struct: CStruct, there: Iterable[Segment] = ()) -> None:
         """What expressions read of these segments is nothing, but for what is `there`."""
         known = {name for one in flat(there) for name in one.value_names}

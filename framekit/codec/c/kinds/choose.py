@@ -25,17 +25,13 @@ def _read(r: ReadWriter, segment: Choose, here: Here, behind: Behind) -> None:
     r.absent(segment)
     value = r.writer(scope).value(segment.on)
     sure, r.is_sure = r.is_sure, False
-    tests = _case_tests(r, segment, value, here)
-    for place, (test, segments) in enumerate(tests):
-        with r.block(f"{'else ' if place else ''}if ({test})"):
-            r.without((segment,), struct, segments)
-            r.list(segments, here, behind, all_is_read=False)
-    with r.block("else" if tests else ""):
-        if segment.otherwise is not None:
-            r.without((segment,), struct, segment.otherwise)
-            r.list(segment.otherwise, here, behind, all_is_read=False)
-        else:
-            r.add(r.note("value", r.at, r.refuse(segment)), r.leave())
+    for header, segments in _cases(r, segment, value, here):
+        with r.block(header):
+            if segments is not None:
+                r.without((segment,), struct, segments)
+                r.list(segments, here, behind, all_is_read=False)
+            else:
+                r.add(r.note("value", r.at, r.refuse(segment)), r.leave())
     r.is_sure = sure
 
 
@@ -72,10 +68,7 @@ def _branches(w: WriteWriter, segment: Choose | Optional, taken: Taken) -> None:
     names = {name for one in flat((segment,)) for name in one.value_names}
     if isinstance(segment, Choose):
         value = w.writer(taken.scope).value(segment.on)
-        tests = _case_tests(w, segment, value, (taken.scope, taken.struct, taken.path))
-        rows: list[tuple[str, Segments]] = list(tests)
-        if segment.otherwise is not None:
-            rows.append(("", segment.otherwise))
+        cases = _cases(w, segment, value, (taken.scope, taken.struct, taken.path))
     else:
         flags = []
         for one in flat(segment.of):
@@ -83,14 +76,13 @@ def _branches(w: WriteWriter, segment: Choose | Optional, taken: Taken) -> None:
                 member = taken.struct.members.get(name)
                 if member is not None and member.has:
                     flags.append(f"{taken.path}{member.flag}")
-        rows = [(" || ".join(flags) or "true", segment.of)]
-    first = True
+        cases = [(f"if ({' || '.join(flags) or 'true'})", segment.of), ("else", None)]
     with w.block(f"if ({guard})" if guard else ""):
-        for place, (test, segments) in enumerate(rows):
-            word = "" if first else "else "
-            header = f"{word}if ({test})" if test else word.strip()
-            first = False
+        for place, (header, segments) in enumerate(cases):
             with w.block(header):
+                if segments is None:
+                    _not_there(w, segment, taken)
+                    continue
                 w.add(f"{case} = {place};")
                 inner = Taken(CScope(taken.scope), taken.struct, taken.path)
                 w.scopes[id(segments)] = inner
@@ -98,13 +90,6 @@ def _branches(w: WriteWriter, segment: Choose | Optional, taken: Taken) -> None:
                 w.refuse_given((segment,), taken, segments)
                 for name in names & inner.scope.entries.keys() & (w.asked_by_name | {*w.by_name}):
                     _hand_out(w, name, inner.scope.entries[name], outside, taken)
-        if isinstance(segment, Choose) and segment.otherwise is None:
-            with w.block("else"):
-                w.fail("value")
-        elif isinstance(segment, Optional):
-            with w.block("else"):
-                w.refuse_given((segment,), taken)
-                w.add(";")
     if guard:
         with w.block("else"):
             w.refuse_given((segment,), taken)
@@ -112,6 +97,15 @@ def _branches(w: WriteWriter, segment: Choose | Optional, taken: Taken) -> None:
     for name, (local, there, value) in outside.items():
         taken.scope.entries[name] = replace(value, text=local, there=there)
         w.out.lines.insert(first_line, f"{INDENT * w.out.depth}{there} = false;")
+
+
+def _not_there(w: WriteWriter, segment: Choose | Optional, taken: Taken) -> None:
+    """No case fits, which no frame has; an optional part is left out."""
+    if isinstance(segment, Choose):
+        w.fail("value")
+    else:
+        w.refuse_given((segment,), taken)
+        w.add(";")
 
 
 def _hand_out(w: WriteWriter, name: str, value: Val, outside: dict[str, tuple[str, str, Val]], taken: Taken) -> None:
@@ -155,17 +149,15 @@ def _measure(m: CMeasureWriter, segment: Choose, scope: CScope, after: Pairs) ->
         value = Val("number", m.kept(value, "chosen_by"), value.low, value.high, value.there)
     elif "&bad" in value.text:
         raise CannotSayError(segment.at, "a choice by what may have no value")
-    tests = _case_tests(m, segment, value, (scope, m.struct, ""))
+    cases = _cases(m, segment, value, (scope, m.struct, ""))
     m.settle()
     finished = []
-    for place, (test, segments) in enumerate(tests):
-        with m.block(f"{'else ' if place else ''}if ({test})"):
-            finished.append(m.branch(m.pairs(segments, scope), after))
-    with m.block("else" if tests else ""):
-        if segment.otherwise is None:
-            m.add(f"return {LOST};")
-        else:
-            finished.append(m.branch(m.pairs(segment.otherwise, scope), after))
+    for header, segments in cases:
+        with m.block(header):
+            if segments is None:
+                m.add(f"return {LOST};")
+            else:
+                finished.append(m.branch(m.pairs(segments, scope), after))
     if all(finished):
         raise Finished
 
@@ -177,47 +169,39 @@ def _measure_optional(m: CMeasureWriter, segment: Segment, scope: CScope, after:
 # ---- the parts of these ---------------------------------------------------------------------------------------
 
 
-def _case_tests(r: Any, segment: Choose, value: Val, here: Any) -> list[tuple[str, Segments]]:
-    """The conditions of the cases, with what is there then; the value is put into a local first."""
+def _cases(r: Any, segment: Choose, value: Val, here: Any) -> list[tuple[str, Segments | None]]:
+    """The branches of the cases: what each begins with, and what is there then; None: no frame has that.
+
+    The value is put into a local first.
+    """
     field = r.by_name.get(str(segment.on).strip())
     names = field.values if isinstance(field, Field) and field.values is not None else {}
     numbers = {name: one for one, name in names.items()}
-    writer = r.writer(here[0])
-    if value.kind == "number":
-        local = r.local("int64_t", "chosen")
-        nothing = f" && {value.there}" if value.there else ""
-        text = value.text if not value.there else f"({value.there} ? {value.text} : 0)"
-        is_there = r.local("bool", "is_there", "true") if value.there else ""
-        if is_there:
-            r.add(f"{is_there} = {value.there};")
-            nothing = f" && {is_there}"
-        if r.is_reader and "&bad" in text:
-            r.add("bad = false;", f"{local} = {text};")
-            r.when("bad", r.note("value", r.at), r.leave())
-        else:
-            r.add(f"{local} = {text};")
-        chosen = Val("number", local)
-    elif value.kind == "bytes" and not value.fold:
-        nothing = f" && {value.there}" if value.there else ""
-        local = r.local("struct framekit_bytes", "chosen", "{ NULL, 0 }")
-        if r.is_reader and "&bad" in value.text:
-            r.add("bad = false;", f"{local} = {writer.bytes(value)};")
-            r.when("bad", r.note("value", r.at), r.leave())
-        else:
-            r.add(f"{local} = {writer.bytes(value)};")
-        chosen = Val("bytes", local)
-    else:
+    writer, is_number = r.writer(here[0]), value.kind == "number"
+    if not is_number and (value.kind != "bytes" or value.fold):
         raise CannotSayError(segment.at, "a choice by what is neither a number nor a text")
-    found = []
-    for keys, segments in segment.cases:
-        values = [numbers.get(one, one) if isinstance(one, str) else one for one in keys]
+    local = r.local("int64_t", "chosen") if is_number else r.local("struct framekit_bytes", "chosen", "{ NULL, 0 }")
+    text, there = value.text if is_number else writer.bytes(value), value.there
+    if is_number and there:
+        there = r.local("bool", "is_there", "true")
+        r.add(f"{there} = {value.there};")
+        text = f"({value.there} ? {text} : 0)"
+    if r.is_reader:
+        r.worked_out(local, text, lambda: (r.note("value", r.at), r.leave()))
+    else:
+        r.add(f"{local} = {text};")
+    chosen = Val(value.kind, local)
+    found: list[tuple[str, Segments | None]] = []
+    for place, (keys, segments) in enumerate(segment.cases):
         tests = []
-        for one in values:
+        for one in keys:
+            one = numbers.get(one, one) if isinstance(one, str) else one
             key = constant(one.encode("latin-1", "replace") if isinstance(one, str) else int(one))
-            tests.append(writer._same(segment.on.root, chosen, key))
+            tests.append(writer.same(segment.on.root, chosen, key))
         test = " || ".join(one for one in tests if one != "false") or "false"
-        found.append((f"({test}){nothing}" if nothing or len(tests) > 1 else test, segments))
-    return found
+        test = f"({test})" if there or len(tests) > 1 else test
+        found.append((f"{'else ' if place else ''}if ({test}{f' && {there}' if there else ''})", segments))
+    return [*found, ("else" if found else "", segment.otherwise)]
 
 
 KINDS = (

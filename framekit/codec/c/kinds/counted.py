@@ -32,8 +32,7 @@ def _read(r: ReadWriter, segment: Length | Count, here: Here, behind: Behind) ->
     size = r.sized(segment.type.size, scope, "length", refuse)
     r.take(size, refuse)
     r.stands(segment.name)
-    wire, failing = r.read_number(segment.type, r.raw, size, segment)
-    store_number(r, segment, member, here, wire, failing, f"{r.inn}.from", segment.type)
+    store_number(r, segment, here, r.read_number(segment.type, r.raw, size, segment))
     if awaited is None or wanted is None:
         return
     plus = f" + {number(segment.plus)}" if segment.plus else ""

@@ -44,19 +44,13 @@ def _read(r: ReadWriter, segment: Field, here: Here, behind: Behind) -> None:
         wanted = None  # it is compared at once
     awaited = None if wanted is None else Awaited(r, segment, member, here)
     if segment.long is not None:
-        _long(r, segment, member, here)
+        _long(r, segment, here)
     elif type_.kind in ("ascii", "bytes"):
         _text(r, segment, member, here, behind)
     elif type_.is_delimited:
         _delimited_number(r, segment, member, here)
     elif type_.size is None:
         raise CannotSayError(segment.at, f"'{segment.name}' is a number that its end shows")
-    elif member.kind == "decimal":
-        refuse = r.refuse(segment)
-        size = r.sized(type_.size, scope, "length", refuse)
-        r.take(size, refuse)
-        r.stands(segment.name)
-        _decimal(r, segment, member, here, size)
     else:
         refuse = r.refuse(segment)
         size = r.sized(type_.size, scope, "length", refuse)
@@ -64,9 +58,10 @@ def _read(r: ReadWriter, segment: Field, here: Here, behind: Behind) -> None:
         r.stands(segment.name)
         if type_.kind in ("float", "hex_float"):
             _read_float(r, segment, member, here)
+        elif member.kind == "decimal":
+            _decimal(r, segment, member, here, size)
         else:
-            wire, failing = r.read_number(wire_type(type_), r.raw, size, segment)
-            store_number(r, segment, member, here, wire, failing, f"{r.inn}.from", type_)
+            store_number(r, segment, here, r.read_number(wire_type(type_), r.raw, size, segment))
     if awaited is not None and wanted is not None:
         awaited.compare("value", lambda: r.default_value(segment, wanted, scope), wanted)
 
@@ -88,8 +83,7 @@ def _delimited_number(r: ReadWriter, segment: Field, member: CMember, here: Here
         if member.kind == "decimal":
             _decimal(r, segment, member, here, size)
         else:
-            wire, failing = r.read_number(wire_type(type_), r.raw, size, segment)
-            store_number(r, segment, member, here, wire, failing, f"{r.inn}.from", type_)
+            store_number(r, segment, here, r.read_number(wire_type(type_), r.raw, size, segment))
     r.is_sure = sure
     if type_.end is not None:
         r.add(f"{r.at} += {len(type_.end)};")
@@ -129,7 +123,7 @@ def _read_float(r: ReadWriter, segment: Field, member: CMember, here: Here) -> N
     validate_read(r, segment, member, f"{path}{member.cname}", f"{r.inn}.from")
 
 
-def _long(r: ReadWriter, segment: Field, member: CMember, here: Here) -> None:
+def _long(r: ReadWriter, segment: Field, here: Here) -> None:
     assert segment.long is not None
     short, longer = segment.type.fixed_size, segment.long.type.fixed_size
     if short is None or longer is None or segment.type.kind != "int" or segment.long.type.kind != "int":
@@ -146,7 +140,7 @@ def _long(r: ReadWriter, segment: Field, member: CMember, here: Here) -> None:
         wire, _ = r.read_number(segment.long.type, r.raw, str(longer), segment)
         r.add(f"{value} = (int64_t){wire};")
     r.stands_from(segment.name, start)
-    store_number(r, segment, member, here, value, "", start, segment.type)
+    store_number(r, segment, here, (value, ""), start)
 
 
 def _text(r: ReadWriter, segment: Field, member: CMember, here: Here, behind: Behind) -> None:
@@ -324,13 +318,7 @@ def _shown(w: WriteWriter, value: int | str | bytes) -> str:
 
 
 def _work_out(w: WriteWriter, segment: Field, expression: Expression, local: str, taken: Taken, is_text: bool) -> None:
-    value: Val | None = None
-    if segment.values is not None and isinstance(expression.root, Text):
-        named = {name: one for one, name in segment.values.items()}
-        if expression.root.value in named:
-            value = constant(named[expression.root.value])
-    if value is None:
-        value = w.writer(taken.scope).value(expression)
+    value = w.default_value(segment, expression, taken.scope)
     if value.kind == "none":
         w.add(";")
         return
@@ -409,9 +397,7 @@ def _validate(w: WriteWriter, segment: Field, taken: Taken) -> None:
     if segment.when is not None and member.has:
         flag = f"{taken.path}{member.flag}"
         if segment.default is not None and member.kind in ("number", "bytes"):
-            value = w.writer(taken.scope).value(segment.default) if not isinstance(segment.default.root, Text) else None
-            if value is None:
-                value = _default_of(w, segment, segment.default, taken)
+            value = w.default_value(segment, segment.default, taken.scope)
             differs = _differs(w, member, local, value, segment)
             w.fail_if(f"!{condition} && {flag} && {differs}", "value")
         else:
@@ -442,14 +428,6 @@ def _validate(w: WriteWriter, segment: Field, taken: Taken) -> None:
 
 def _constant(one: int | str | bytes) -> Val:
     return constant(one.encode("latin-1", "replace") if isinstance(one, str) else one)
-
-
-def _default_of(w: WriteWriter, segment: Field, default: Expression, taken: Taken) -> Val:
-    if segment.values is not None and isinstance(default.root, Text):
-        named = {name: one for one, name in segment.values.items()}
-        if default.root.value in named:
-            return constant(named[default.root.value])
-    return w.writer(taken.scope).value(default)
 
 
 def _differs(w: WriteWriter, member: CMember, local: str, value: Val, segment: Segment) -> str:

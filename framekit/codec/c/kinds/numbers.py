@@ -29,39 +29,28 @@ def wire_type(type_: FieldType) -> FieldType:
     return type_.inside if type_.kind == "scaled" and type_.inside is not None else type_
 
 
-def _changed(segment: Field | Length | Count, wire: str, type_: FieldType) -> str:
+def _changed(segment: Number, wire: str) -> str:
     """The text of the value from that of the number on the wire."""
     text = f"(int64_t){wire}" if "with_sign" not in wire else wire
-    if type_.kind == "scaled":
-        assert type_.scale is not None
-        text = f"({text} * {number(type_.scale.factor)} + {number(type_.scale.offset)})"
+    if segment.type.scale is not None:
+        text = f"({text} * {number(segment.type.scale.factor)} + {number(segment.type.scale.offset)})"
     if isinstance(segment, Field):
-        if segment.plus:
-            text = f"({text} - {number(segment.plus)})"
-        if segment.unit is not None and segment.unit != 1:
-            text = f"({text} * {number(segment.unit)})"
+        text = f"({text} - {number(segment.plus)})" if segment.plus else text
+        text = f"({text} * {number(segment.unit)})" if segment.unit not in (None, 1) else text
     if segment.zero_means is not None:
         text = f"({wire} == 0 ? {number(segment.zero_means)} : {text})"
     return text
 
 
-def store_number(
-    r: ReadWriter,
-    segment: Field | Length | Count,
-    member: CMember,
-    here: Here,
-    wire: str,
-    failing: str,
-    start: str,
-    type_: FieldType,
-) -> None:
-    """Keeps a number, and what must hold for it. `start`: where it begins in the buffer."""
-    target = f"{here[2]}{member.cname}"
+def store_number(r: ReadWriter, segment: Number, here: Here, read: tuple[str, str], start: str = "") -> None:
+    """Keeps a number, and what must hold for it. `read`: what `read_number` gave; `start`: where it begins."""
+    member, (wire, failing) = here[1].members[segment.name], read
+    target, start = f"{here[2]}{member.cname}", start or f"{r.inn}.from"
     with if_number(r, segment, failing, start):
         if member.high > MOST:
             r.add(f"{target} = ({member.ctype}){wire};")
         else:
-            r.add(f"{target} = ({member.ctype}){_changed(segment, wire, type_)};")
+            r.add(f"{target} = ({member.ctype}){_changed(segment, wire)};")
         r.is_there(member, here, sure=not failing)
         validate_read(r, segment, member, target, start)
 
@@ -329,13 +318,7 @@ def _read(m: CMeasureWriter, segment: Any, scope: CScope, raw: str, size: str) -
     low, high = number_range(segment, type_)
     if high > (1 << 63) - 1:
         raise CannotSayError(segment.at, "a number of 64 bits of which sizes depend")
-    text = f"(int64_t){wire}" if "with_sign" not in wire else wire
-    if isinstance(segment, Field):
-        text = f"({text} - {number(segment.plus)})" if segment.plus else text
-        text = f"({text} * {number(segment.unit)})" if segment.unit not in (None, 1) else text
-    if segment.zero_means is not None:
-        text = f"({wire} == 0 ? {number(segment.zero_means)} : {text})"
-    local = m.set_number(segment.name, scope, text, low, high)
+    local = m.set_number(segment.name, scope, _changed(segment, wire), low, high)
     if segment.limits is not None and segment.refuse is None:
         least, most = segment.limits
         m.add(f"if ({local} < {number(least)} || {local} > {number(most)}) {{", f"    return {LOST};", "}")
