@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Protocol
@@ -112,6 +112,27 @@ class CFunctionWriter:
                 if isinstance(node, Call) and node.function == "len" and isinstance(node.arguments[0], Name):
                     found.add(node.arguments[0].name)
         return found
+
+    def assembled(
+        self, header: str, first: str, lines: list[str], more: Iterable[str] = (), given: tuple[str, str] = ("v", "v->"),
+        begin: Iterable[str] = (), end: Iterable[str] = (),
+    ) -> CSource:  # fmt: skip
+        """The whole function. `first`: its first declaration; `more`: locals beside its own; `begin`, `end`: what stands
+        before its lines and behind them; `given`: a parameter that may be unused, and how lines use it.
+        """
+        lines, locals_ = pruned(lines, ["bool bad = false;", *more, *self.locals])
+        body = "\n".join(lines)
+        code = CSource()
+        with code.block(header):
+            code.add(first, *locals_)
+            if self.file.context and "context->" not in body and "context," not in body:
+                code.add("(void)context;")
+            if given[1] not in body:
+                code.add(f"(void){given[0]};")
+            code.add(*begin)
+            code.lines.extend(lines)
+            code.add(*end)
+        return code
 
     # ---- names --------------------------------------------------------------------------------------------
 

@@ -70,19 +70,9 @@ class CMeasureWriter(CFunctionWriter):
             self.return_total()
         except Finished:
             pass
-        lines, locals_ = pruned(
-            self.out.lines, ["bool bad = false;", "int64_t at = 0;", "int64_t stop = 0;", *self.locals]
-        )
-        body = "\n".join(lines)
-        code = CSource()
-        with code.block(f"static int64_t {name}(const uint8_t *data, size_t size{self.file.context})"):
-            code.add("const int64_t end = (int64_t)size;", *locals_)
-            if self.file.context and "context->" not in body and "context," not in body:
-                code.add("(void)context;")
-            if "data" not in body:
-                code.add("(void)data;")
-            code.lines.extend(lines)
-        return code
+        header = f"static int64_t {name}(const uint8_t *data, size_t size{self.file.context})"
+        first = "const int64_t end = (int64_t)size;"
+        return self.assembled(header, first, self.out.lines, ("int64_t at = 0;", "int64_t stop = 0;"), ("data", "data"))
 
     def _looks_inside(self) -> bool:
         inner = any(isinstance(one, Inner) and self.begins_with_constants(one) for one in flat(self.segments))

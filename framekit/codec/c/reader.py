@@ -61,7 +61,7 @@ class ReadWriter(CFunctionWriter):
         scope = CScope()
         surplus = -1 if frame.surplus is None else frame.surplus
         self.initial(self.struct, "v->")
-        if frame.most is not None and self._may_be_longer(frame):
+        if frame.most is not None:
             self.when(f"size > {frame.most}", f"fk_note(&in, FRAMEKIT_TOO_LONG, {frame.most}, -1);")
         if self._needs_limit(frame):
             self.when(f"size > {self.file.layouts.most_of(frame)}", "notes->no_room = true;", "return;")
@@ -69,25 +69,11 @@ class ReadWriter(CFunctionWriter):
             self.region(self.segments, scope, "v->", self.struct, frame)
             for write in self.late:
                 write()
-        out = CSource()
         self.file.helper("reader")
-        with out.block(
-            f"static void {name}(const uint8_t *data, size_t size{self.file.context}, struct"
-            f" {self.file.frame_enum(frame.name)} *v, struct fk_notes *notes)"
-        ):
-            lines, locals_ = pruned(self.out.lines, ["bool bad = false;", *self.locals])
-            body = "\n".join(lines)
-            out.add("struct fk_in in;", *locals_)
-            if self.file.context and "context->" not in body and "context," not in body:
-                out.add("(void)context;")
-            if "v->" not in body:
-                out.add("(void)v;")
-            out.add("fk_open(&in, data, size, notes);")
-            out.lines.extend(lines)
-        return out
-
-    def _may_be_longer(self, frame: Frame) -> bool:
-        return frame.most is not None
+        struct = self.file.frame_enum(frame.name)
+        header = f"static void {name}(const uint8_t *data, size_t size{self.file.context}, struct {struct} *v,"
+        begin = ("fk_open(&in, data, size, notes);",)
+        return self.assembled(f"{header} struct fk_notes *notes)", "struct fk_in in;", self.out.lines, begin=begin)
 
     def _needs_limit(self, frame: Frame) -> bool:
         """Whether the struct has room for as much as the C knows of, and the definition says no limit."""

@@ -42,10 +42,7 @@ def late_checks(segments: Segments) -> set[str]:
 
 @dataclass(slots=True)
 class Taken:
-    """Where the values of a list are taken from: the names, the struct, the path to it.
-
-    `absent`: members that must not be given where `condition` (a text) does not hold.
-    """
+    """Where the values of a list are taken from: the names, the struct, the path to it."""
 
     scope: CScope
     struct: CStruct
@@ -101,21 +98,9 @@ class WriteWriter(CFunctionWriter):
         self.out = front
         lines = self._rounds(front.lines)
         self.file.helper("writer")
-        lines, locals_ = pruned(lines, ["bool bad = false;", *self.locals])
-        body = "\n".join(lines)
-        code = CSource()
-        with code.block(
-            f"static void {name}(const struct {self.file.frame_enum(frame.name)} *v{self.file.context},"
-            " struct fk_out *w)"
-        ):
-            code.add("struct fk_out out = *w;", *locals_)
-            if self.file.context and "context->" not in body and "context," not in body:
-                code.add("(void)context;")
-            if "v->" not in body:
-                code.add("(void)v;")
-            code.lines.extend(lines)
-            code.add("*w = out;")
-        return code
+        struct = self.file.frame_enum(frame.name)
+        header = f"static void {name}(const struct {struct} *v{self.file.context}, struct fk_out *w)"
+        return self.assembled(header, "struct fk_out out = *w;", lines, end=("*w = out;",))
 
     def _late_in_order(self) -> list[Callable[[], None]]:
         """The check codes that had to wait, each after those that it covers itself."""
@@ -359,10 +344,6 @@ class WriteWriter(CFunctionWriter):
         if "to_place" not in self.used:
             self.local("uint8_t *", "to_place", "NULL")
         return "to_place"
-
-    def struct_most(self) -> int:
-        """Bytes of the frame at most, as far as the C knows."""
-        return self.most
 
     def can_say(self, expression: Expression, taken: Taken, name: str) -> bool:
         """Whether what a value is worked out by, if it is not given, has a form in C; it is told where it has none."""

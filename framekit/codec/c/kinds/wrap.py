@@ -134,7 +134,7 @@ def _put(w: WriteWriter, segment: Wrap, taken: Taken) -> None:
         w.add(f"{inside} = {w.inn};", f"{inside}.data += {plain};", f"{inside}.room -= {plain};", f"{inside}.at = 0;")
     else:
         content = w.static.all(segment.of).most
-        size = max(w.struct_most(), content or 0)
+        size = max(w.most, content or 0)
         inside, buffer = w.fresh("content"), w.fresh("plain")
         w.locals += [f"struct fk_out {inside};", f"uint8_t {buffer}[{max(size, 1)}];"]
         w.add(f"{inside}.data = {buffer};", f"{inside}.room = sizeof {buffer};", f"{inside}.at = 0;")
