@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 from framekit.codec.c.kinds.check import put_code
@@ -25,15 +26,16 @@ def open_wrap(
     row = _OPEN.get(type(coding))
     if row is None:
         raise CannotSayError(segment.at, f"a wrap of the kind {coding.shown}")
-    map_, how, call = row(r, coding, fixed)
-    r.add(f"{opened}.data = {room};", f"{opened}.map = {r.file.helper(map_)};")
-    if how:
+    way = row(r, coding, fixed)
+    call = f"{r.file.helper(way.function) if way.is_helper else way.function}({raw}{way.arguments}, {room}"
+    r.add(f"{opened}.data = {room};", f"{opened}.map = {r.file.helper(way.map)};")
+    if way.how:
         name = r.fresh("coding")
-        r.locals.append(f"static const struct fk_coding {name} = {{ {how} }};")
+        r.locals.append(f"static const struct fk_coding {name} = {{ {way.how} }};")
         r.add(f"{opened}.how = &{name};")
     bad = r.local("size_t", "bad_place")
     reason = r.local("enum framekit_reason", "opened_as", "FRAMEKIT_OK")
-    r.add(f"{reason} = {call(raw, room, capacity, f'&{opened}.end, &{bad}')};")
+    r.add(f"{reason} = {call}{f', {capacity}' if way.has_room else ''}, &{opened}.end, &{bad});")
     r.when(f"{reason} == FRAMEKIT_NO_ROOM", "notes->no_room = true;", r.leave())
     if isinstance(coding, Blocks):
         wrong = r.file.helper("wrong_check")
@@ -46,48 +48,38 @@ def open_wrap(
     return True
 
 
-Call = Callable[[str, str, int, str], str]
+@dataclass(frozen=True, slots=True)
+class Way:
+    """How content is taken off the wire. `map`: finds places of it; `how`: what that has to know (`struct fk_coding`).
+
+    `function`: takes it off, a helper or one of the file's own, with these `arguments` behind the bytes; `has_room`: it
+    is told how much room there is.
+    """
+
+    map: str
+    function: str
+    arguments: str = ""
+    how: str = ""
+    is_helper: bool = True
+    has_room: bool = True
 
 
-def _hex(r: Any, coding: Hex, fixed: int | None) -> tuple[str, str, Call]:
-    function = r.file.helper("open_hex")
-    return "map_hex", "", lambda raw, room, size, out: f"{function}({raw}, {room}, {size}, {out})"
+def _doubled(r: Any, coding: Doubled, fixed: int | None) -> Way:
+    how = f"{coding.escape}, NULL, 0, 0, 0, 0, {r.embedded}"
+    return Way("map_escaped", "open_doubled", f", {coding.escape}, {r.embedded}", how)
 
 
-def _doubled(r: Any, coding: Doubled, fixed: int | None) -> tuple[str, str, Call]:
-    function = r.file.helper("open_doubled")
-    some = r.embedded
-    how = f"{coding.escape}, NULL, 0, 0, 0, 0, {some}"
-    return (
-        "map_escaped",
-        how,
-        lambda raw, room, size, out: f"{function}({raw}, {coding.escape}, {some}, {room}, {size}, {out})",
-    )
-
-
-def _cobs(r: Any, coding: Cobs, fixed: int | None) -> tuple[str, str, Call]:
-    function = r.file.helper("open_cobs")
-    return "map_cobs", "", lambda raw, room, size, out: f"{function}({raw}, {room}, {size}, {out})"
-
-
-def _inserted(r: Any, coding: Inserted, fixed: int | None) -> tuple[str, str, Call]:
-    function = r.file.helper("open_inserted")
-    pieces = f"{string(coding.after)}, {len(coding.after)}, {string(coding.insert)}, {len(coding.insert)}"
+def _inserted(r: Any, coding: Inserted, fixed: int | None) -> Way:
+    pieces = f", {string(coding.after)}, {len(coding.after)}, {string(coding.insert)}, {len(coding.insert)}"
     how = f"0, (const uint8_t *){string(coding.after)}, {len(coding.after)}, {len(coding.insert)}, 0, 0, NULL, 0"
-    return "map_inserted", how, lambda raw, room, size, out: f"{function}({raw}, {pieces}, {room}, {size}, {out})"
+    return Way("map_inserted", "open_inserted", pieces, how)
 
 
-def _short(r: Any, coding: Short, fixed: int | None) -> tuple[str, str, Call]:
-    function = r.file.helper("open_short")
-    whole = fixed or 0
-    return (
-        "map_short",
-        "",
-        lambda raw, room, size, out: f"{function}({raw}, {coding.fill}, {coding.least}, {whole}, {room}, {out})",
-    )
+def _short(r: Any, coding: Short, fixed: int | None) -> Way:
+    return Way("map_short", "open_short", f", {coding.fill}, {coding.least}, {fixed or 0}", has_room=False)
 
 
-def _escaped(r: Any, coding: Escaped, fixed: int | None) -> tuple[str, str, Call]:
+def _escaped(r: Any, coding: Escaped, fixed: int | None) -> Way:
     name = f"fk_open_escaped_{coding.escape:02x}_" + "_".join(f"{byte:02x}{code:02x}" for byte, code in coding.codes)
     name += "" if coding.flip is None else f"_{coding.flip:02x}"
     code = CSource()
@@ -122,11 +114,10 @@ def _escaped(r: Any, coding: Escaped, fixed: int | None) -> tuple[str, str, Call
             code.add("to[(*got)++] = byte;", "at++;")
         code.add("return FRAMEKIT_OK;")
     r.file.function(name, code)
-    how = f"{coding.escape}, NULL, 0, 0, 0, 0, NULL, 0"
-    return "map_escaped", how, lambda raw, room, size, out: f"{name}({raw}, {room}, {size}, {out})"
+    return Way("map_escaped", name, how=f"{coding.escape}, NULL, 0, 0, 0, 0, NULL, 0", is_helper=False)
 
 
-def _blocks(r: Any, coding: Blocks, fixed: int | None) -> tuple[str, str, Call]:
+def _blocks(r: Any, coding: Blocks, fixed: int | None) -> Way:
     check = coding.check_code
     function, initial = r.file.checks.of(check.method, check.at)
     name = f"fk_open_blocks_{coding.size}_{function.removeprefix('fk_check_')}_{check.form}_{check.order}_{check.size}"
@@ -155,8 +146,7 @@ def _blocks(r: Any, coding: Blocks, fixed: int | None) -> tuple[str, str, Call]:
             code.add("memcpy(to + *got, raw + at, block);", "*got += block;", f"at += block + {check.size};")
         code.add("return found;")
     r.file.function(name, code)
-    how = f"0, NULL, 0, 0, {coding.size}, {check.size}, NULL, 0"
-    return "map_blocks", how, lambda raw, room, size, out: f"{name}({raw}, {room}, {size}, {out})"
+    return Way("map_blocks", name, how=f"0, NULL, 0, 0, {coding.size}, {check.size}, NULL, 0", is_helper=False)
 
 
 class _Lines:
@@ -169,11 +159,11 @@ class _Lines:
         self.when = code.when
 
 
-_OPEN: dict[type[Coding], Callable[[Any, Any, int | None], tuple[str, str, Call]]] = {
-    Hex: _hex,
+_OPEN: dict[type[Coding], Callable[[Any, Any, int | None], Way]] = {
+    Hex: lambda r, coding, fixed: Way("map_hex", "open_hex"),
     Doubled: _doubled,
     Escaped: _escaped,
-    Cobs: _cobs,
+    Cobs: lambda r, coding, fixed: Way("map_cobs", "open_cobs"),
     Inserted: _inserted,
     Short: _short,
     Blocks: _blocks,

@@ -10,7 +10,7 @@ from typing import Protocol
 
 from framekit.codec.c.checks import CheckFunctions
 from framekit.codec.c.expressions import CExpressionWriter, CFacts, CScope, Val, constant
-from framekit.codec.c.layout import CStruct, Layouts
+from framekit.codec.c.layout import Layouts
 from framekit.codec.c.source import CannotSayError, CSource, identifier, string
 from framekit.codec.python.encode_plan import Task
 from framekit.codec.python.facts import is_followed, names_asked_for
@@ -50,7 +50,6 @@ class FileFacts(CFacts, Protocol):
     """How it is handed on."""
 
     def to_give(self, frame: str, name: str, problem: Problem) -> None: ...
-    def structs_of(self, frame: str) -> CStruct: ...
     def frame_enum(self, frame: str) -> str: ...
 
     never_resyncs: bool
@@ -114,11 +113,17 @@ class CFunctionWriter:
         return found
 
     def assembled(
-        self, header: str, first: str, lines: list[str], more: Iterable[str] = (), given: tuple[str, str] = ("v", "v->"),
-        begin: Iterable[str] = (), end: Iterable[str] = (),
-    ) -> CSource:  # fmt: skip
-        """The whole function. `first`: its first declaration; `more`: locals beside its own; `begin`, `end`: what stands
-        before its lines and behind them; `given`: a parameter that may be unused, and how lines use it.
+        self,
+        header: str,
+        first: str,
+        lines: list[str],
+        more: Iterable[str] = (),
+        given: tuple[str, str] = ("v", "v->"),
+        begin: Iterable[str] = (),
+        end: Iterable[str] = (),
+    ) -> CSource:
+        """The whole function. `first`: its first declaration; `more`: locals beside its own; `given`: a parameter that
+        may be unused, and how lines use it; `begin`, `end`: what stands before its lines and behind them.
         """
         lines, locals_ = pruned(lines, ["bool bad = false;", *more, *self.locals])
         body = "\n".join(lines)
@@ -168,6 +173,18 @@ class CFunctionWriter:
             raise CannotSayError(segment.at, f"a segment of the kind '{segment.KEY or type(segment).__name__.lower()}'")
         return found
 
+    def kept(self, value: Val, name: str) -> str:
+        """The local with a number, or its text if it is always the same."""
+        if value.constant is not None:
+            return value.text
+        local = self.local("int64_t", name)
+        self.keep(local, value.text)
+        return local
+
+    def keep(self, local: str, text: str) -> None:
+        """Puts what is worked out into a local, and leaves the function, or tells, where it cannot be."""
+        raise NotImplementedError
+
     def worked_out(self, local: str, text: str, if_bad: Callable[[], tuple[str, ...]]) -> None:
         """Puts what is worked out into a local. `if_bad`: gives what is done where it cannot be."""
         if "&bad" not in text:
@@ -204,6 +221,19 @@ class CFunctionWriter:
     def block(self, header: str, behind: str = "") -> Iterator[None]:
         with self.out.block(header, behind):
             yield
+
+    @contextmanager
+    def where(self, condition: str) -> Iterator[None]:
+        """What is done where a condition holds; '' for one that always does."""
+        if condition:
+            with self.block(f"if ({condition})"):
+                yield
+        else:
+            yield
+
+    def value_local(self, name: str, *, is_text: bool) -> str:
+        """A local for a number, or for a text or bytes."""
+        return self.local("struct framekit_bytes", name, "{ NULL, 0 }") if is_text else self.local("int64_t", name)
 
     def add(self, *lines: str) -> None:
         self.out.add(*lines)
@@ -250,35 +280,32 @@ class CFunctionWriter:
                 signed = "true" if type_.signed else "false"
                 got = self.number_local()
                 call = f"{helper('any_int')}({raw}, {size}, {little}, {signed}, &{got})"
-                return got, self._failing(call)
+                return got, call
             case "digits":
                 little = "true" if type_.order == "little" else "false"
                 got = self.number_local()
-                return got, self._failing(f"{helper('digits')}({raw}, {size}, {type_.base}, {little}, &{got})")
+                return got, f"{helper('digits')}({raw}, {size}, {type_.base}, {little}, &{got})"
             case "bcd":
                 little = "true" if type_.order == "little" else "false"
                 got = self.number_local()
-                return got, self._failing(f"{helper('bcd')}({raw}, {size}, {little}, &{got})")
+                return got, f"{helper('bcd')}({raw}, {size}, {little}, &{got})"
             case "hex_int":
                 if type_.order not in ("big", "little"):
                     raise CannotSayError(at.at, f"digits of a number in the order {type_.order}")
                 little = "true" if type_.order == "little" else "false"
                 got = self.number_local()
-                call = self._failing(f"{helper('digits')}({raw}, {size}, 16, {little}, &{got})")
+                call = f"{helper('digits')}({raw}, {size}, 16, {little}, &{got})"
                 return f"{helper('with_sign')}({got}, {4 * (type_.fixed_size or 2)})", call
             case "decimal" | "fraction":
                 got = self.number_local()
                 call = f"{helper('decimal_number')}({raw}, {self.decimal_form(type_, size)}, &{got})"
-                return got, self._failing(call)
+                return got, call
         raise CannotSayError(at.at, f"a number as '{type_.kind}'")
 
     def number_local(self) -> str:
         if "got" not in self.used:
             self.local("uint64_t", "got")
         return "got"
-
-    def _failing(self, call: str) -> str:
-        return call
 
     def decimal_form(self, type_: FieldType, size: str) -> str:
         """The arguments that say how a number is written as text: how many characters, whether always so many, how."""

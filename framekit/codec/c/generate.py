@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -22,7 +22,7 @@ from framekit.codec.evaluate import start_values
 from framekit.codec.python.choices import Leaf, Switch, in_order, tree_of
 from framekit.definition.expression import Name, Node
 from framekit.definition.kinds.base import constant_number
-from framekit.definition.model.frames import Frame, StaticSizes, everything, flat
+from framekit.definition.model.frames import Frame, StaticSizes, everything
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Bits, Field, Inner, Segments
 from framekit.definition.model.values import Table
@@ -110,9 +110,6 @@ class CFile:
     def to_give(self, frame: str, name: str, problem: Problem) -> None:
         """A value that has to be given, as C cannot work it out."""
         self.given_only[frame, name] = problem
-
-    def structs_of(self, frame: str) -> CStruct:
-        return self.structs[frame]
 
     def frame_enum(self, frame: str) -> str:
         return f"{self.prefix}_{identifier(frame)}"
@@ -278,7 +275,7 @@ class CFile:
             if self.context:
                 code.add("(void)context;")
             code.add("fault->reason = FRAMEKIT_OK;")
-            self._tree(code, tree_of(self.static, order), upper)
+            self._switch(code, tree_of(self.static, order), lambda left: self._tried(code, left, upper))
             code.add(f"v->frame = {upper}_FRAME_UNKNOWN;", "v->of.unknown = fk_view(data, size);")
         self.functions[name] = code
         return name
@@ -302,7 +299,8 @@ class CFile:
             code.add("int64_t want = 0, other = 0, found;", "bool quiet = false, lost = false;")
             every = ", ".join(str(place) for place in range(len(order)))
             code.add(f"static const unsigned every[] = {{ {every} }};", "list = every;", f"count = {len(order)};")
-            self._lists(code, tree_of(self.static, order), order)
+            if isinstance(tree := tree_of(self.static, order), Switch):
+                self._switch(code, tree, lambda left: self._listed(code, left, order), "whole")
             with code.block("for (i = 0; i < count; i++)"):
                 code.add("struct fk_notes notes;", "struct framekit_fault fault;")
                 with code.block("union", " scratch;"):
@@ -343,43 +341,40 @@ class CFile:
         self.firsts[frames] = name
         return name
 
-    def _lists(self, code: CSource, tree: Leaf | Switch, order: tuple[str, ...], inside: bool = False) -> None:
+    def _listed(self, code: CSource, frames: tuple[str, ...], order: tuple[str, ...]) -> None:
         """Which frames a deciding byte leaves."""
-        if isinstance(tree, Leaf):
-            if not inside:
-                return
-            if not tree.frames:
-                code.add("count = 0;")
-                return
-            some = ", ".join(str(order.index(one)) for one in tree.frames)
-            code.add(f"static const unsigned some[] = {{ {some} }};", "list = some;", f"count = {len(tree.frames)};")
+        if not frames:
+            code.add("count = 0;")
             return
-        with code.block(f"switch (size > {tree.at} ? (int)data[{tree.at}] : -1)"):
-            for value, one in tree.cases:
-                with code.block(f"case {value}:"):
-                    self._lists(code, one, order, True)
-                    code.add("break;")
-            code.add("case -1:")
-            with code.block("if (whole)"):
-                self._lists(code, tree.others, order, True)
-            code.add("break;")
-            with code.block("default:"):
-                self._lists(code, tree.others, order, True)
-                code.add("break;")
+        some = ", ".join(str(order.index(one)) for one in frames)
+        code.add(f"static const unsigned some[] = {{ {some} }};", "list = some;", f"count = {len(frames)};")
 
-    def _tree(self, code: CSource, tree: Leaf | Switch, upper: str) -> None:
+    def _switch(
+        self, code: CSource, tree: Leaf | Switch, leaf: Callable[[tuple[str, ...]], None], cut: str = ""
+    ) -> None:
+        """What is done with the frames that a deciding byte leaves. `cut`: the condition under which that is so where
+        the bytes end before it; always without.
+        """
         if isinstance(tree, Leaf):
-            for one in tree.frames:
-                self._try(code, one, upper)
+            leaf(tree.frames)
             return
         with code.block(f"switch (size > {tree.at} ? (int)data[{tree.at}] : -1)"):
             for value, inside in tree.cases:
                 with code.block(f"case {value}:"):
-                    self._tree(code, inside, upper)
+                    self._switch(code, inside, leaf, cut)
                     code.add("break;")
-            with code.block("default:"):
-                self._tree(code, tree.others, upper)
+            if cut:
+                code.add("case -1:")
+                with code.block(f"if ({cut})"):
+                    self._switch(code, tree.others, leaf, cut)
                 code.add("break;")
+            with code.block("default:"):
+                self._switch(code, tree.others, leaf, cut)
+                code.add("break;")
+
+    def _tried(self, code: CSource, frames: tuple[str, ...], upper: str) -> None:
+        for one in frames:
+            self._try(code, one, upper)
 
     def _try(self, code: CSource, frame: str, upper: str) -> None:
         reader = f"{self.prefix}_fk_read_{identifier(frame)}"
@@ -816,10 +811,3 @@ struct framekit_fault {
 };
 #endif"""
 )
-
-
-__all__ = ["MOST_BYTES", "Generated", "constant", "flat", "generate", "replace"]
-
-
-def names_of(frames: Iterable[Any]) -> list[str]:
-    return [one.name for one in frames]

@@ -7,14 +7,14 @@ stand otherwise on the wire.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from framekit.codec.c.expressions import CExpressionWriter, CFacts, CScope, Val
 from framekit.codec.c.source import CannotSayError, CNames, CSource, comment, identifier
 from framekit.codec.python import forms
-from framekit.definition.codings import Doubled, Plain
+from framekit.definition.codings import Plain
 from framekit.definition.expression import Expression
 from framekit.definition.model.frames import Frame, StaticSizes, flat
 from framekit.definition.model.segments import (
@@ -159,7 +159,6 @@ class Layouts:
     def _values(self, segments: Segments, struct: CStruct, outer: CScope | None = None) -> None:
         """Values that take no bytes have the kind of what they follow from."""
         waiting = [one for one in flat(segments) if isinstance(one, Value)]
-        conditional = _conditional(segments)
         while waiting:
             scope = scope_of(struct, "", outer)
             names = {one.name for one in waiting}
@@ -168,7 +167,7 @@ class Layouts:
                 raise CannotSayError(waiting[0].at, "values that follow from each other")
             for one in ready:
                 value = CExpressionWriter(self.outside, scope).value(one.read)
-                self._value(one, value, struct, id(one) in conditional)
+                self._value(one, value, struct)
             waiting = [one for one in waiting if one not in ready]
         for segment in flat(segments):
             member = struct.members.get(segment.name or "")
@@ -176,7 +175,7 @@ class Layouts:
                 self._values(segment.members, member.inside, scope_of(struct, "", outer))
 
     @staticmethod
-    def _value(segment: Value, value: Val, struct: CStruct, conditional: bool) -> None:
+    def _value(segment: Value, value: Val, struct: CStruct) -> None:
         if value.fold and value.most_size is not None and value.most_size <= 64:
             member = CMember(segment.name, "bytes", "", segment.at, capacity=value.most_size, room="room")
             _add(struct, segment.name, member, True)
@@ -198,16 +197,6 @@ def _read(value: Value) -> set[str]:
     from framekit.definition.expression import names_in
 
     return names_in(value.read.root) - {value.name}
-
-
-def _conditional(segments: Segments, there: bool = True) -> set[int]:
-    found: set[int] = set()
-    for segment in segments:
-        if not there or segment.when is not None:
-            found.add(id(segment))
-        for block in segment.blocks:
-            found |= _conditional(block, there and segment.is_there_inside and segment.when is None)
-    return found
 
 
 def _add(struct: CStruct, name: str, member: CMember, has: bool) -> CMember:
@@ -450,10 +439,3 @@ def val_of(member: CMember, text: str, there: str = "") -> Val:
         case "inner":
             return Val("record", text, there=there, wire="")
     return Val("other", text)
-
-
-def all_members(struct: CStruct) -> Iterator[CMember]:
-    yield from struct.members.values()
-
-
-__all__ = ["CMember", "CStruct", "Doubled", "Layouts", "all_members", "declare", "inner_name", "scope_of", "val_of"]

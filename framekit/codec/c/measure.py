@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from framekit.codec.c.expressions import CScope, Val
-from framekit.codec.c.functions import CFunctionWriter, FileFacts, pruned
+from framekit.codec.c.functions import CFunctionWriter, FileFacts
 from framekit.codec.c.layout import CStruct
 from framekit.codec.c.source import CannotSayError, CSource, identifier, string
 from framekit.codec.python.choices import fixed_bytes
@@ -168,15 +168,8 @@ class CMeasureWriter(CFunctionWriter):
 
     # ---- values -------------------------------------------------------------------------------------------
 
-    def kept(self, value: Val, name: str) -> str:
-        """The local with a number; the end is lost where it cannot be worked out."""
-        if value.constant is not None:
-            return value.text
-        local = self.local("int64_t", name)
-        self.keep(local, value.text)
-        return local
-
     def keep(self, local: str, text: str) -> None:
+        """Puts what is worked out into a local; the end is lost where it cannot be."""
         self.worked_out(local, text, lambda: (f"return {LOST};",))
 
     def condition(self, expression: Expression, scope: CScope) -> str:

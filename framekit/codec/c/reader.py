@@ -11,9 +11,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 from framekit.codec.c.expressions import MOST, CScope, Val
-from framekit.codec.c.functions import CFunctionWriter, FileFacts, pruned, stands
+from framekit.codec.c.functions import CFunctionWriter, FileFacts, stands
 from framekit.codec.c.layout import CMember, CStruct, val_of
-from framekit.codec.c.source import CannotSayError, CSource, identifier, string
+from framekit.codec.c.source import CannotSayError, CSource, string
 from framekit.codec.python.facts import fixed_and_conditional, parts_around
 from framekit.definition.expression import Expression, names_in
 from framekit.definition.kinds.base import Segment
@@ -211,24 +211,21 @@ class ReadWriter(CFunctionWriter):
 
     def stored(self, member: CMember, scope: CScope, name: str, *, sure: bool = True) -> None:
         """Expressions may read the value of a name from here on."""
-        known = self.known.get(id(member), "")
-        if known:
-            self.add(f"{known} = 1;")
+        self.mark(member, 1)
         entry = scope.entries.get(name)
         if entry is not None and sure and self.is_sure and entry.kind != "record":
             scope.entries[name] = replace(entry, known="", there="")
 
-    def nothing(self, member: CMember) -> None:
-        known = self.known.get(id(member), "")
+    def mark(self, member: CMember | None, state: int) -> None:
+        """What expressions are told of a member: 0: it has not been read, 1: it has, 2: it is nothing."""
+        known = "" if member is None else self.known.get(id(member), "")
         if known:
-            self.add(f"{known} = 2;")
+            self.add(f"{known} = {state};")
 
     def forget(self, struct: CStruct) -> None:
         """Nothing is known of an item before it is read."""
         for member in struct.members.values():
-            known = self.known.get(id(member), "")
-            if known:
-                self.add(f"{known} = 0;")
+            self.mark(member, 0)
             if member.kind == "record" and member.inside is not None:
                 self.forget(member.inside)
 
@@ -429,10 +426,10 @@ class ReadWriter(CFunctionWriter):
             for name in one.value_names:
                 member = struct.members.get(name)
                 if name in self.asked_by_name and name not in known and member is not None:
-                    self.nothing(member)
+                    self.mark(member, 2)
                     if member.kind == "record" and member.inside is not None:
                         for inner in member.inside.members.values():
-                            self.nothing(inner)
+                            self.mark(inner, 2)
 
     def absent(self, segment: Segment) -> None:
         """Nothing of a segment is there: it takes no bytes here."""
@@ -519,6 +516,3 @@ Here = tuple[CScope, CStruct, str]
 def has_checks(segments: Segments) -> bool:
     """Whether there are check codes in a part that make it bad."""
     return any(isinstance(segment, Check) and segment.verify == "error" for segment in everything(segments))
-
-
-__all__ = ["Behind", "Here", "ReadWriter", "has_checks", "identifier"]

@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 from framekit.codec.c.expressions import CScope, Val
-from framekit.codec.c.functions import CFunctionWriter, FileFacts, pruned, stands
-from framekit.codec.c.layout import CMember, CStruct
+from framekit.codec.c.functions import CFunctionWriter, FileFacts, stands
+from framekit.codec.c.layout import CMember, CStruct, scope_of
 from framekit.codec.c.source import CannotSayError, CSource, string
 from framekit.codec.python.encode_plan import Task, run_in_order
 from framekit.codec.python.facts import ending_constants, follows_its_length
@@ -168,13 +168,6 @@ class WriteWriter(CFunctionWriter):
         value = self.number(expression, taken.scope)
         return self.kept(value, name)
 
-    def kept(self, value: Val, name: str) -> str:
-        if value.constant is not None:
-            return value.text
-        local = self.local("int64_t", name)
-        self.keep(local, value.text)
-        return local
-
     def keep(self, local: str, text: str) -> None:
         """Puts what is worked out into a local."""
         self.worked_out(local, text, lambda: (self.failing("value"),))
@@ -214,13 +207,10 @@ class WriteWriter(CFunctionWriter):
             tasks += self.tasks_of(segment, taken)
         for task in tasks:
             task.waits_for.difference_update(task.gives)
-        givers = {name for task in tasks for name in task.gives}
-        done: set[str] = set()
-        for task in tasks:
-            self._guarded(task, givers, done)
+            self._guarded(task)
         run_in_order(tasks)
 
-    def _guarded(self, task: Task, givers: set[str], done: set[str]) -> None:
+    def _guarded(self, task: Task) -> None:
         """A task that has to go on without what it waits for takes that from what is given; C has no such values."""
         write = task.write
 
@@ -242,16 +232,8 @@ class WriteWriter(CFunctionWriter):
         """Where values wait for each other in a circle, those that are not worked out yet are the given ones."""
         if not self.missing:
             return taken
-        from framekit.codec.c.layout import val_of
-
-        scope = CScope(taken.scope)
-        for name in self.missing:
-            member = taken.struct.members.get(name)
-            if member is None:
-                continue
-            path = f"{taken.path}{member.cname}"
-            value = val_of(member, path, f"{taken.path}{member.flag}" if member.has else "")
-            scope.entries[name] = value
+        given = scope_of(taken.struct, taken.path).entries
+        scope = CScope(taken.scope, {name: given[name] for name in self.missing if name in given})
         return Taken(scope, taken.struct, taken.path)
 
     def waits(self, *expressions: Expression | None) -> set[str]:
@@ -304,12 +286,8 @@ class WriteWriter(CFunctionWriter):
                 continue
             begin = self.local("size_t", "begun")
             self.add(f"{begin} = {self.inn}.at;")
-            if segment.when is None:
+            with self.where(self.condition(segment, taken)):
                 put(self, segment, taken)
-            else:
-                condition = self.holds(segment.when, taken)
-                with self.block(f"if ({condition})"):
-                    put(self, segment, taken)
             span = self.span(segment.name)
             if span is not None:
                 self.add(*stands(span, f"{self.inn}.data", begin, f"{self.inn}.at"))

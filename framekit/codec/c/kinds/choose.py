@@ -115,8 +115,7 @@ def _hand_out(w: WriteWriter, name: str, value: Val, outside: dict[str, tuple[st
             raise CannotSayError(w.by_name[name].at, f"the record '{name}' of a case, which is read outside it")
         return
     if name not in outside:
-        type_ = "int64_t" if value.kind == "number" else "struct framekit_bytes"
-        local = w.local(type_, f"{name}_out", "0" if value.kind == "number" else "{ NULL, 0 }")
+        local = w.value_local(f"{name}_out", is_text=value.kind == "bytes")
         outside[name] = local, w.local("bool", f"{name}_is_out", "false"), value
     local, there, known = outside[name]
     if known.kind != value.kind:
@@ -180,7 +179,7 @@ def _cases(r: Any, segment: Choose, value: Val, here: Any) -> list[tuple[str, Se
     writer, is_number = r.writer(here[0]), value.kind == "number"
     if not is_number and (value.kind != "bytes" or value.fold):
         raise CannotSayError(segment.at, "a choice by what is neither a number nor a text")
-    local = r.local("int64_t", "chosen") if is_number else r.local("struct framekit_bytes", "chosen", "{ NULL, 0 }")
+    local = r.value_local("chosen", is_text=not is_number)
     text, there = value.text if is_number else writer.bytes(value), value.there
     if is_number and there:
         there = r.local("bool", "is_there", "true")

@@ -73,7 +73,7 @@ def _delimited_number(r: ReadWriter, segment: Field, member: CMember, here: Here
     size = f"(int64_t)({stop} - {start})"
     if type_.form is not None and type_.form.empty:
         with r.block(f"if ({stop} == {start})"):
-            r.nothing(member)
+            r.mark(member, 2)
             r.add(";")
         header = "else"
     else:
@@ -229,11 +229,9 @@ def _take(w: WriteWriter, segment: Field, taken: Taken) -> None:
         _take_decimal(w, segment, member, taken)
         return
     is_text = member.kind == "bytes"
-    local = w.local("struct framekit_bytes" if is_text else "int64_t", f"{segment.name}_value",
-                    "{ NULL, 0 }" if is_text else "0")  # fmt: skip
+    local = w.value_local(f"{segment.name}_value", is_text=is_text)
     there = ""
-    wide = not is_text and member.high > MOST
-    if wide:
+    if not is_text and member.high > MOST:
         _take_wide(w, segment, member, taken)
         return
     cast = "" if is_text else "(int64_t)"
@@ -248,12 +246,9 @@ def _take(w: WriteWriter, segment: Field, taken: Taken) -> None:
             condition = w.holds(segment.when, taken)
             there = condition
     elif segment.is_ is not None:
-        if condition:
-            with w.block(f"if ({condition})"):
-                _work_out(w, segment, segment.is_, local, source, is_text)
-            there = condition
-        else:
+        with w.where(condition):
             _work_out(w, segment, segment.is_, local, source, is_text)
+        there = condition
     else:
         flag = w.given_flag(member, taken)
         chosen = segment.build or segment.default
@@ -290,19 +285,17 @@ def _take(w: WriteWriter, segment: Field, taken: Taken) -> None:
                 with w.block("else"):
                     _work_out(w, segment, chosen, local, source, is_text)
     if not is_text:
-        bound(w, segment, member, local, condition)
+        bound(w, member, local)
     entry = val_of(member, local)
-    if not is_text and entry.kind == "number":
-        entry = replace(entry, text=local)
     if not is_text and entry.kind == "number":
         limits = forms.value_range(segment)
         low = entry.low if limits.least is None else max(entry.low, min(limits.least, 0))
         high = entry.high if limits.most is None else min(entry.high, max(limits.most, 0))
-        entry = replace(entry, low=min(low, entry.low), high=max(high, entry.high))
-    taken.scope.entries[segment.name] = replace(entry, there=there, wire=_room_text(w, segment, taken, local))
+        entry = replace(entry, text=local, low=min(low, entry.low), high=max(high, entry.high))
+    taken.scope.entries[segment.name] = replace(entry, there=there, wire=_room_text(segment))
 
 
-def _room_text(w: WriteWriter, segment: Field, taken: Taken, local: str) -> str:
+def _room_text(segment: Field) -> str:
     """The bytes it takes, of what has no length of its own."""
     size = segment.type.fixed_size
     if segment.type.kind in ("ascii", "bytes") or size is None or segment.long is not None:

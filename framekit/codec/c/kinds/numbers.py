@@ -178,7 +178,7 @@ class Awaited:
 # ---- built ----------------------------------------------------------------------------------------------------
 
 
-def bound(w: WriteWriter, segment: Number, member: CMember, local: str, condition: str) -> None:
+def bound(w: WriteWriter, member: CMember, local: str) -> None:
     """A number outside what its type holds is refused, and nothing is worked out with it."""
     if member.places:
         return

@@ -42,9 +42,8 @@ def _read_record(r: ReadWriter, segment: Record, here: Here, behind: Behind) -> 
     r.add(f"{start} = {r.at};")
     if member.has:
         r.add(f"{path}{member.flag} = true;")
+    r.mark(member, 1)
     known = r.known.get(id(member), "")
-    if known:
-        r.add(f"{known} = 1;")
     inside = CScope(scope)
     inner_path = f"{path}{member.cname}."
     r.declare(segment.of, inside, member.inside, inner_path)
@@ -178,7 +177,7 @@ def _items(r: ReadWriter, segment: Repeat, of: Segments, here: Here, behind: Beh
             inside.entries[LAST] = Val("number", f"(int64_t){ended}", 0, 1, is_flag=True)
         else:
             inside.entries[LAST] = Val("number", f"(int64_t)({last})", 0, 1, is_flag=True)
-        inside.entries[PREVIOUS] = _previous(r, member, target)
+        inside.entries[PREVIOUS] = _previous(member, target)
         r.declare(of, inside, member.inside, item_path)
         outside, r.in_item = r.in_item, True
         r.list(of, (inside, member.inside, item_path), ())
@@ -206,7 +205,7 @@ def _has_open_number(segments: Segments) -> bool:
     return any(isinstance(one, Field) and one.type.is_delimited and one.type.form is not None for one in segments)
 
 
-def _previous(r: ReadWriter, member: CMember, target: str) -> Val:
+def _previous(member: CMember, target: str) -> Val:
     assert member.inside is not None
     inside = scope_of(member.inside, f"{target}.items[{target}.count - 1].")
     return Val("record", target, there=f"{target}.count > 0", inside=inside)
@@ -238,9 +237,7 @@ def _record_values(w: WriteWriter, segment: Record, taken: Taken) -> list[Task]:
             w.fail_if(f"!{condition} && {taken.path}{member.flag}", "value")
             if segment.wanted_names:
                 w.fail_if(f"{condition} && !{taken.path}{member.flag}", "value")
-            with w.block(f"if ({condition})"):
-                w.values(segment.of, inner)
-        else:
+        with w.where(condition):
             w.values(segment.of, inner)
         taken.scope.entries[segment.name] = Val("record", "", there=condition, inside=inner.scope, wire="true")
 

@@ -68,8 +68,7 @@ def _values(w: WriteWriter, segment: Value, taken: Taken) -> list[Task]:
     def write(missing: set[str]) -> None:
         member = taken.member(segment.name)
         is_text = member.kind == "bytes"
-        local = w.local("struct framekit_bytes" if is_text else "int64_t", f"{segment.name}_value",
-                        "{ NULL, 0 }" if is_text else "0")  # fmt: skip
+        local = w.value_local(f"{segment.name}_value", is_text=is_text)
         condition = w.condition(segment, taken)
         source = w.with_missing(taken)
         there = w.local("bool", f"{segment.name}_there", "false")
@@ -152,11 +151,7 @@ def _differs_kept(w: WriteWriter, member: CMember, local: str, value: Val, segme
 
 def _require_values(w: WriteWriter, segment: Require, taken: Taken) -> list[Task]:
     def write(missing: set[str]) -> None:
-        guard = w.condition(segment, taken)
-        if guard:
-            with w.block(f"if ({guard})"):
-                w.fail_if(f"!{w.holds(segment.condition, taken)}", "require")
-        else:
+        with w.where(w.condition(segment, taken)):
             w.fail_if(f"!{w.holds(segment.condition, taken)}", "require")
 
     return [Task((), w.waits(segment.condition, segment.when), write)]

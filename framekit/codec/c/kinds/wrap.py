@@ -77,10 +77,7 @@ def _forget_content(r: ReadWriter, segments: Segments, struct: Any) -> None:
     """What is worked out of nothing is no value of the frame, and no check code counts it."""
     for one in flat(segments):
         for name in one.value_names:
-            member = struct.members.get(name)
-            known = "" if member is None else r.known.get(id(member), "")
-            if known:
-                r.add(f"{known} = 0;")
+            r.mark(struct.members.get(name), 0)
         if one.name in r.spans:
             r.add(f"{r.spans[one.name]}.there = false;")
     r.add(";")
