@@ -85,21 +85,19 @@ class CMeasureWriter(CFunctionWriter):
     def _compare_start(self) -> None:
         constant = leading(self.static, self.segments)
         for place, byte in enumerate(constant):
-            self.add(f"if (end > {place} && data[{place}] != {byte}) {{", "    return 0;", "}")
+            self.when(f"end > {place} && data[{place}] != {byte}", "return 0;")
         for place, allowed in self._first_bytes():
             if place < len(constant):
                 continue
             with self.block(f"if (end > {place})"):
                 if len(allowed) <= 8:
                     tests = " && ".join(f"data[{place}] != {one}" for one in sorted(allowed))
-                    self.add(f"if ({tests}) {{", "    return 0;", "}")
+                    self.when(tests, "return 0;")
                 else:
                     bits = [sum(1 << bit for bit in range(8) if 8 * row + bit in allowed) for row in range(32)]
                     rows = ", ".join(map(str, bits))
                     self.add(f"static const uint8_t allowed[32] = {{ {rows} }};")
-                    self.add(
-                        f"if ((allowed[data[{place}] >> 3] >> (data[{place}] & 7) & 1) == 0) {{", "    return 0;", "}"
-                    )
+                    self.when(f"(allowed[data[{place}] >> 3] >> (data[{place}] & 7) & 1) == 0", "return 0;")
 
     def _first_bytes(self) -> Iterable[tuple[int, frozenset[int]]]:
         if self.file.never_resyncs:
@@ -136,15 +134,15 @@ class CMeasureWriter(CFunctionWriter):
             wanted = self.place + size
             if wanted > self.sure:
                 self.sure = wanted
-                self.add(f"if (end < {wanted}) {{", f"    return end - {self.place + least};", "}")
+                self.when(f"end < {wanted}", f"return end - {self.place + least};")
             return
         more = f"end - at - {least}"
         text = more if self.is_bounded() else f"at + {least} <= {self.most} ? {more} : {LOST}"
-        self.add(f"if (end < at + {size}) {{", f"    return {text};", "}")
+        self.when(f"end < at + {size}", f"return {text};")
 
     def want_until_stop(self, after: Pairs) -> None:
         least = self.least(after)
-        self.add("if (end < stop) {", f"    return stop + {least} <= {self.most} ? end - stop - {least} : {LOST};", "}")
+        self.when("end < stop", f"return stop + {least} <= {self.most} ? end - stop - {least} : {LOST};")
 
     def skip(self, size: str) -> None:
         if size.isdigit() and self.place is not None:
@@ -163,7 +161,7 @@ class CMeasureWriter(CFunctionWriter):
             return
         longest = self.static.all(self.segments).most
         if self.looks_for_end or longest is None or longest > self.most:
-            self.add(f"if (at > {self.most}) {{", f"    return {LOST};", "}")
+            self.when(f"at > {self.most}", f"return {LOST};")
         self.add("return at <= end ? at : end - at;")
 
     # ---- values -------------------------------------------------------------------------------------------
@@ -187,13 +185,13 @@ class CMeasureWriter(CFunctionWriter):
             raise CannotSayError(expression.at, "a size that is no number")
         if value.there:
             by_state = not (names_in(expression.root) & self.by_value_name.keys())
-            self.add(f"if (!({value.there})) {{", f"    return {'0' if by_state else LOST};", "}")
+            self.when(f"!({value.there})", f"return {'0' if by_state else LOST};")
         local = self.kept(value, "told")
         if value.low < 0:
             by_fields = bool(names_in(expression.root) & self.by_value_name.keys())
-            self.add(f"if ({local} < 0) {{", f"    return {LOST if by_fields else '0'};", "}")
+            self.when(f"{local} < 0", f"return {LOST if by_fields else '0'};")
         if value.high > 1 << 40:
-            self.add(f"if ({local} > {1 << 30}) {{", f"    return {LOST};", "}")
+            self.when(f"{local} > {1 << 30}", f"return {LOST};")
         return local
 
     def set_number(self, name: str, scope: CScope, text: str, low: int, high: int) -> str:
@@ -304,8 +302,8 @@ class CMeasureWriter(CFunctionWriter):
         with self.block(f"while (at <= end && {call})"):
             self.add(f"at = (int64_t){found};")
             total = f"at + {behind}"
-            self.add(f"if ({total} > {self.most}) {{", f"    return {LOST};", "}")
-            self.add(f"if ({total} > end) {{", f"    return end - ({total});", "}")
+            self.when(f"{total} > {self.most}", f"return {LOST};")
+            self.when(f"{total} > end", f"return end - ({total});")
             if not may_hold or not any(isinstance(one, Check) for one, _ in after):
                 self.add(f"return {total};")
             else:
@@ -349,7 +347,7 @@ class CMeasureWriter(CFunctionWriter):
     def _until_silence(self, after: Pairs) -> None:
         behind = self.least(after)
         self.settle()
-        self.add(f"if (end < at + {behind}) {{", f"    return end - at - {behind};", "}")
+        self.when(f"end < at + {behind}", f"return end - at - {behind};")
         self.add(f"return end <= {self.most} ? {QUIET} : {LOST};")
         raise Finished
 

@@ -89,9 +89,9 @@ def _measure(m: CMeasureWriter, segment: Check, scope: CScope, after: Pairs) -> 
             m.add("memset(&notes, 0, sizeof notes);", f"fk_open(&in, data, {start}, &notes);")
             m.file.helper("reader")
             if work_out(m, segment, scope, code, start):
-                m.add("if (bad) {", f"    return {LOST};", "}")
+                m.when("bad", f"return {LOST};")
             put_code(m, segment, code, "right")
-            m.add(f"if (memcmp(right, data + {start}, {segment.size}) != 0) {{", f"    return {LOST};", "}")
+            m.when(f"memcmp(right, data + {start}, {segment.size}) != 0", f"return {LOST};")
     m.skip(str(segment.size))
 
 
@@ -199,7 +199,7 @@ def _added(r: Any, part: Added, scope: CScope, function: str, code: str, place: 
         tests = [f"number < {number(bounds[0])}"] if value.low < bounds[0] else []
         tests += [f"number > {number(bounds[1])}"] if value.high > bounds[1] else []
         if tests:
-            r.add(f"if ({' || '.join(tests)}) {{", "    bad = true;", "}")
+            r.when(" || ".join(tests), "bad = true;")
         r.add(r.write_number(part.type, "number", "added", str(size), _At(part.at)))
         r.add(f"{code} = {function}({code}, {place}, added, {size});", f"{place} += {size};")
 

@@ -128,7 +128,7 @@ def _measure(m: CMeasureWriter, segment: Inner, scope: CScope, after: Pairs) -> 
     m.settle()
     m.add(f"{size} = {function}(data + at, size - (size_t)at{m.file.hand_on}, false, {several});")
     with m.block(f"if ({size} <= 0)"):
-        m.add(f"if ({size} == {QUIET} && end > {m.most}) {{", f"    return {LOST};", "}")
+        m.when(f"{size} == {QUIET} && end > {m.most}", f"return {LOST};")
         if not behind or several:
             m.add(f"return {size};")
         else:

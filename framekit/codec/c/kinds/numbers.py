@@ -306,7 +306,7 @@ def _read(m: CMeasureWriter, segment: Any, scope: CScope, raw: str, size: str) -
         return
     wire, failing = m.read_number(type_, raw, size, segment)
     if failing:
-        m.add(f"if ({failing} != 0) {{", f"    return {LOST};", "}")
+        m.when(f"{failing} != 0", f"return {LOST};")
     if isinstance(segment, Bits):
         whole = m.local("uint64_t", "bits")
         m.add(f"{whole} = (uint64_t){wire};")
@@ -321,7 +321,7 @@ def _read(m: CMeasureWriter, segment: Any, scope: CScope, raw: str, size: str) -
     local = m.set_number(segment.name, scope, _changed(segment, wire), low, high)
     if segment.limits is not None and segment.refuse is None:
         least, most = segment.limits
-        m.add(f"if ({local} < {number(least)} || {local} > {number(most)}) {{", f"    return {LOST};", "}")
+        m.when(f"{local} < {number(least)} || {local} > {number(most)}", f"return {LOST};")
 
 
 def _long(m: CMeasureWriter, segment: Field, scope: CScope, after: Pairs, needed: bool) -> None:

@@ -382,7 +382,7 @@ def _records(m: CMeasureWriter, segment: Repeat, of: Segments, scope: CScope, ti
     empty, behind = may_be_empty(m.static, segment), m.least(after)
     least = 1 if empty else m.static.all(of).least
     if segment.until is None and not times.isdigit():
-        m.add(f"if ({times} > {m.most}) {{", f"    return {LOST};", "}")
+        m.when(f"{times} > {m.most}", f"return {LOST};")
     m.settle()
     left, before, first = (m.local("int64_t", one) for one in ("left", "before", "first"))
     index = m.local("int64_t", "index")
@@ -398,10 +398,10 @@ def _records(m: CMeasureWriter, segment: Repeat, of: Segments, scope: CScope, ti
         if segment.until is not None:
             total = least + behind
             text = f"at + {total} <= {m.most} ? end - at - {total} : {LOST}"
-            m.add(f"if (end < at + {least}) {{", f"    return {text};", "}")
+            m.when(f"end < at + {least}", f"return {text};")
         elif least:
             total_text = f"{least} * {left}" + (f" + {behind}" if behind else "")
-            m.add(f"if (end < at + {least}) {{", f"    return end - at - ({total_text});", "}")
+            m.when(f"end < at + {least}", f"return end - at - ({total_text});")
         m.add(f"{before} = at;")
         first_line, known = len(m.out.lines), len(m.locals)
         finished = m.branch(m.pairs(of, inside), ())
@@ -411,13 +411,13 @@ def _records(m: CMeasureWriter, segment: Repeat, of: Segments, scope: CScope, ti
         if finished:
             raise Finished
         if empty:
-            m.add(f"if (at == {before}) {{", f"    return {LOST};", "}")
+            m.when(f"at == {before}", f"return {LOST};")
         m.add(f"(void){before};")
         if segment.align > 1 and not segment.between:
             m.add(fill)
         m.add(f"{index}++;")
         if segment.until is not None:
-            m.add(f"if ({ends}) {{", "    break;", "}")
+            m.when(ends, "break;")
 
 
 def _measure_item_end(m: CMeasureWriter, segment: ItemEnd, scope: CScope, after: Pairs) -> None:

@@ -202,7 +202,7 @@ def _doubled(m: CMeasureWriter, segment: Wrap, scope: CScope, after: Pairs, fixe
         m.not_found(max(behind - 1, 1))
     m.add(f"at = (int64_t){found};")
     if symbol := _symbol_behind(segment, after):
-        m.add(f"if (data[at + 1] != {symbol[1]}) {{", f"    return {LOST};", "}")
+        m.when(f"data[at + 1] != {symbol[1]}", f"return {LOST};")
     _content(m, segment, scope, after)
 
 
@@ -214,7 +214,7 @@ def _fixed_doubled(m: CMeasureWriter, segment: Wrap, scope: CScope, after: Pairs
         m.add("case 0:", "    break;", "case 1:", f"    return {-1 - behind};", "default:", f"    return {LOST};")
     m.add(f"at = (int64_t){found};")
     for place, byte in enumerate(_symbol_behind(segment, after)):
-        m.add(f"if (at + {place} < end && data[at + {place}] != {byte}) {{", f"    return {LOST};", "}")
+        m.when(f"at + {place} < end && data[at + {place}] != {byte}", f"return {LOST};")
     _content(m, segment, scope, after)
 
 
