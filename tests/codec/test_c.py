@@ -210,3 +210,12 @@ def test_what_cannot_be_said_is_left_out_with_its_place() -> None:
     )
     assert generate(load_protocol_text(text, "small")).frames == ("plain",)
     assert told(text) == ["5:40: 'hmac-md5', a code that is made with a key"]
+
+
+def test_decimals_that_64_bits_do_not_hold_are_left_out() -> None:
+    keys = ("size: 20", "end: 2C, decimals: 19", "end: 2C, decimals: 18, range: 0..10", "end: 2C, decimals: 18")
+    text = "protocol: p\nframes:\n" + "".join(
+        f"  f{number}: {{body: [{{field: a, type: decimal, {one}}}]}}\n" for number, one in enumerate(keys)
+    )
+    assert generate(load_protocol_text(text, "small")).frames == ("f3",)
+    assert {one.partition(": ")[2] for one in told(text)} == {"'a' is a number of more than 64 bits"}

@@ -308,6 +308,8 @@ class _Laying:
                 raise CannotSayError(segment.at, f"'{segment.name}', a number whose text may be empty, with more keys")
             has = True
         member = self._member(segment.name, segment.type, segment)
+        if member.places and max(map(abs, segment.limits or (0,))) * 10**member.places > INT64[1]:
+            raise CannotSayError(segment.at, f"'{segment.name}' is a number of more than 64 bits")
         member.always_valued = segment.when is not None and segment.default is not None
         _add(struct, segment.name, member, has)
 
@@ -331,6 +333,8 @@ class _Laying:
             assert form is not None
             if form.decimals is None or form.exponent:
                 return CMember(name, "decimal", "", at)
+            if form.decimals > 18:
+                raise CannotSayError(at, f"'{name}' is a number of more than 64 bits")
             digits = min((type_.fixed_size or 18) - (form.decimals > 0), 18)
             most = 10**digits - 1 if type_.fixed_size is not None and digits < 18 else INT64[1]
             return CMember(name, "number", "", at, -most if type_.signed else 0, most, places=form.decimals)
