@@ -22,7 +22,7 @@ from framekit.cli.common import (
     tell_error,
     time_of,
 )
-from framekit.transport.schemes import help_on_ports
+from framekit.transport.schemes import help_on_ports, scheme_name
 
 if TYPE_CHECKING:
     from framekit import Seen
@@ -78,21 +78,21 @@ def carry_out(
     from framekit.api.errors import FramekitError, LineClosedError, RequestError
     from framekit.api.settings import grammar_of
 
+    settings = None
     try:
         settings = settings_of(arguments)
         settings.station_for(None, needed=to_station)
         with Client(AsyncClient(settings, monitor=show if arguments.frames else None)) as client:
             action(client)
     except LineClosedError as error:
-        protocol = settings.protocol
         try:
-            if check is not None:
-                check(grammar_of(protocol))
+            if check is not None and settings is not None:
+                check(grammar_of(settings.protocol))
         except RequestError as wrong:
             return failed(arguments, wrong)
         return failed(arguments, error)
     except FramekitError as error:
-        return failed(arguments, error)
+        return failed(arguments, error, settings)
     return 0
 
 
@@ -110,14 +110,16 @@ def settings_of(arguments: argparse.Namespace, protocol: Protocol | None = None)
     )  # fmt: skip
 
 
-def failed(arguments: argparse.Namespace, error: FramekitError) -> int:
-    """Prints what went wrong; the exit status."""
+def failed(arguments: argparse.Namespace, error: FramekitError, settings: ClientSettings | None = None) -> int:
+    """Prints what went wrong, and on `settings` what to look at where nothing came; the exit status."""
     from framekit import ErrorCode
     from framekit.api.errors import ExchangeError, LineClosedError, NoReplyError, RefusedError, ReplyError, RequestError
 
     kind = error.outcome if isinstance(error, ExchangeError) else _kind_of(error)
     more = {"code": error.code, "meaning": error.meaning} if isinstance(error, RefusedError) else {}
-    tell_error(arguments, kind, str(error), **more)
+    is_silent = settings is not None and isinstance(error, NoReplyError) and " – " not in str(error)
+    advice = _look_at(settings) if settings is not None and is_silent else ""
+    tell_error(arguments, kind, str(error) + (f" – {advice}" if advice else ""), **more)
     if isinstance(error, RequestError):
         return 2
     if isinstance(error, ExchangeError) and error.error_code is ErrorCode.NOT_ALLOWED:
@@ -125,6 +127,17 @@ def failed(arguments: argparse.Namespace, error: FramekitError) -> int:
     if isinstance(error, ExchangeError) and error.error_code is ErrorCode.FAILED:
         return 3  # a name that the protocol gives to an exchange without a good answer
     return 3 if isinstance(error, (NoReplyError, ReplyError, LineClosedError)) else 1
+
+
+def _look_at(settings: ClientSettings) -> str:
+    """What to look at where no reply comes: the station, and of a serial line what has to be as in the device."""
+    station = "" if settings.station is None else f"the station ({settings.station})"
+    if scheme_name(settings.port):
+        return f"check {station}" if station else ""
+    own = settings.protocol.line
+    line = settings.line or f"{own.speed} {own.format}"
+    try_it = f"'framekit record {settings.port} --try' finds speed and format where others talk"
+    return f"check {station + ', ' if station else ''}speed and format ({line}) and the wires; {try_it}"
 
 
 def _kind_of(error: FramekitError) -> str:
@@ -197,7 +210,7 @@ def once(client: Client, arguments: argparse.Namespace) -> int:
     try:
         output(arguments, read(client, arguments))
     except ExchangeError as error:
-        return failed(arguments, error)
+        return failed(arguments, error, client.client.settings)
     return 0
 
 

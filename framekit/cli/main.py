@@ -101,9 +101,17 @@ class Parser(argparse.ArgumentParser):
         known = [option for action in self._actions for option in action.option_strings]
         told = []
         for option in options:
-            near = _near(option, known)
+            near = _MEANT.get(option) or _near(option, known)
             told.append(f"there is no option '{option}'" + (f" – {near}" if near else ""))
         self.error("; ".join(told))
+
+
+_MEANT = {
+    **dict.fromkeys(("--baud", "--baudrate", "-b"), "write --speed"),
+    **dict.fromkeys(("--parity", "--stopbits", "--databits", "--bytesize"), "write --format, such as 8E1"),
+    **dict.fromkeys(("--slave", "--unit", "--unit-id", "--address"), "write --station"),
+}
+"""What other programs call options of framekit."""
 
 
 def _near(word: str, known: Sequence[str]) -> str:

@@ -233,7 +233,8 @@ def host_and_port(url: str) -> tuple[str, int]:
     text = url.partition("://")[2]
     host, colon, number = text.rstrip("/").rpartition(":")
     if not colon or not number.isdigit() or not 0 <= int(number) <= 65535:
-        raise ValueError(f"'{text}' is not HOST:PORT")
+        example = f"{host or text or 'HOST'}:4001"
+        raise ValueError(f"'{text}' is not HOST:PORT – write the number of the port, as in {example}")
     return host.strip("[]") or "127.0.0.1", int(number)
 
 

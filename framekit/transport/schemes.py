@@ -291,6 +291,8 @@ def no_port(url: str) -> tuple[str, str]:
     if made is not None and made.served and url != made.form:
         todo = f"name the terminal itself: {url.partition(':')[2]}; a server makes a new one with {made.form}"
         return f"'{url}' is no port", f"{todo} and tells its path"
+    if made is not None and made.open is None and made.listen is not None and _is_written_so(url, made):
+        return f"'{url}' listens for clients, and here a line is asked for", f"name a device, or {SCHEMES['tcp'].form}"
     near = did_you_mean(name, [*known, SIMULATED]) if name not in known else ""
     ports = [SCHEMES[""].form, *forms(opened=True, listening=True), "sim:FILE"]
     listed = f"known are {', '.join(ports)}; a server can open {', '.join(forms(served=True))} too"

@@ -19,6 +19,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import re
 import struct
 import sys
 import threading
@@ -59,6 +60,9 @@ CHANGE_ERRORS: tuple[type[Exception], ...] = (
     *(() if sys.platform == "win32" else (termios.error,)),
 )
 """What pyserial raises when a device cannot have a speed or format."""
+
+MOST_TOLD = 8
+"""So many devices are named where one is not there."""
 
 _REASONS = {
     errno.ENOENT: "there is no such device",
@@ -193,6 +197,17 @@ def reason_of(error: Exception) -> str:
     if "PermissionError(" in text:
         return _REASONS[errno.EBUSY]
     return text or type(error).__name__
+
+
+def _what_there_is(name: str) -> str:
+    """What may be meant by a name that is no device: a host, or one of the devices of this machine."""
+    if re.fullmatch(r"localhost|[\w-]+(\.[\w-]+)+", name):
+        return f"write tcp://{name}:PORT for a connection to that host"
+    from serial.tools.list_ports import comports
+
+    there = sorted(port.device for port in comports())
+    more = f" and {len(there) - MOST_TOLD} more" if len(there) > MOST_TOLD else ""
+    return f"there are {', '.join(there[:MOST_TOLD])}{more}" if there else "no serial device is there now"
 
 
 def set_attribute(device: Any, name: str, on: bool) -> None:
@@ -361,6 +376,8 @@ class SerialPort(Port):
             use.connection = self._connect(use)
         except SERIAL_ERRORS as error:
             reason = reason_of(error)
+            if reason == _REASONS[errno.ENOENT]:
+                reason += f" – {_what_there_is(self.name)}"
             self.clock.call_soon(lambda: use.lost(reason))
 
     def _connect(self, use: _SerialUse) -> SerialConnection:

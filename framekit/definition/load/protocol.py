@@ -3,6 +3,7 @@ protocol by name or path, or from a text; a simulated device from its file."""
 
 from __future__ import annotations
 
+import glob
 import os
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
@@ -403,7 +404,12 @@ def definition_path(name: str | Path, folder: Path | None = None) -> Path:
         own = {file.stem for file in (folder or Path.cwd()).glob("*.yaml") if "." not in file.stem}
         ours = {file.stem for file in known_definitions() if "." not in file.stem}
         known, shipped = own | ours, ", ".join(sorted(ours))
-        hint = did_you_mean(str(name), known) or f"name a YAML file, or one that comes with framekit: {shipped}"
+        with_it = sorted(file.name for file in (folder or Path.cwd()).glob(f"{glob.escape(str(name))}.*.yaml"))
+        hint = (
+            f"did you mean {with_it[0]}?"
+            if with_it
+            else did_you_mean(str(name), known) or f"name a YAML file, or one that comes with framekit: {shipped}"
+        )
         raise DefinitionError([Problem(Position(str(name), 0, 0), f"there is no definition '{name}'", hint)])
     return found
 
