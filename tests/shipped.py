@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from functools import cache
 from pathlib import Path
 
@@ -10,6 +11,14 @@ from framekit.definition.sources import find_definition, shipped_definitions
 from framekit.definition.vectors import Vectors, read_vectors
 
 FRAMES = Path(__file__).parent.parent / "frames"
+EXAMPLES = FRAMES.parent / "examples"
+
+
+def example_runs() -> list[Path]:
+    """The run files of `examples/` that belong to the repository: users of the README put their own beside them."""
+    listed = subprocess.run(["git", "ls-files", "-z", "*.run.yaml"], cwd=EXAMPLES, capture_output=True, text=True)
+    names = [name for name in listed.stdout.split("\0") if name]
+    return sorted(EXAMPLES / name for name in names) or sorted(EXAMPLES.glob("**/*.run.yaml"))
 
 
 def file_of(name: str) -> Path:

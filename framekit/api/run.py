@@ -321,6 +321,12 @@ class RunCalls:
         return found
 
     @property
+    def never_open(self) -> list[str]:
+        """Channels whose ports could not be opened at any time since the start, each with the reason."""
+        found: list[str] = self._do(lambda: self._service.never_open)
+        return found
+
+    @property
     def blocks(self) -> list[BlockStatus]:
         """How every block is doing now, with its counters."""
         found: list[BlockStatus] = self._do(self._service.status)

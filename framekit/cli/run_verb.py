@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 from framekit.cli.common import (
+    PortError,
     Unread,
     VerbError,
     WordsError,
@@ -129,14 +130,18 @@ def run_run(arguments: argparse.Namespace) -> int:
     try:
         if arguments.virtual:
             assert duration is not None
-            problems = _virtual(loaded, output, watch, duration)
+            ended = _virtual(loaded, output, watch, duration)
         else:
-            problems = asyncio.run(_real(arguments, watch, began_with, make_output, output, loaded, duration))
+            ended = asyncio.run(_real(arguments, watch, began_with, make_output, output, loaded, duration))
     except BrokenPipeError:
         raise
     except OSError as error:
         raise VerbError(why_not(error)) from None
-    return 1 if problems else 0
+    if ended.problems:
+        return 1
+    if ended.never_open:
+        raise PortError("; ".join(ended.never_open))
+    return 0
 
 
 def made(make: Callable[..., R], run: RunModel, monitor: OnSeen, watch: RunWatch) -> R:
@@ -149,8 +154,8 @@ def made(make: Callable[..., R], run: RunModel, monitor: OnSeen, watch: RunWatch
         raise VerbError(str(error)) from None
 
 
-def _virtual(loaded: RunModel, output: RunOutput, watch: RunWatch, duration: int) -> list[str]:
-    """Runs for a simulated time; what could not be kept or captured."""
+def _virtual(loaded: RunModel, output: RunOutput, watch: RunWatch, duration: int) -> Ended:
+    """Runs for a simulated time."""
     from framekit.api.run import VirtualRun
 
     run = output.at_work = made(VirtualRun, loaded, output.seen, watch)
@@ -165,7 +170,7 @@ def _virtual(loaded: RunModel, output: RunOutput, watch: RunWatch, duration: int
 async def _real(
     arguments: argparse.Namespace, watch: RunWatch, began_with: Watched,
     make_output: Callable[[RunModel], RunOutput], output: RunOutput, loaded: RunModel, duration: int | None,
-) -> list[str]:  # fmt: skip
+) -> Ended:  # fmt: skip
     return await RealRun(arguments, watch, began_with, make_output, output).carry_out(loaded, duration)
 
 
@@ -187,8 +192,8 @@ class RealRun:
         self._left: int | None = None
         """How long it is still to go on (ns); None: until it is ended."""
 
-    async def carry_out(self, loaded: RunModel, duration: int | None) -> list[str]:
-        """Runs until the time is over, or SIGINT or SIGTERM asks to stop; what could not be kept or captured."""
+    async def carry_out(self, loaded: RunModel, duration: int | None) -> Ended:
+        """Runs until the time is over, or SIGINT or SIGTERM asks to stop."""
         on_stop(self._ended.set)
         if self._arguments.control:
             self._read_control()
@@ -197,14 +202,14 @@ class RealRun:
         with self._in_fleet(loaded):
             page = WebPage(self._arguments)
             while True:
-                problems = await self._one(loaded, page, unread)
+                ended = await self._one(loaded, page, unread)
                 gateway = self._gateway
                 if gateway is None or gateway.next_run is None or unread.error is not None:
                     break
                 loaded, page = gateway.next_run, WebPage(self._arguments)
                 self._output = self._make_output(loaded)
         unread.check()
-        return problems
+        return ended
 
     def _in_fleet(self, loaded: RunModel) -> AbstractContextManager[object]:
         """The place of the run in its fleet, if it has one. Raises VerbError."""
@@ -233,7 +238,7 @@ class RealRun:
             self._output = self._make_output(before)
             return made(AsyncRun, before, page.monitor(self._output.seen), self.watch)
 
-    async def _one(self, loaded: RunModel, page: WebPage, unread: Unread) -> list[str]:
+    async def _one(self, loaded: RunModel, page: WebPage, unread: Unread) -> Ended:
         gateway, loop = self._gateway, asyncio.get_running_loop()
         run = self._begun(loaded, page)
         output = self._output
@@ -258,7 +263,7 @@ class RealRun:
                     await run.finish()
         if self._left is not None:
             self._left = max(0, self._left - round((loop.time() - began) * 1e9))
-        return [] if unread.error is not None else _summary(run, output)
+        return Ended([], []) if unread.error is not None else _summary(run, output)
 
     def _read_control(self) -> None:
         """Begins to read control lines; the end of the input ends the control, not the run."""
@@ -310,12 +315,20 @@ def settle(path: Path) -> None:
         raise VerbError(f"{path} cannot be made the one of before: {why_not(error)}") from None
 
 
-def _summary(run: RunCalls, output: RunOutput) -> list[str]:
+class Ended(NamedTuple):
+    """What a run did not do: what could not be kept or captured, and channels whose ports could never be opened."""
+
+    problems: list[str]
+    never_open: list[str]
+
+
+def _summary(run: RunCalls, output: RunOutput) -> Ended:
+    """The counters are shown, and what could not be kept."""
     output.summary(run)
     problems = [*run.problems, *run.lost]
     for problem in problems:
         output.warning(problem)
-    return problems
+    return Ended(problems, run.never_open)
 
 
 class RunWatch:

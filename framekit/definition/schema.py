@@ -206,7 +206,7 @@ class Messages:
             if isinstance(node, Mapping) and node.flow and looks_cut(key):
                 yield _Complaint(path, "unknown", Problem(at, CUT, QUOTE_EXPRESSION))
                 return
-            hint = schema.get("x-hints", {}).get(key) or did_you_mean(key, known)
+            hint = schema.get("x-hints", {}).get(key) or _indented(node, key) or did_you_mean(key, known)
             if not hint:
                 named = f"known: {', '.join(sorted(known))}"
                 hint = named if len(known) <= LONGEST_LIST else "remove it or correct its name"
@@ -387,6 +387,20 @@ def _without_space(node: Node) -> str:
         return "write a space behind the '-'"
     match = _NO_SPACE.fullmatch(node.text) if isinstance(node, Scalar) and not node.quoted else None
     return f"write {match[1]}: {match[2]} with a space" if match else ""
+
+
+def _indented(node: Node, key: str) -> str:
+    """What to do about an unknown key behind one that has nothing under it: it may lack its indentation."""
+    entries = node.entries if isinstance(node, Mapping) and not node.flow else ()
+    for place, entry in enumerate(entries):
+        if entry.key.text == key:
+            before = next((one for one in reversed(entries[:place]) if _is_nothing(one.value)), None)
+            return "" if before is None else f"indent it if it belongs to '{before.key.text}'"
+    return ""
+
+
+def _is_nothing(node: Node) -> bool:
+    return isinstance(node, Scalar) and not node.text and not node.quoted
 
 
 def _shape_of(node: Node) -> str:

@@ -170,6 +170,7 @@ class RunService(ChannelOwner):
             run.points, run.blocks, self.memory, clock, self.loop.wake, self.fire, read_only=run.only_reads
         )
         self._has_points = bool(run.points)
+        self._never_open: dict[int, str] = {}
         host = SinkHost(run.name, clock, self.points, partial(run_status, self))
         self.sinks = SinkService(run.sinks, run.points, self.points.table, clock, host)
         self.keeper = self._keeper()
@@ -245,9 +246,14 @@ class RunService(ChannelOwner):
         now = self.clock.now()
         self.scheduler.set_open(channel, is_open, now)
         if is_open:
+            self._never_open.pop(channel, None)
             self.exchanges.prepare(channel, (state.block for state in self.states.values()))
-        elif self._has_points and self.running:
-            self.points.table.closed(channel, self.channels[channel].state, now)
+        elif self.running:
+            why = self.channels[channel].state
+            if channel in self._never_open:
+                self._never_open[channel] = why
+            if self._has_points:
+                self.points.table.closed(channel, why, now)
         if self.jobs is not None:
             self.jobs.opened(channel, is_open)
 
@@ -271,6 +277,7 @@ class RunService(ChannelOwner):
     def start(self) -> None:
         """Opens the ports and arms the triggers."""
         self.running = self.points.at_work = True
+        self._never_open = dict.fromkeys(self.channels, "")
         self.points.table.forget_changes()
         self.loop.start()
         now = self.clock.now()
@@ -427,6 +434,11 @@ class RunService(ChannelOwner):
         """What keeps the run from doing all it should: a state that cannot be written, sinks that take no values."""
         kept = [self.keeper.problem] if self.keeper is not None and self.keeper.problem else []
         return [*kept, *self.sinks.problems]
+
+    @property
+    def never_open(self) -> list[str]:
+        """Channels whose ports could not be opened at any time, each with why it was closed last."""
+        return [f"channel {number} was never open: {why}" for number, why in self._never_open.items() if why]
 
     def status(self) -> list[BlockStatus]:
         """How every block is doing now."""

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from shipped import EXAMPLES, example_runs
 
 from framekit import __version__
 from framekit.api.settings import names_of
@@ -26,7 +27,6 @@ from framekit.definition.load.protocol import load_protocol
 from tests import shipped
 
 READ = "05 32 30 72 53 53 30 31 30 36 25 4D 57 31 30 30 04 41 34"
-EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 def call(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str, str]:
@@ -387,7 +387,7 @@ def test_run_on_virtual_time(capsys: pytest.CaptureFixture[str]) -> None:
         assert block["started"] == block["done"] + block["failed"] + block["running"]
 
 
-@pytest.mark.parametrize("name", sorted(path.name for path in EXAMPLES.glob("*.run.yaml")))
+@pytest.mark.parametrize("name", [path.name for path in example_runs() if path.parent == EXAMPLES])
 def test_every_example_shows_its_frames_as_json(capsys: pytest.CaptureFixture[str], tmp_path: Path, name: str) -> None:
     """Frames inside frames as well; what cannot be shown would break the exchange."""
     shutil.copytree(EXAMPLES, tmp_path, dirs_exist_ok=True)

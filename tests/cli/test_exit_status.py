@@ -22,6 +22,8 @@ FILES = {
     "own.yaml": "protocol: own\nline: {kind: stream}\nframes: {one: {body: [{const: 01}, {field: value, type: u8}]}}\n",
     "own.vectors.yaml": "vectors: own\nframes:\n  - {name: wrong, frame: one, bytes: 01 02, values: {value: 3}}\n",
     "bad.run.yaml": "run: bad\nmemory: nothing\nchannels: {}\n",
+    "gone.run.yaml": "run: gone\nchannels: {1: {port: 'tcp://127.0.0.1:1', protocol: modbus-tcp, station: 1}}\n"
+    "points: {a: {channel: 1, address: '40001'}}\n",
     "d.device.yaml": "device: d\nprotocol: own.yaml\n",
     "m.device.yaml": "device: m\nprotocol: modbus-tcp\nstation: 1\n",
     "hex.txt": "05 06\n",
@@ -58,6 +60,7 @@ CASES: dict[tuple[str, int], list[str]] = {
     ("commreq", 3): ["ccm", "--port", GONE, "6101", "1", "1", "1", "2", "1"],
     ("run", 1): ["bad.run.yaml"],
     ("run", 2): ["none.run.yaml"],
+    ("run", 3): ["gone.run.yaml", "--for", "1s"],
     ("fleet", 1): ["127.0.0.1:1"],
     ("fleet", 2): [":x"],
     ("serve", 1): ["bad.yaml", "--port", "pty:"],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -120,10 +121,32 @@ def test_a_refusal(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_nobody_answers(bench: tuple[str, framekit.Memory], capsys: pytest.CaptureFixture[str]) -> None:
     words = ("modbus-rtu", "--port", bench[0], "--station", "9", "40001", "--timeout", "20ms", "--retries", "0")
-    told = "framekit read: the device did not answer: nothing came in time\n"
-    assert call(capsys, "read", *words) == (3, "", told)
+    status, out, err = call(capsys, "read", *words)
+    assert (status, out) == (3, "")
+    assert err.startswith("framekit read: the device did not answer: nothing came in time – check the station (9)")
     status, out, _ = call(capsys, "read", *words, "--json")
     assert (status, json.loads(out)["error"]) == (3, "no_reply")
+
+
+def test_where_nothing_comes_on_a_serial_line_its_settings_are_told(capsys: pytest.CaptureFixture[str]) -> None:
+    here, there = os.openpty()
+    port = os.ttyname(there)
+    try:
+        words = ("modbus-rtu", "--port", port, "--station", "3", "40001", "--timeout", "20ms", "--retries", "0")
+        _, _, told = call(capsys, "read", *words)
+        _, _, other = call(capsys, "read", *words, "--speed", "9600", "--format", "8N1")
+    finally:
+        os.close(here)
+        os.close(there)
+    assert "– check the station (3), speed and format (19200 8E1) and the wires" in told
+    assert f"framekit record {port} --try" in told and "(9600 8N1)" in other
+
+
+def test_words_of_other_programs_lead_to_those_of_framekit(capsys: pytest.CaptureFixture[str]) -> None:
+    for option, meant in (("--baud", "--speed"), ("--parity", "--format, such as 8E1"), ("--slave", "--station")):
+        with pytest.raises(SystemExit):
+            main(["read", "modbus-rtu", "--port", "/dev/none", "40001", f"{option}=1"])
+        assert f"there is no option '{option}' – write {meant}" in capsys.readouterr().err
 
 
 def test_the_address_says_what_it_holds(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -162,7 +185,8 @@ def test_nobody_acknowledges(
     device.write_text(f"device: one\nprotocol: df1\nrole: {there}\nstation: 1\n{mute}", encoding="utf-8")
     line = ("df1", "--port", f"sim:{device}", "--role", asker, "--station", str(station))
     words = (*line, "--param", "ack_timeout=20ms", "--param", "enq_limit=1", "N7:0")
-    told = "framekit read: the device did not answer: delivery not guaranteed, no acknowledge\n"
+    why = "delivery not guaranteed, no acknowledge"
+    told = f"framekit read: the device did not answer: {why} – check the station ({station})\n"
     assert call(capsys, "read", *words) == (3, "", told)
     status, out, _ = call(capsys, "read", *words, "--json")
     assert (status, json.loads(out)["error"]) == (3, "no_reply")

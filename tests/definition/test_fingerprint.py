@@ -6,13 +6,13 @@ from dataclasses import fields, replace
 from pathlib import Path
 
 import pytest
+from shipped import EXAMPLES, example_runs
 
 from framekit.definition.problems import Position
 from framekit.definition.sources import fingerprint
 from framekit.runfile.run_file import load_run
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
-RUNS = sorted(EXAMPLES.glob("*.run.yaml"))
+RUNS = [path for path in example_runs() if path.parent == EXAMPLES]
 
 
 @pytest.mark.parametrize("path", RUNS, ids=lambda path: path.stem)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from service.late_world import REGISTERS
+from shipped import EXAMPLES, example_runs
 
 from framekit.link.events import Seen
 from framekit.runfile.run_file import load_run
@@ -13,7 +14,6 @@ from framekit.service.feasibility import Cost, loads_of, simulated_costs
 from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
 MS = 1_000_000
 SECOND = 1_000_000_000
 EXCHANGES = ("read", "write", "send", "receive", "call")
@@ -106,7 +106,7 @@ def test_an_answer_that_comes_too_late_is_told(tmp_path: Path) -> None:
     assert found.bytes == 8
 
 
-@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("**/*.run.yaml")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", example_runs(), ids=lambda path: path.stem)
 def test_every_block_of_the_examples_can_be_simulated(path: Path) -> None:
     run = load_run(path)
     found = simulated_costs(run)
