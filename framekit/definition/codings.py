@@ -333,7 +333,7 @@ CIPHER_KEYS: Schema = {
         **words("a padding", *PADDINGS),
         "description": "What fills the content up to whole blocks (aes-cbc): none (the default), pkcs7 or iso7816.",
     },
-    "tag": {**NUMBER.schema, "description": "Bytes of the tag behind the content (aes-gcm); default 16."},
+    "tag": {**NUMBER.schema, "description": "Bytes of the tag after the content (aes-gcm); default 16."},
     "clear": {**NUMBER.schema, "description": "So many bytes at the beginning are not enciphered: 1 or more."},
     "also": {**EXPRESSION.schema, "description": "Bytes that count in the tag and are not enciphered (aes-gcm)."},
 }
@@ -397,7 +397,7 @@ _SCHEMA: Schema = {
     "x-expected": "a wrap (hex, cobs, none, {escape: …}, {after: …}, {block: …}, {short: …} or {cipher: …})",
     "properties": {
         "escape": {**BYTE.schema, "description": "The byte that escapes; alone: it is doubled in the content."},
-        "xor": {**BYTE.schema, "description": "Behind the escape byte a byte stands with these bits turned."},
+        "xor": {**BYTE.schema, "description": "After the escape byte, the byte is sent with these bits inverted."},
         "bytes": {
             "description": "The bytes that are escaped.",
             "type": ["array", "string", "integer", "number"],
@@ -406,21 +406,21 @@ _SCHEMA: Schema = {
             "x-expected": "bytes ([7E, 7D])",
         },
         "codes": {
-            "description": "What stands behind the escape byte for each byte that is escaped.",
+            "description": "The code after the escape byte for each escaped byte.",
             "type": "object",
             "propertyNames": BYTE.schema,
             "additionalProperties": BYTE.schema,
             "minProperties": 1,
         },
-        "after": {**ref("bytes"), "description": "The bytes behind which others are put in."},
+        "after": {**ref("bytes"), "description": "The bytes after which other bytes are inserted."},
         "insert": {**ref("bytes"), "description": "The bytes that are put in."},
         "block": {
             **NUMBER.schema,
-            "description": "Behind so many bytes, and behind what is left, stands a check code.",
+            "description": "A check code comes after each block of this number of bytes, and after the rest.",
         },
         **{name: one for name, one in properties_of(Check).items() if name in _OF_BLOCKS},
         "short": {**BYTE.schema, "description": "Such bytes at the end are left out, and read as if they stood there."},
-        "min": {**NUMBER.schema, "description": "Number of bytes of which none is left out; default 0."},
+        "min": {**NUMBER.schema, "description": "Number of first bytes that are never left out; default 0."},
         **CIPHER_KEYS,
     },
     "additionalProperties": False,

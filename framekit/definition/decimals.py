@@ -95,14 +95,14 @@ SCALE_KEYS: Mapping[str, Schema] = {
 }
 DECIMAL_KEYS: Mapping[str, Schema] = {
     "decimals": {
-        "description": "Digits behind the point of a decimal; any: as many as the value has; default 0, no point.",
+        "description": "Digits after the point of a decimal; any: as many as the value has; default 0, no point.",
         "type": ["string", "integer"],
         "pattern": "^(any|[0-9]+)$",
         "x-expected": "a number of digits, or any",
     },
     "point": {
         **words("a point", *POINTS),
-        "description": "When a point stands without a digit behind it (16.): decimals (the default: never), always.",
+        "description": "Whether a point may have no digit after it (16.): decimals (the default: never), always.",
     },
     "sign": {
         **words("a sign", *SIGNS),

@@ -439,11 +439,11 @@ SIZE = Form(here("size"), lambda r, node: load_size(r.reader, node))
 _BYTES_OR_DIGITS = "Number of bytes, or of digits for hex, dec and oct."
 AS_HEX: Schema = {
     **words("a form", "hex"),
-    "description": "hex: the bytes of a signed number or a float stand as two hex digits each.",
+    "description": "hex: each byte of a signed number or a float is written as two hex digits.",
 }
 ENDS: Schema = {
-    "description": "Bytes that end a text or decimal and belong to it; of a list the one that comes first ends it, and "
-    "is part of what follows.",
+    "description": "Bytes that end a text or decimal and belong to it. With a list, the first that comes "
+    "ends it, and belongs to the next segment.",
     "type": ["array", "string", "integer", "number"],
     "items": ref("bytes"),
     "minItems": 1,

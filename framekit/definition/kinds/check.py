@@ -120,7 +120,7 @@ class Check(Segment):
         {"over": {**here("span"), "description": _COVERED}}, _covers, default=None
     )
     wire: bool = key(
-        "wire", FLAG, "yes: what it covers counts as it stands on the wire, wraps too; default: plain.", default=False
+        "wire", FLAG, "yes: it covers the bytes on the wire, also of wraps; default: the plain content.", default=False
     )
     order: Literal["big", "little"] = key(
         "order", Form(ref("byte_order"), _order), "Byte order of the code.", default="big"

@@ -93,7 +93,7 @@ class Length(Counting):
     unit: int = key("unit", UNIT, "What is counted: bytes, words, dwords or lwords.", default=1)
     plus: int = key("plus", NUMBER, "Added to the number of bytes.", default=0)
     limits: tuple[int, int] | None = key("range", RANGE, "Least and greatest number, 1..16.", default=None)
-    zero_means: int | None = key("zero_means", NUMBER, "The length that a 0 on the wire stands for.", default=None)
+    zero_means: int | None = key("zero_means", NUMBER, "The length that a 0 on the wire means.", default=None)
 
     def resolved(self, references: References) -> Segment:
         return replace(self, of=references.written_out(self.of, self.at))
@@ -115,7 +115,7 @@ class Count(Counting):
     of: str = key("of", LABEL, "The list whose items are counted.")
     plus: int = key("plus", NUMBER, "Added to the number of items.", default=0)
     limits: tuple[int, int] | None = key("range", RANGE, "Least and greatest number, 1..16.", default=None)
-    zero_means: int | None = key("zero_means", NUMBER, "The count that a 0 on the wire stands for.", default=None)
+    zero_means: int | None = key("zero_means", NUMBER, "The count that a 0 on the wire means.", default=None)
 
     def resolved(self, references: References) -> Segment:
         counted = references.names.get(self.of)

@@ -82,9 +82,11 @@ class Data(Segment):
     )
     pad: int | None = key("pad", BYTE, "Byte that fills shorter data.", default=None)
     least: int = key("min", NUMBER, "Least number of bytes.", default=0)
-    never: bytes = key("never", NEVER, "Bytes that never stand in it: a constant of them may end it.", default=b"")
+    never: bytes = key(
+        "never", NEVER, "Bytes that the data never contain: a constant of these bytes may end it.", default=b""
+    )
     memory: str | None = key(
-        "memory", ADDRESS, "Where SEND and RECEIVE blocks take or put the bytes, if they do not say.", default=None
+        "memory", ADDRESS, "Default address of the bytes for SEND and RECEIVE blocks.", default=None
     )
 
     def on_wire(self, size: int) -> int:

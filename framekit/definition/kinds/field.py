@@ -141,10 +141,10 @@ class Field(Segment):
         "unit", UNIT_OF_TIME, "The value is a time; the number on the wire counts this.", default=None
     )
     long: Long | None = key("long", LONG, default=None)
-    zero_means: int | None = key("zero_means", NUMBER, "The value that a 0 on the wire stands for.", default=None)
+    zero_means: int | None = key("zero_means", NUMBER, "The value that a 0 on the wire means.", default=None)
     constants: tuple[int | str | bytes, ...] | None = None
     memory: str | None = key(
-        "memory", ADDRESS, "Where SEND and RECEIVE blocks take or put the value, if they do not say.", default=None
+        "memory", ADDRESS, "Default address of the value for SEND and RECEIVE blocks.", default=None
     )
 
     @property

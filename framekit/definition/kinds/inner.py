@@ -34,7 +34,7 @@ class Inner(Segment):
         Form(ref("labels"), _frames),
         "Groups or frames it may be, tried in this order; FILE.group for one of a used file.",
     )
-    size: Size | None = key("size", SIZE, "Number of bytes it takes, if that is known.", default=None)
+    size: Size | None = key("size", SIZE, "Number of its bytes, if this is known.", default=None)
 
     @classmethod
     def called(cls) -> str:

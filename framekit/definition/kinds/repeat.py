@@ -126,7 +126,7 @@ _ITEMS = {
     "case": here("digit_case"),
     **{name: schema for name, schema in TEXT_KEYS.items() if name != "empty"},  # each takes some bytes
     "end": ENDS,
-    "separator": {**BYTES.schema, "description": "Bytes that stand between two items, not behind the last one."},
+    "separator": {**BYTES.schema, "description": "Bytes between two items, not after the last one."},
     "until": {**ref("expression"), "description": "The list ends after the item for which this is true."},
 }
 
@@ -164,8 +164,8 @@ class Repeat(Segment):
     times: Size | None = key("times", SIZE, "Number of items; an expression; or rest, as many as fit.", default=None)
     of: Segments | FieldType = keys(_ITEMS, _items)
     single: bool = keys({}, _is_single, default=False)
-    align: int = key("align", ALIGN, "Each item begins at a multiple of so many bytes of the list.", default=1)
-    between: bool = key("between", FLAG, "Nothing is filled up behind the last item.", default=False)
+    align: int = key("align", ALIGN, "Each item begins at a multiple of this number of bytes in the list.", default=1)
+    between: bool = key("between", FLAG, "Nothing is filled up after the last item.", default=False)
     fill: int = key("fill", BYTE, "What is sent to fill up; default 00.", default=0)
 
     @classmethod
@@ -331,9 +331,11 @@ class IncludeKeys(Segment):
 
     KEY: ClassVar[str] = "include"
 
-    of: Segments = key("include", INCLUDED, "The layout whose segments stand here; FILE.layout for one of a used file.")
+    of: Segments = key(
+        "include", INCLUDED, "The layout whose segments are included here; FILE.layout for one of a used file."
+    )
     record: str | None = key("as", IDENTIFIER, "Makes its values one record of this name.", default=None)
-    depth: int | None = key("depth", NUMBER, "Of a layout that stands in itself: how deep at most.", default=None)
+    depth: int | None = key("depth", NUMBER, "The greatest depth of a layout that includes itself.", default=None)
 
     @classmethod
     def load(cls, loader: SegmentLoading, keys: Mapping) -> Segments:

@@ -19,7 +19,7 @@ class Value(Segment):
     takes_bytes: ClassVar[bool] = False
     VALUE: ClassVar[ValueKind | None] = "any"
 
-    name: str = key("value", IDENTIFIER, "Name of a value that takes no bytes.")
+    name: str = key("value", IDENTIFIER, "Name of a value without bytes on the wire.")
     read: Expression = key("read", EXPRESSION, "How it follows from what was read.")
     build: Expression | None = key(
         "build", EXPRESSION, "How it follows when building, if it is not given; default: as read.", default=None

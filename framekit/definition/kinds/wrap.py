@@ -62,10 +62,10 @@ class Wrap(Segment):
     of: Segments = key("of", SEGMENTS, "The content.")
     size: int | Expression | None = keys(
         {
-            "size": {**SIZE.schema, "description": "Number of bytes that the content takes on the wire."},
+            "size": {**SIZE.schema, "description": "Number of bytes of the content on the wire."},
             "plain": {
                 **SIZE.schema,
-                "description": "Number of bytes of the content, of which those on the wire follow.",
+                "description": "Number of bytes of the content; the number of bytes on the wire follows from it.",
             },
         },
         _size,
@@ -74,7 +74,7 @@ class Wrap(Segment):
     inside: tuple[str, ...] = key(
         "inside",
         Form(ref("labels"), _inside),
-        "Frames that may stand anywhere in the content and count in nothing.",
+        "Frames that may come anywhere in the content; no length and no check counts them.",
         default=(),
     )
     insert: Expression | None = key("insert", EXPRESSION, "When such frames may be sent inside.", default=None)

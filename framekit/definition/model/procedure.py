@@ -38,7 +38,7 @@ from framekit.definition.tree import Node, Scalar
 HANDLERS = {
     "on_timeout": "When a time limit has run out; default: fail.",
     "on_bad": "When a frame is damaged (cause, frame); default: wait on.",
-    "on_other": "When a good frame comes that no row takes.",
+    "on_other": "When a good frame comes that fits no row.",
     "on_noise": "When unusable bytes have come.",
     "on_break": "When the line was in break state.",
     "on_closed": "When the connection is closed; default: fail.",
@@ -117,7 +117,7 @@ class Row(Action):
     frames: tuple[str, ...] = keys(ARRIVALS, lambda r: r.loader.arrivals(r.keys), default=())
     expected: bool = keys({}, lambda r: r.loader.expects(r.keys), default=False)
     station: Expression | None = key(
-        "station", EXPRESSION, "Only frames whose station is this; those without one too.", default=None
+        "station", EXPRESSION, "Only frames of this station, and frames without a station.", default=None
     )
     queue: str | None = key("queue", IDENTIFIER, "As soon as this queue has an item.", default=None)
     room: str | None = key("room", IDENTIFIER, "As soon as this queue is not full.", default=None)
@@ -219,7 +219,7 @@ ONE_SERVICE = {
     "maxProperties": 1,
     "x-write": "write the name of one service with its arguments, {NAME: {argument: value}}",
 }
-_URGENT = "The other side waits for the step's frame: it goes out although late replies may still come."
+_URGENT = "The frame of the step is sent also while late replies may still come, because the other side waits for it."
 PARTS = mapping_of(
     Parts,
     mapping_schema(Parts, "the parts", description="Does the rest of the step once for each piece of some bytes."),
@@ -287,9 +287,9 @@ class Step:
     deliver: Value | None = key("deliver", SENT, DELIVERED, default=None)
     send: Value | None = key("send", SENT, SENDS, default=None)
     line: LineChange | None = key("line", LINE, default=None)
-    receive: tuple[Row, ...] | None = key("receive", ROWS, "Waits; the first row that fits is taken.", default=None)
+    receive: tuple[Row, ...] | None = key("receive", ROWS, "Waits; the first row that fits is done.", default=None)
     branch: tuple[Action, ...] | None = key(
-        "branch", ACTIONS, "The first action whose when holds is taken.", default=None
+        "branch", ACTIONS, "The first action whose when is true is done.", default=None
     )
     then: str = key("then", LABEL, "Where to go: next (the default), end, or a step.", default="next")
     within: Expression | None = key(
