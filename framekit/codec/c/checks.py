@@ -1,13 +1,14 @@
-"""Check codes in C: a function for each method, which works bytes in one piece after the other."""
+"""Check codes in C: a function for each method, which works bytes in one piece after the other; a code on the wire."""
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any, Protocol
 
 from framekit.codec import support
 from framekit.codec.c.expressions import CExpressionWriter, CFacts, CScope, Val
 from framekit.codec.c.source import CannotSayError, CSource, identifier
 from framekit.definition.model.checks import CheckMethod
+from framekit.definition.model.segments import Check
 from framekit.definition.problems import Position
 
 
@@ -126,6 +127,23 @@ class CheckFunctions:
         if method.refin:
             return support.reflect(method.initial, width)
         return method.initial << 8 - width if width < 8 else method.initial
+
+
+def put_code(r: Any, segment: Check, code: str, target: str) -> None:
+    """Writes how a check code stands on the wire."""
+    little = "true" if segment.order == "little" else "false"
+    match segment.form:
+        case "raw":
+            r.add(f"{r.file.helper('put_int')}({target}, {code}, {segment.size}, {little});")
+        case "nibbles":
+            r.add(f"{r.file.helper('put_nibbles')}({target}, {code}, {segment.size}, {little});")
+        case "dec":
+            r.add(f"{r.file.helper('put_digits')}({target}, {code}, {segment.size}, 10, {little}, true);")
+        case _:
+            if little == "true" and segment.size % 2:
+                raise CannotSayError(segment.at, "digits of a check code in pairs, of which one is missing")
+            upper = "false" if segment.form == "hex" else "true"
+            r.add(f"{r.file.helper('put_digits')}({target}, {code}, {segment.size}, 16, {little}, {upper});")
 
 
 def _hex(value: int) -> str:

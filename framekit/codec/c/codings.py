@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from framekit.codec.c.kinds.check import put_code
+from framekit.codec.c.checks import put_code
 from framekit.codec.c.source import CannotSayError, CSource, string
 from framekit.definition.codings import Blocks, Cobs, Coding, Doubled, Escaped, Hex, Inserted, Plain, Short
 from framekit.definition.model.segments import Wrap

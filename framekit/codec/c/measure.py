@@ -18,14 +18,7 @@ from framekit.codec.python.function import covered_names
 from framekit.codec.python.measure import MOST, Finished, ending_checks, needed_names
 from framekit.definition.expression import Expression, names_in
 from framekit.definition.model.frames import Frame, bytes_of, flat, without_when
-from framekit.definition.model.segments import (
-    Check,
-    Const,
-    Field,
-    Inner,
-    Segment,
-    Segments,
-)
+from framekit.definition.model.segments import Check, Const, Field, Inner, Segment, Segments
 
 Pairs = tuple[tuple[Segment, CScope], ...]
 LOST, QUIET = "FK_LOST", "FK_QUIET"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from framekit.codec.c.checks import put_code
 from framekit.codec.c.expressions import CScope
 from framekit.codec.c.functions import CKind
 from framekit.codec.c.measure import LOST, CMeasureWriter, Pairs
@@ -209,23 +210,6 @@ class _At:
 
     def __init__(self, at: Any) -> None:
         self.at = at
-
-
-def put_code(r: Any, segment: Check, code: str, target: str) -> None:
-    """Writes how a check code stands on the wire."""
-    little = "true" if segment.order == "little" else "false"
-    match segment.form:
-        case "raw":
-            r.add(f"{r.file.helper('put_int')}({target}, {code}, {segment.size}, {little});")
-        case "nibbles":
-            r.add(f"{r.file.helper('put_nibbles')}({target}, {code}, {segment.size}, {little});")
-        case "dec":
-            r.add(f"{r.file.helper('put_digits')}({target}, {code}, {segment.size}, 10, {little}, true);")
-        case _:
-            if little == "true" and segment.size % 2:
-                raise CannotSayError(segment.at, "digits of a check code in pairs, of which one is missing")
-            upper = "false" if segment.form == "hex" else "true"
-            r.add(f"{r.file.helper('put_digits')}({target}, {code}, {segment.size}, 16, {little}, {upper});")
 
 
 KINDS = (CKind(Check, read=_read, put=_put, measure=_measure),)

@@ -13,8 +13,10 @@ from framekit.codec.c.kinds.numbers import (
     if_number,
     measure_number,
     put_decimal,
+    put_float,
     put_number,
     put_scaled,
+    read_float,
     store_number,
     validate_read,
     wire_number,
@@ -57,7 +59,7 @@ def _read(r: ReadWriter, segment: Field, here: Here, behind: Behind) -> None:
         r.take(size, refuse)
         r.stands(segment.name)
         if type_.kind in ("float", "hex_float"):
-            _read_float(r, segment, member, here)
+            _read_float(r, segment, member, here, size)
         elif member.kind == "decimal":
             _decimal(r, segment, member, here, size)
         else:
@@ -103,24 +105,17 @@ def _decimal(r: ReadWriter, segment: Field, member: CMember, here: Here, size: s
     scope.entries[segment.name] = Val("other")
 
 
-def _read_float(r: ReadWriter, segment: Field, member: CMember, here: Here) -> None:
-    scope, _, path = here
-    type_ = segment.type
-    if type_.kind == "hex_float":
-        raise CannotSayError(segment.at, "a float in hex digits")
-    wire, _ = r.read_number(replace(type_, kind="int", signed=False), r.raw, "", segment)
-    if member.size == 4:
-        r.add(f"{path}{member.cname} = {r.file.helper('float')}((uint32_t){wire});")
-    elif member.size == 8:
-        r.add(f"{path}{member.cname} = {r.file.helper('double')}({wire});")
-    else:
-        raise CannotSayError(segment.at, f"a float of {member.size} bytes")
-    if member.has:
-        r.add(f"{path}{member.flag} = true;")
-    scope.entries[segment.name] = Val("other")
+def _read_float(r: ReadWriter, segment: Field, member: CMember, here: Here, size: str) -> None:
     if segment.is_ is not None or segment.constants is not None:
         raise CannotSayError(segment.at, "a float that is always the same")
-    validate_read(r, segment, member, f"{path}{member.cname}", f"{r.inn}.from")
+    target, start = f"{here[2]}{member.cname}", f"{r.inn}.from"
+    text, failing = read_float(r, segment.type, r.raw, size, segment)
+    with if_number(r, segment, failing, start):
+        r.add(f"{target} = {text};")
+        if member.has:
+            r.add(f"{here[2]}{member.flag} = true;")
+        validate_read(r, segment, member, target, start)
+    here[0].entries[segment.name] = Val("other")
 
 
 def _long(r: ReadWriter, segment: Field, here: Here) -> None:
@@ -510,9 +505,8 @@ def _put(w: WriteWriter, segment: Field, taken: Taken) -> None:
         else:
             put_number(w, type_, wire_number(segment, local), "0", segment)
         _put_end(w, segment)
-    elif type_.kind == "float":
-        bits = f"{w.file.helper('float_bits' if type_.fixed_size == 4 else 'double_bits')}({local})"
-        put_number(w, replace(type_, kind="int"), f"(uint64_t){bits}", str(type_.fixed_size), segment)
+    elif type_.kind in ("float", "hex_float"):
+        put_float(w, type_, local, segment)
     elif segment.long is not None:
         short, longer = segment.type.fixed_size or 1, segment.long.type.fixed_size or 0
         wire = wire_number(segment, local)

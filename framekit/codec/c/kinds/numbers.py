@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 from framekit.codec.c.expressions import LEAST, MOST, CScope, Val
@@ -40,6 +41,23 @@ def _changed(segment: Number, wire: str) -> str:
     if segment.zero_means is not None:
         text = f"({wire} == 0 ? {number(segment.zero_means)} : {text})"
     return text
+
+
+def float_bits(type_: FieldType) -> tuple[FieldType, bool]:
+    """The type of the number that has the bits of a float, and whether it has 32 of them."""
+    return replace(type_, kind="digits" if type_.kind == "hex_float" else "int", signed=False), type_.float_bits == 32
+
+
+def read_float(r: ReadWriter, type_: FieldType, raw: str, size: str, segment: Segment) -> tuple[str, str]:
+    """The text of the float behind bytes, and the call that says that they show none; '' if they always do."""
+    if type_.float_bits not in (32, 64):
+        raise CannotSayError(segment.at, f"a float of {type_.float_bits // 8} bytes")
+    if type_.kind == "hex_float" and type_.order not in ("big", "little"):
+        raise CannotSayError(segment.at, f"digits of a number in the order {type_.order}")
+    bits, is_short = float_bits(type_)
+    wire, failing = r.read_number(bits, raw, size, segment)
+    text = f"{r.file.helper('float')}((uint32_t){wire})" if is_short else f"{r.file.helper('double')}({wire})"
+    return text, failing
 
 
 def store_number(r: ReadWriter, segment: Number, here: Here, read: tuple[str, str], start: str = "") -> None:
@@ -223,6 +241,12 @@ def put_number(w: WriteWriter, type_: FieldType, wire: str, size: str, segment: 
             w.add(f"{w.file.helper('put_signed')}({to}, {wire}, {size}, {little});")
         else:
             w.add(w.write_number(type_, wire, to, size, segment))
+
+
+def put_float(w: WriteWriter, type_: FieldType, value: str, segment: Segment) -> None:
+    bits, is_short = float_bits(type_)
+    text = f"{w.file.helper('float_bits' if is_short else 'double_bits')}({value})"
+    put_number(w, bits, f"(uint64_t){text}", str(type_.fixed_size), segment)
 
 
 def put_decimal(w: WriteWriter, type_: FieldType, value: str, size: str, segment: Segment) -> None:

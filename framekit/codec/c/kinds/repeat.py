@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from framekit.codec.c.expressions import MOST, CScope, Val, constant
 from framekit.codec.c.functions import CKind
-from framekit.codec.c.kinds.numbers import put_decimal, put_number, put_scaled, wire_type
+from framekit.codec.c.kinds.numbers import put_decimal, put_float, put_number, put_scaled, read_float, wire_type
 from framekit.codec.c.layout import CMember, scope_of
 from framekit.codec.c.measure import LOST, CMeasureWriter, Pairs
 from framekit.codec.c.reader import Behind, Here, ReadWriter
@@ -111,19 +111,16 @@ def _read_values(r: ReadWriter, segment: Repeat, of: FieldType, here: Here, behi
         with r.block(f"for ({index} = 0; {index} < {found} / {size}; {index}++)"):
             raw = f"({r.inn}.data + {r.inn}.from + {size} * {index})"
             item = f"{target}.items[{index}]"
-            if of.kind == "float":
-                wire, _ = r.read_number(replace(of, kind="int", signed=False), raw, "", segment)
-                how = "float" if size == 4 else "double"
-                cast = "(uint32_t)" if size == 4 else ""
-                r.add(f"{item} = {r.file.helper(how)}({cast}{wire});")
+            if of.kind in ("float", "hex_float"):
+                wire, failing = read_float(r, of, raw, str(size), segment)
             else:
                 wire, failing = r.read_number(inside, raw, str(size), segment)
-                if failing:
-                    r.when(f"{failing} != 0", f"{fails} = true;")
-                if of.kind == "scaled":
-                    assert of.scale is not None
-                    wire = f"((int64_t){wire} * {number(of.scale.factor)} + {number(of.scale.offset)})"
-                r.add(f"{item} = ({member.item.ctype}){wire};")
+            if failing:
+                r.when(f"{failing} != 0", f"{fails} = true;")
+            if of.kind == "scaled":
+                assert of.scale is not None
+                wire = f"((int64_t){wire} * {number(of.scale.factor)} + {number(of.scale.offset)})"
+            r.add(f"{item} = {wire};" if member.item.kind == "float" else f"{item} = ({member.item.ctype}){wire};")
         r.add(f"{target}.count = {found} / {size};")
         if fails:
             r.when(fails, r.note("digits", f"{r.inn}.from", refuse), f"{target}.count = 0;")
@@ -335,9 +332,8 @@ def _put(w: WriteWriter, segment: Repeat, taken: Taken) -> None:
 
 def _put_values(w: WriteWriter, segment: Repeat, of: FieldType, member: CMember, item: str, header: str) -> None:
     with w.block(header):
-        if of.kind == "float":
-            bits = f"{w.file.helper('float_bits' if of.fixed_size == 4 else 'double_bits')}({item})"
-            put_number(w, replace(of, kind="int"), f"(uint64_t){bits}", str(of.fixed_size), segment)
+        if of.kind in ("float", "hex_float"):
+            put_float(w, of, item, segment)
             return
         if of.kind == "fraction":
             put_decimal(w, of, f"(int64_t){item}, {member.places}", str(of.fixed_size), segment)
