@@ -219,11 +219,25 @@ def _plain(field: GuessedField) -> str:
 
 
 def _data(field: GuessedField, kind: FrameKind, framing: Framing, sized: GuessedField | None) -> str:
-    """Bytes of varying size; so is a text whose size no number says: the rest of a frame is bytes in the language."""
+    """Bytes of varying size; a text ends before what stands behind it, where it never has those bytes itself."""
     size = "rest" if sized is None else _size_of_data(sized, kind, framing)
-    if "text" in (field.wire, field.kind) and field.wire != "bytes" and sized is not None:
-        return f"{{field: {field.name}, type: ascii, size: {size}}}"
+    if "text" in (field.wire, field.kind) and field.wire != "bytes":
+        end = _end_of_text(field, kind, framing) if sized is None else b""
+        if sized is not None or end:
+            until = f"end: [{_hex(end)}]" if end else f"size: {size}"
+            return f"{{field: {field.name}, type: ascii, {until}}}"
     return f"{{data: {field.name}, size: {size}}}"
+
+
+def _end_of_text(field: GuessedField, kind: FrameKind, framing: Framing) -> bytes:
+    """The constant bytes behind a text that are never in it; none where there are none, or where bytes are stuffed."""
+    behind = kind.fields[kind.fields.index(field) + 1 :]
+    is_mark = bool(behind) and behind[0].kind == "constant" and (behind[0].name == "end" or behind[0].is_mark)
+    if not is_mark or framing.stuffing is not None:
+        return b""
+    end, after = bytes.fromhex(behind[0].about), sum(one.size for one in behind)
+    texts = (frame.data[field.offset : len(frame.data) - after] for frame in kind.frames)
+    return b"" if any(end[:1] in text for text in texts) else end
 
 
 def _length(field: GuessedField, kind: FrameKind, framing: Framing) -> str:
