@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import random
+import re
 from pathlib import Path
 
 import pytest
@@ -49,6 +50,27 @@ def test_text_of_varying_size_is_written_as_text() -> None:
     assert '{field: data, type: ascii, size: "length - 5"}' in draft.text
     assert "{field: constant_1, type: ascii, size: 5}  # always 'name '" in draft.text
     assert 'constant_1: "name "' in draft.vectors
+
+
+def test_text_before_the_end_mark_ends_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """So a damaged frame ends at its mark, and does not hold the next one back."""
+    rng = random.Random(7)
+    chunks = []
+    for at in range(40):
+        chunks += [
+            HeardBytes(None, "out", b"?%02d\r" % (at % 3)),
+            HeardBytes(None, "in", b"!%d,%d\r" % (rng.randrange(9999), rng.randrange(99))),
+        ]
+    draft = drafted(guess(chunks), "lines", "heard.txt")
+    assert draft.problems == ()
+    assert "type: ascii, end: [0D]}" in draft.text and "size: rest" not in draft.text
+    (tmp_path / "lines.yaml").write_text(draft.text, "utf-8")
+    heard = b"!12,3\rX7,4\r!9,5\r"
+    event = {"event": "data", "time_ns": 1, "channel": 1, "direction": "in", "bytes": heard.hex(" ")}
+    capture = "\n".join(map(json.dumps, ({"capture": "framekit", "version": 1}, event)))
+    (tmp_path / "heard.jsonl").write_text(capture + "\n", "utf-8")
+    main(["decode", "--capture", str(tmp_path / "heard.jsonl"), str(tmp_path / "lines.yaml")])
+    assert len(re.findall("told ", capsys.readouterr().out)) == 2
 
 
 def asked_and_told(level: int, count: int) -> str:
