@@ -114,7 +114,7 @@ def _put_part(
     if text == local:
         most = (1 << part.high - part.low + 1) - 1
         condition = f"{local} not in (0, 1)" if most == 1 else f"not 0 <= {local} <= {most}"
-        w.refuse(when, scope, condition)
+        w.refuse_where(when, scope, condition)
     scope.entries[part.name] = NameEntry(text, sized=False)
 
 

@@ -140,9 +140,9 @@ def _put(w: EncodeWriter, data: Data, scope: Scope, given: Given) -> None:
     if w.fills_up(data):
         _fill_up(w, data, local, scope)
     if isinstance(data.size, int):
-        w.refuse(data.when, scope, f"len({local}) != {data.size}")
+        w.refuse(data, scope, f"len({local}) != {data.size}")
     elif data.least:
-        w.refuse(data.when, scope, f"len({local}) < {data.least}")
+        w.refuse(data, scope, f"len({local}) < {data.least}")
     if data.never:
         what = f"'{data.name}' holds a byte that never stands in it: {' or '.join(f'{one:02X}' for one in data.never)}"
         w.complain(forms.holds_never(data, local), quoted(data.name), quoted(what))

@@ -205,7 +205,7 @@ def _given(w: EncodeWriter, item: Field, scope: Scope, given: Given, needed: boo
 def _validate(w: EncodeWriter, item: Field, scope: Scope, local: str) -> None:
     """What must hold for a value that was given or built."""
     if item.values is not None and item.only and item.constants is None:
-        w.refuse(item.when, scope, f"{local} not in {w.module.value_names(item.values, item.name)}")
+        w.refuse(item, scope, f"{local} not in {w.module.value_names(item.values, item.name)}")
     if item.constants is not None:
         w.refuse_others(item.name, local, item.constants, item.when, scope)
     limits = forms.value_range(item)
@@ -218,14 +218,14 @@ def _validate(w: EncodeWriter, item: Field, scope: Scope, local: str) -> None:
     elif not by_type:
         w.validate_range(item, scope, local, limits)
     if item.unit is not None and item.unit != 1:
-        w.refuse(item.when, scope, f"{local} % {item.unit:_}")
+        w.refuse(item, scope, f"{local} % {item.unit:_}")
 
 
 def _validate_text(w: EncodeWriter, item: Field, scope: Scope, local: str) -> None:
     size = item.type.size
     if isinstance(size, int):
         exact = item.type.kind == "bytes" or (item.type.pad is None and item.type.end is None)
-        w.refuse(item.when, scope, f"len({local}) {'!=' if exact else '>'} {size}")
+        w.refuse(item, scope, f"len({local}) {'!=' if exact else '>'} {size}")
     elif item.type.end is not None:
         condition = f"{literal(item.type.end.decode('latin-1'))} in {local}"
         w.complain_where(item.when, scope, condition, quoted(item.name), quoted(f"'{item.name}' holds its own end"))

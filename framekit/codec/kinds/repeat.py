@@ -227,7 +227,7 @@ def _put(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) -> None:
         w.add(f"{count} = len({local})")
         w.counts[local] = count
     if isinstance(repeat.times, int):
-        w.refuse(repeat.when, scope, f"{w.count_of(local)} != {repeat.times}")
+        w.refuse(repeat, scope, f"{w.count_of(local)} != {repeat.times}")
     scope.entries[repeat.name].text = w.or_nothing(repeat.name, local, repeat.when, scope)
 
 

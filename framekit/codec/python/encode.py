@@ -464,9 +464,9 @@ class EncodeWriter(FunctionWriter):
 
     def validate_range(self, item: Segment, scope: Scope, local: str, limits: forms.Range) -> None:
         if limits.least is not None and limits.most is not None:
-            self.refuse(item.when, scope, f"not {limits.least} <= {local} <= {limits.most}")
+            self.refuse(item, scope, f"not {limits.least} <= {local} <= {limits.most}")
         elif limits.least is not None:
-            self.refuse(item.when, scope, f"{local} < {limits.least}")
+            self.refuse(item, scope, f"{local} < {limits.least}")
 
     def refuse_digits(self, item: Field | Length | Count, scope: Scope, text: str) -> None:
         """A number that is worked out must fit into its hex digits: to format it says nothing of that."""
@@ -476,9 +476,13 @@ class EncodeWriter(FunctionWriter):
         if isinstance(item, Field) or item.plus < 0:
             self.validate_range(item, scope, text, limits)
         else:
-            self.refuse(item.when, scope, f"{text} > {limits.most}")
+            self.refuse(item, scope, f"{text} > {limits.most}")
 
-    def refuse(self, when: Expression | None, scope: Scope, condition: str) -> None:
+    def refuse(self, item: Segment, scope: Scope, condition: str) -> None:
+        """As `refuse_if`, where the segment is there."""
+        self.refuse_where(item.when, scope, condition)
+
+    def refuse_where(self, when: Expression | None, scope: Scope, condition: str) -> None:
         """As `refuse_if`, where a segment with that `when` is there."""
         self.refuse_if(condition if when is None else f"({self.text(when, scope, AND)} and {condition})")
 
