@@ -16,7 +16,7 @@ from framekit.api.guess import LEAST_FRAMES, NEARLY_ALL, HeardBytes, listen
 from framekit.codec.codec import compile_protocol
 from framekit.codec.python.facts import leading
 from framekit.definition.load.protocol import load_protocol
-from framekit.definition.model.frames import StaticSizes, flat
+from framekit.definition.model.frames import flat
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Check
 from framekit.definition.problems import DefinitionError
@@ -120,8 +120,7 @@ def starts_of(path: Path) -> list[str]:
     frames = [protocol.frames[name] for name in table_of(protocol, compile_protocol(protocol)).on_line]
     if not all(any(isinstance(segment, Check) for segment in flat(frame.segments)) for frame in frames):
         return []
-    static = StaticSizes(protocol.frames)
-    return sorted({leading(static, frame.segments).hex().upper() for frame in frames})
+    return sorted({leading(frame.segments).hex().upper() for frame in frames})
 
 
 def index_text() -> str:

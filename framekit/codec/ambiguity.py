@@ -54,7 +54,7 @@ def check_weak_codes(codec: Codec, sampler: Sampler) -> list[Problem]:
     share, frame, check = max(shares, key=lambda one: one[0])
     if share < WORTH_TELLING:
         return []
-    what = f"{_percent(share)} of the errors of two bits pass in '{frame.name}'"
+    what = f"about {max(share * 100, 1):.0f} % of the errors of two bits pass in '{frame.name}'"
     told = f"{what}: its check code has {check.method.width} bits, the line no parity"
     return [Problem(check.at, told, _todo(protocol), warning=True)]
 
@@ -93,10 +93,6 @@ def _is_there(check: Check, sample: Sample, context: Mapping[str, Any]) -> bool:
         return bool(evaluate(check.when.root, {**context, **sample.read}))
     except (KeyError, TypeError, IndexError, ValueError, ArithmeticError, AttributeError):
         return False
-
-
-def _percent(share: float) -> str:
-    return f"about {share * 100:.0f} %" if share >= 0.01 else "about 1 %"
 
 
 def _todo(protocol: Protocol) -> str:

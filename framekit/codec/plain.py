@@ -235,7 +235,7 @@ def _hint(name: str, levels: Iterable[Level], more: Iterable[str]) -> str:
             return _known(name, list(known), more)
         segment = known.get(name)
         numbers = None if segment is None else dict(segment.numbers_with_names()).get(name)
-        if numbers and not _has_meaning(numbers, given.get(name)):
+        if numbers and str(given.get(name)) not in {*numbers.values(), *map(str, numbers)}:
             return numbers_of(numbers)
         if isinstance(segment, Inner) and isinstance(value := given.get(name), Mapping):
             return next(
@@ -249,11 +249,6 @@ def _known(name: str, known: list[str], more: Iterable[str]) -> str:
     near = did_you_mean(name, [*known, *more])
     names = ", ".join(known[:MOST_NAMES]) + (", …" if len(known) > MOST_NAMES else "")
     return f"{near} The fields are {names}" if near.startswith("did you mean") else f"the fields are {names}"
-
-
-def _has_meaning(values: Mapping[int, str], given: Any) -> bool:
-    """Whether a value is one of the numbers or names."""
-    return str(given) in {*values.values(), *map(str, values)}
 
 
 def numbers_of(values: Mapping[int, str]) -> str:

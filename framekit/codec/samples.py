@@ -424,9 +424,6 @@ class _Record:
             return self.random.choice(list(part.values))
         return self.random.randrange(1 << min(part.high - part.low + 1, 32))
 
-    def _hints(self, name: str) -> Hints:
-        return hints_of(self.all, self.known).get(name) or Hints()
-
     # ---- fields -------------------------------------------------------------------------------------------
 
     def _field(self, field: model.Field) -> Any:
@@ -441,7 +438,7 @@ class _Record:
         return self._free(field)
 
     def _free(self, field: model.Field) -> Any:
-        hints = self._hints(field.name)
+        hints = hints_of(self.all, self.known).get(field.name) or Hints()
         match field.type.kind:
             case "ascii":
                 return self._text(field, hints)

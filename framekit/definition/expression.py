@@ -587,9 +587,6 @@ class _Parser:
         self.place = 0
         self.depth = 0
 
-    def _position(self, offset: int) -> Position:
-        return place_of(self.at, offset)
-
     def _error(self, what: str, at: Position, todo: str = "") -> ExpressionError:
         return expression_error(self.text, what, at, todo)
 
@@ -602,7 +599,7 @@ class _Parser:
     def _here(self) -> Position:
         if self.place < len(self.tokens):
             return self.tokens[self.place][2]
-        return self._position(len(self.text))
+        return place_of(self.at, len(self.text))
 
     def _accept(self, *words: str) -> str | None:
         if self.place < len(self.tokens) and self._peek() in words and self.tokens[self.place][0] in ("sign", "word"):

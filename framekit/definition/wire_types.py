@@ -177,11 +177,6 @@ class FieldType:
         size = self.fixed_size
         return TYPE_KINDS[self.kind].bounds(self, size) if self.is_whole_number and size is not None else None
 
-    @property
-    def digit_bits(self) -> int:
-        """Bits that one unit of the size holds."""
-        return 4 if self.kind == "digits" else 8
-
 
 def shown_stops(stops: Iterable[bytes]) -> str:
     """Bytes of which one ends something, in words."""

@@ -137,7 +137,7 @@ class FormMatcher:
     def _area_texts(self, part: Part, name: str) -> list[str]:
         area = self.areas[name]
         if part.what == "column":
-            return [_column(area, part.name)]
+            return [str(area.columns.get(part.name, area.name))]  # one without the column goes by its own name
         return [name, *(area.aliases if isinstance(area, ProfileArea) else ())]
 
     def _pattern(self, area: str | None, texts: str) -> str:
@@ -355,11 +355,6 @@ class FormMatcher:
             return None
         text = format(value, f"0{least or 1}{_FORMATS[base]}")
         return None if value < 0 or len(text) > (most or _MOST_PLACES) else text
-
-
-def _column(area: Area, name: str) -> str:
-    """The text of an area's column; an area without it goes by its own name."""
-    return str(area.columns.get(name, area.name))
 
 
 def _in_order(form: AddressForm) -> list[tuple[str, Evaluate]]:
@@ -607,7 +602,8 @@ class AddressGrammar:
         """
         text = self._written(address)
         if text is None:
-            raise AddressError(f"{address} cannot be written in any of these forms: {self._form_texts}")
+            forms = ", ".join(form.form.text for form in self._wire or self._forms)
+            raise AddressError(f"{address} cannot be written in any of these forms: {forms}")
         return text
 
     def can_print(self, area: str, unit: str) -> bool:
@@ -621,10 +617,6 @@ class AddressGrammar:
             if text is not None:
                 return text
         return None
-
-    @property
-    def _form_texts(self) -> str:
-        return ", ".join(form.form.text for form in self._wire or self._forms)
 
 
 # ---- forms tried out ---------------------------------------------------------------------------------------

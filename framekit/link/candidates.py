@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import partial
+from operator import itemgetter
 from typing import Any
 
 from framekit.codec.errors import FrameError
@@ -217,7 +218,7 @@ class Candidates:
             elif type(result) is Good and (shortest is None or len(result.raw) < len(shortest.raw)):
                 shortest = result
         if len(complete) > 1:
-            complete.sort(key=_by_size)
+            complete.sort(key=itemgetter(0, 1))
         for size, _, info, found in complete:
             if shortest is not None and size >= len(shortest.raw):
                 break
@@ -404,10 +405,6 @@ def worse(first: Bad, second: Bad) -> Bad:
 def first_of(first: Bad, second: Bad) -> Bad:
     """A bad frame of which no reason is asked for."""
     return first
-
-
-def _by_size(item: tuple[int, int, FrameInfo, Complete]) -> tuple[int, int]:
-    return item[0], item[1]
 
 
 Level = tuple[FrameInfo, ...]

@@ -492,15 +492,11 @@ def optional_of(frame: Frame) -> dict[str, Evaluate | None]:
                     found[segment.name] = None if default is None else compile_expression(default)
         elif isinstance(segment, Bits):
             left = [part for part in segment.parts if part.is_ is None and part.build is None and not part.constants]
-            zero = _zero if segment.when is None and there else None
+            zero = (lambda _: 0) if segment.when is None and there else None
             found.update((part.name, zero) for part in left if part.name not in frame.echo)
         elif segment.when is not None or not there:
             found.update((name, None) for name in segment.wanted_names if name not in frame.echo)
     return found
-
-
-def _zero(_: Names) -> int:
-    return 0
 
 
 def usual_of(frame: Frame, wanted: Collection[str | None]) -> dict[str, str]:

@@ -57,10 +57,6 @@ class Again:
 AGAIN = Again()
 
 
-def _ignore(frame: str, error: Exception) -> None:
-    return None
-
-
 class Receiver:
     """Finds frames. `names` are what expressions of frames read; `pauses` tells how long silences and gaps are.
 
@@ -75,7 +71,7 @@ class Receiver:
         protocol: Protocol,
         names: Names,
         table: FrameTable | None = None,
-        trouble: Trouble = _ignore,
+        trouble: Trouble = lambda frame, error: None,
     ) -> None:
         self.table = table or table_of(protocol, codec)
         self.stream = Stream()

@@ -22,7 +22,6 @@ from framekit.definition.model.sections import StateVariable
 from framekit.definition.times import LineFormat
 from framekit.link.values import Formula, Names, attribute, compile_expression, compile_optional
 from framekit.link.variables import (
-    Fit,
     ParameterError,
     StateTable,
     check_value,
@@ -314,7 +313,7 @@ class Scope(Names):
         initial = compile_optional(variable.initial)
         fit = self._fits[variable.name]
         if variable.keys is not None:
-            fill = None if initial is None else _filler(initial, fit, self)
+            fill = None if initial is None else lambda: fit(initial(self))
             return StateTable(variable.keys, fit_of(variable.type, size=variable.size), fill)
         if initial is not None:
             return fit(initial(self))
@@ -438,10 +437,6 @@ def _own_station(protocol: Protocol, own: Any) -> Any:
     if own is not None or protocol.station.default is None:
         return own
     return compile_expression(protocol.station.default)(Names())
-
-
-def _filler(initial: Callable[[Names], Any], fit: Fit, scope: Scope) -> Callable[[], Any]:
-    return lambda: fit(initial(scope))
 
 
 _NOT_THERE = object()

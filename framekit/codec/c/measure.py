@@ -73,10 +73,10 @@ class CMeasureWriter(CFunctionWriter):
 
     def begins_with_constants(self, inner: Inner) -> bool:
         frames = (self.static.frames[name] for name in inner.frames)
-        return any(leading(self.static, self.static.segments(frame)) for frame in frames)
+        return any(leading(self.static.segments(frame)) for frame in frames)
 
     def _compare_start(self) -> None:
-        constant = leading(self.static, self.segments)
+        constant = leading(self.segments)
         for place, byte in enumerate(constant):
             self.when(f"end > {place} && data[{place}] != {byte}", "return 0;")
         for place, allowed in self._first_bytes():

@@ -14,14 +14,14 @@ from framekit.codec.python.diagnosis import Behind, DiagnosisWriter, inside_of
 from framekit.codec.python.encode import EncodeWriter, Given
 from framekit.codec.python.encode_plan import Lengths, Rules, RuleWriter, Task
 from framekit.codec.python.expressions import Kind, NameEntry, Scope
-from framekit.codec.python.facts import is_name, is_plain_name, may_be_empty, names_read
+from framekit.codec.python.facts import is_name, is_plain_name, may_be_empty
 from framekit.codec.python.function import Fields, Offset, between
 from framekit.codec.python.measure import Finished, MeasureWriter, Pairs
 from framekit.codec.python.reader import BufferReader, Item, without_end
 from framekit.codec.python.registry import summary, type_text
 from framekit.codec.python.source import Code, Source, bytes_literal, quoted, text_source
 from framekit.definition.expression import BIT_OR, PRODUCT, Binary, Expression, Number
-from framekit.definition.model.frames import expressions_of, flat, names_read_in
+from framekit.definition.model.frames import expressions_of, flat, names_read, names_read_in
 from framekit.definition.model.segments import (
     INDEX,
     ITEM_WORDS,

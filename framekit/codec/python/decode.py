@@ -13,14 +13,14 @@ from dataclasses import dataclass, replace
 
 from framekit.codec.python.choices import Leaf, Switch, in_order, tree_of
 from framekit.codec.python.expressions import Scope
-from framekit.codec.python.facts import Target, named, names_read
+from framekit.codec.python.facts import Target, named
 from framekit.codec.python.function import Fields, Function, Offset
 from framekit.codec.python.module import Module
 from framekit.codec.python.reader import BufferReader, Item
 from framekit.codec.python.registry import kind_of, summary, write_docstring
 from framekit.codec.python.source import Source, bytes_literal, quoted
 from framekit.definition.expression import BIT_OR, Expression
-from framekit.definition.model.frames import Frame, StaticSizes, bytes_of, everything, in_place_of_records
+from framekit.definition.model.frames import Frame, StaticSizes, bytes_of, everything, in_place_of_records, names_read
 from framekit.definition.model.segments import Check, Const, Inner, Length, Segment, Sizes
 
 

@@ -35,7 +35,8 @@ def write_diagnosis(
     with body.block(f"with n.part({options.removeprefix(', ')}):"):
         writer.out = body
         writer.region(segments, Scope(), frame)
-        writer.compare_late_checks()
+        for line in writer.late_checks:
+            writer.out.add(line)
     out = Source()
     with out.block(f"def diagnose_{identifier}(data: bytes, ctx: Context) -> Diagnosis:"):
         write_docstring(out, f"Read `{name}` carefully: all its places, and the first fault.", "")
@@ -160,11 +161,6 @@ class DiagnosisWriter(FunctionWriter):
             text = forms.value_of(number, "wire")
             return f"lambda raw: (lambda wire: {text})({wire})"
         return f"lambda raw: {text}"
-
-    def compare_late_checks(self) -> None:
-        """Check codes that stand before what they cover."""
-        for line in self.late_checks:
-            self.out.add(line)
 
     def region(
         self, segments: tuple[Segment, ...], scope: Scope, frame: Frame | None = None, *, all_is_read: bool = True

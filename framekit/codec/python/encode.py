@@ -24,7 +24,7 @@ from framekit.codec.python.encode_plan import (
     sum_of,
 )
 from framekit.codec.python.expressions import NameEntry, Scope, constant_of, default_text
-from framekit.codec.python.facts import ending_constants, follows_its_length, lengths_asked, named, names_read
+from framekit.codec.python.facts import ending_constants, follows_its_length, lengths_asked, named
 from framekit.codec.python.forms import code_bytes, needs
 from framekit.codec.python.function import FunctionWriter, covers_later, on_the_wire
 from framekit.codec.python.module import Module
@@ -53,6 +53,7 @@ from framekit.definition.model.frames import (
     flat,
     in_place_of_records,
     leaves,
+    names_read,
     parts_of,
     without_when,
 )

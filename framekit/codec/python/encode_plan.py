@@ -130,7 +130,8 @@ class RuleWriter:
 
     def mapping(self, segments: tuple[Segment, ...]) -> str:
         """The mapping name → rule, as text."""
-        branches = {id(one) for segment in flat(segments) for one in _in_branches(segment)}
+        blocks = (block for segment in flat(segments) if segment.has_cases for block in segment.blocks)
+        branches = {id(one) for block in blocks for one in flat(block)}
         lengths = _lengths(segments)
         found: dict[str, str] = {}
         for segment in flat(segments):
@@ -166,11 +167,6 @@ class RuleWriter:
         if inside:
             parts.append(f"inside={inside}")
         return f"Rule({', '.join(parts)})"
-
-
-def _in_branches(segment: Segment) -> Iterable[Segment]:
-    for block in () if segment.is_there_inside else segment.blocks:
-        yield from flat(block)
 
 
 def _lengths(segments: tuple[Segment, ...]) -> dict[str, forms.Range]:
@@ -262,7 +258,10 @@ class PackPlan:
                 text = forms.build(self.module, types[0], argument.text, str(size))
             else:
                 form = f"%0{size}{'X' if types[0].upper else 'x'}"
-                text = f"{bytes_literal(form.encode())} % {_operand(argument.text)}"
+                text = (
+                    argument.text if argument.text.isidentifier() or argument.text.isdigit() else f"({argument.text})"
+                )
+                text = f"{bytes_literal(form.encode())} % {text}"
             return PackArgument(f"{size}s", "", text)
         self.module.imports.add("from binascii import hexlify")
         codes = "".join(forms.INT_CODES[(type_.fixed_size or 2) // 2] for type_ in types)
@@ -270,10 +269,6 @@ class PackPlan:
         constant = self.module.struct(codes, order, self.title, "digits")
         upper = ".upper()" if types[0].upper else ""
         return PackArgument(f"{size}s", "", f"hexlify({constant}.pack({argument.text})){upper}")
-
-
-def _operand(text: str) -> str:
-    return text if text.isidentifier() or text.isdigit() else f"({text})"
 
 
 def sum_of(texts: list[str]) -> str:

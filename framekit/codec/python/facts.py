@@ -62,11 +62,6 @@ def is_followed(length: Length, segments: tuple[Segment, ...]) -> bool:
     )
 
 
-def names_read(segments: Iterable[Segment]) -> set[str]:
-    """Every name that an expression in these segments reads."""
-    return {name for expression in expressions_of(tuple(segments)) for name in names_in(expression.root)}
-
-
 def names_asked_for(segments: Iterable[Segment]) -> set[str]:
     """Every name that something in these segments reads, also of a record or a list, or counts before conversion."""
     segments = tuple(segments)
@@ -149,7 +144,7 @@ def _takes_rest(segment: Segment) -> bool:
     return segment.takes_rest or (isinstance(segment, Inner) and segment.size == "rest")
 
 
-def leading(static: StaticSizes, segments: tuple[Segment, ...]) -> bytes:
+def leading(segments: tuple[Segment, ...]) -> bytes:
     """The constant bytes that every such frame begins with, also those inside wraps, as they stand on the wire."""
     return _leading(segments)[0]
 

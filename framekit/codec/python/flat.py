@@ -17,12 +17,12 @@ from framekit.codec.python import forms
 from framekit.codec.python.decode import counting, is_plain, names_of, renamed
 from framekit.codec.python.encode import EncodeWriter, Given, as_bytes, tail_of, texts_inside
 from framekit.codec.python.expressions import ExpressionWriter, Scope, default_text
-from framekit.codec.python.facts import is_fixed, names_read
+from framekit.codec.python.facts import is_fixed
 from framekit.codec.python.module import Module
 from framekit.codec.python.registry import kind_of, summary, write_docstring
 from framekit.codec.python.source import Code, Source, identifier, literal, quoted
 from framekit.definition.expression import BIT_OR, Binary, Bytes, Expression, Name, Node, Number, Text, names_in
-from framekit.definition.model.frames import Frame, StaticSizes, certain, everything, flat, without_when
+from framekit.definition.model.frames import Frame, StaticSizes, certain, everything, flat, names_read, without_when
 from framekit.definition.model.segments import (
     Bits,
     BitsPart,
@@ -442,7 +442,8 @@ class Parameters:
         match segment:
             case Field(name=name, is_=None) if not is_fixed(segment):
                 default = self._default_of(segment) if is_certain else LEFT_OUT
-                yield Keyword("", name, 0, default, _type_of(segment), _note_of(segment))
+                annotation = _type(segment.type) if segment.values is None else "int | str"
+                yield Keyword("", name, 0, default, annotation, _note_of(segment))
             case Bits(parts=parts):
                 for part in parts:
                     if part.is_ is None and (part.constants is None or len(part.constants) > 1):
@@ -528,10 +529,6 @@ def _is_given(name: str, segments: tuple[Segment, ...]) -> bool:
         elif isinstance(segment, Value):
             expressions.append(segment.build)
     return any(expression is not None and name in names_in(expression.root) for expression in expressions)
-
-
-def _type_of(item: Field) -> str:
-    return _type(item.type) if item.values is None else "int | str"
 
 
 def _type(type_: FieldType) -> str:

@@ -391,8 +391,7 @@ def code_bytes(module: Module, check: Check, covered: str, key: str = "") -> str
     little = check.order == "little"
     if check.form == "raw":
         if check.size in INT_CODES:  # a little sooner than to_bytes
-            order = "" if check.size == 1 else "<" if check.order == "little" else ">"
-            struct = module.struct(INT_CODES[check.size], order)
+            struct = module.struct(*check_code(check))
             return f"{struct}.pack({_number(module, check, covered, key)})"
         return f"{code}.to_bytes({check.size}, {quoted(check.order)})"
     if check.form == "dec":

@@ -18,16 +18,15 @@ from framekit.codec.python.choices import choice_text, tree_of
 from framekit.codec.python.decode import write_decoder, write_pairs
 from framekit.codec.python.diagnosis import write_diagnosis
 from framekit.codec.python.encode import write_encoder
-from framekit.codec.python.facts import names_read
 from framekit.codec.python.flat import Level, inner_frames, levels_of, rows_of, write_builder, write_plain_builder
 from framekit.codec.python.measure import write_extent, write_measurer
 from framekit.codec.python.module import BUILT_IN, Module, inlined_names, used_methods
 from framekit.codec.python.reader import not_possible
 from framekit.codec.python.runtime_diagnosis import Diagnosis
-from framekit.codec.python.source import Source, identifier, literal, quoted
+from framekit.codec.python.source import Source, identifier, literal, numbered, quoted
 from framekit.definition.expression import Conditional, Expression, Number
 from framekit.definition.kinds.repeat import ITEM_WORDS
-from framekit.definition.model.frames import Frame, Layout, everything
+from framekit.definition.model.frames import Frame, Layout, everything, names_read
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Check, Choose, Length, Segment
 
@@ -98,14 +97,10 @@ def sorted_imports(lines: Iterable[str]) -> list[str]:
             wanted.setdefault(source, set()).update(name.strip() for name in names.split(","))
     found = []
     for source, every in sorted(wanted.items()):
-        simple = sorted((name for name in every if " as " not in name), key=_import_key)
+        simple = sorted((name for name in every if " as " not in name), key=lambda name: (name[0].islower(), name))
         found += [f"from {source} import {', '.join(simple)}"] if simple else []
         found += [f"from {source} import {name}" for name in sorted(every) if " as " in name]
     return [*plain, *found]
-
-
-def _import_key(name: str) -> tuple[bool, str]:
-    return name[0].islower(), name
 
 
 def normal_protocol(protocol: Protocol) -> Protocol:
@@ -244,11 +239,9 @@ class ModuleWriter:
         return "\n\n".join(part.text().rstrip("\n") + "\n" for part in parts)
 
     def _identifier(self, name: str) -> str:
-        wanted, number = identifier(name).strip("_"), 1
-        found = wanted
-        while found in self.taken or any(f"{what}_{found}" in self.helpers for what in (*_FUNCTIONS, "extent")):
-            number += 1
-            found = f"{wanted}_{number}"
+        what = (*_FUNCTIONS, "extent")
+        helpers = {one.partition("_")[2] for one in self.helpers if one.startswith(tuple(f"{word}_" for word in what))}
+        found = numbered(identifier(name).strip("_"), self.taken | helpers)
         self.taken.add(found)
         return found
 
@@ -282,11 +275,7 @@ class ModuleWriter:
 
     def _builder(self, levels: tuple[Level, ...]) -> None:
         frames = tuple(level.frame.name for level in levels)
-        wanted = builder_name(frames)
-        found, number = wanted, 1
-        while found in self.helpers or found in self.builders.values():
-            number += 1
-            found = f"{wanted}_{number}"
+        found = numbered(builder_name(frames), self.helpers | {*self.builders.values()})
         encoder, context = f"encode_{self.identifiers[frames[0]]}", "ctx: Context = DEFAULTS"
         builder = write_plain_builder(self.module, found, encoder, levels, context)
         if builder is not None:

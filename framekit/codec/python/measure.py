@@ -412,19 +412,14 @@ class MeasureWriter(FunctionWriter):
         self.add(f"return QUIET if end - start <= {self.most} else LOST")
         raise Finished
 
-    def inner_may_mismatch(self) -> bool:
-        """Whether an inner frame begins with constants, so that it has to be looked at."""
-        return any(
-            isinstance(segment, Inner) and self.begins_with_constants(segment) for segment in flat(self.segments)
-        )
-
     def _looks_inside(self) -> bool:
-        """Whether more than the size counts of a frame of fixed size."""
-        return self.inner_may_mismatch() or any(True for _ in ending_checks(self.segments))
+        """Whether more than the size counts of a frame of fixed size, as an inner frame that begins with constants."""
+        inner = (segment for segment in flat(self.segments) if isinstance(segment, Inner))
+        return any(map(self.begins_with_constants, inner)) or any(True for _ in ending_checks(self.segments))
 
     def begins_with_constants(self, inner: Inner) -> bool:
         frames = (self.static.frames[name] for name in inner.frames)
-        return any(leading(self.static, self.static.segments(frame)) for frame in frames)
+        return any(leading(self.static.segments(frame)) for frame in frames)
 
     def inner_size(self, size: str, choice: str, measure: str, arguments: str, seen: str, behind: str) -> None:
         """Gives the local `size` its value: that of the frame inside."""
@@ -470,7 +465,7 @@ class MeasureWriter(FunctionWriter):
             return
 
     def _compare_start(self) -> None:
-        constant = leading(self.static, self.segments)
+        constant = leading(self.segments)
         if len(constant) == 1:
             test = f"start < end and data[start] != {constant[0]:#04x}"
         else:
@@ -588,8 +583,6 @@ class MeasureWriter(FunctionWriter):
         if out.lines:
             with self.out.block("else:"):
                 self.out.extend(out)
-
-    # ---- segments with others inside ----------------------------------------------------------------------
 
 
 def _whole(text: str, record: Segment) -> NameEntry:

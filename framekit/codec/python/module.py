@@ -23,7 +23,7 @@ from framekit.codec.checks import FUNCTIONS, source_of
 from framekit.codec.python import runtime, runtime_diagnosis
 from framekit.codec.python.choices import in_order
 from framekit.codec.python.expressions import ExpressionWriter, NameEntry, Scope
-from framekit.codec.python.source import OWN_WORDS, Code, Identifiers, Source, literal, quoted, text_source
+from framekit.codec.python.source import OWN_WORDS, Code, Identifiers, Source, literal, numbered, quoted, text_source
 from framekit.definition.expression import BIT_AND
 from framekit.definition.model.checks import CheckMethod
 from framekit.definition.model.frames import StaticSizes, everything
@@ -122,10 +122,7 @@ def _names_of_added() -> Mapping[tuple[str, str], str]:
     found: dict[tuple[str, str], str] = {}
 
     def apart(name: str) -> str:
-        own, number = name, 1
-        while own in taken:
-            number += 1
-            own = f"{name}_{number}"
+        own = numbered(name, taken)
         taken.add(own)
         return own
 

@@ -71,10 +71,6 @@ class Slot:
         assert self.local is not None
         return self.local
 
-    @property
-    def is_pad(self) -> bool:
-        return self.local is None
-
 
 @dataclass(slots=True)
 class Chunk:
@@ -319,7 +315,7 @@ class BufferReader:
         if number.limits is None:
             return
         least, most = number.limits
-        free = forms.value_range(_without_limits(number))
+        free = forms.value_range(replace(number, limits=None))
         low = free.least is None or least > free.least
         high = free.most is None or most < free.most
         if low and high:
@@ -456,7 +452,7 @@ class BufferReader:
         chunks: list[Chunk] = []
         for slot in slots:
             last = chunks[-1] if chunks else None
-            if last is not None and slot.is_pad and last.local is None:
+            if last is not None and slot.local is None and last.local is None:
                 last.slots.append(slot)
             elif last is not None and _join_as_digits(last, slot):
                 last.local = self.function.names.fresh("digits") if len(last.slots) == 1 else last.local
@@ -687,13 +683,9 @@ class BufferReader:
                     bases = [place.base for place in (bounds.first, bounds.last) if place.base not in ("", "end")]
                     here = self.at if bounds.buffer == self.buffer else "0"  # of a wrap that is not there
                     lines += [" = ".join((*dict.fromkeys(bases), here))] if bases else []
-                    self._wire_by_bounds(item.scope, segment)
+                    for name in {segment.name or "", *segment.value_names} & item.scope.entries.keys():
+                        item.scope.entries[name].wire = function.wire_size(segment.name or "")
         return lines
-
-    def _wire_by_bounds(self, scope: Scope, segment: Segment) -> None:
-        for name in (segment.name or "", *segment.value_names):
-            if name in scope.entries:
-                scope.entries[name].wire = self.function.wire_size(segment.name or "")
 
     def prepare_names(self, items: list[Item]) -> None:
         """Names of cases that expressions elsewhere may read have a local before any case is taken."""
@@ -795,10 +787,6 @@ def without_end(segment: Segment) -> DefinitionError:
 def not_possible(segment: Segment, what: str, todo: str) -> DefinitionError:
     """The complaint about something that cannot be compiled."""
     return DefinitionError([Problem(segment.at, what, todo)])
-
-
-def _without_limits(number: Field | Length | Count) -> Field | Length | Count:
-    return replace(number, limits=None)
 
 
 def type_of(segment: Segment) -> FieldType:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import builtins
 import keyword
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
 from itertools import groupby
@@ -51,7 +51,8 @@ class Source:
     def docstring(self, *lines: str) -> None:
         """A docstring of these lines, whatever they hold."""
         indent = INDENT * self.depth
-        first, *others = [_in_docstring(line) for line in lines]
+        # between triple quotes no quotes stand before others or at the end of a line without a backslash
+        first, *others = [printable(re.sub(r'"(?="|\Z)', r"\"", line.replace("\\", "\\\\"))) for line in lines]
         if not others:
             self.lines.append(f'{indent}"""{first}"""')
             return
@@ -244,11 +245,6 @@ def _escaped(text: str) -> str:
     return printable(text.replace("\\", "\\\\").replace('"', '\\"'))
 
 
-def _in_docstring(line: str) -> str:
-    """A line between triple quotes: no quotes before others or at its end without a backslash."""
-    return printable(re.sub(r'"(?="|\Z)', r"\"", line.replace("\\", "\\\\")))
-
-
 def bytes_literal(data: bytes) -> str:
     """Bytes in double quotes: letters as they are, all others as \\xNN; long runs of one byte as a product."""
     if len(data) > 8 and len(set(data)) == 1:
@@ -283,6 +279,15 @@ def identifier(name: str) -> str:
 def constant_name(*names: str) -> str:
     """Names put together as a module constant: `READ_REPLY_HEAD`, `_7TH_HEAD`."""
     return identifier("_".join(identifier(name).strip("_") for name in names)).upper()
+
+
+def numbered(wanted: str, taken: Collection[str]) -> str:
+    """A name that is free: `wanted`, with `_2`, `_3` … behind if need be."""
+    found, number = wanted, 1
+    while found in taken:
+        number += 1
+        found = f"{wanted}_{number}"
+    return found
 
 
 class Identifiers:

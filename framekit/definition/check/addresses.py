@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterator, Mapping
 
 from framekit.definition.expression import Attribute, Expression, Name, inverse_steps, names_in, walk
-from framekit.definition.model.frames import expressions_of
+from framekit.definition.model.frames import names_read
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import (
     BASES,
@@ -49,7 +49,7 @@ def check_forms(
 
 def check_parts(protocol: Protocol) -> Iterator[Problem]:
     """Numbers and words of forms that nothing reads: addresses that differ in them would mean one place."""
-    read = {name for part in expressions_of(protocol.service_rows) for name in names_in(part.root)}
+    read = names_read(protocol.service_rows)
     for form in protocol.addresses:
         known = read.union(*(names_in(result.root) for result in form.results.values()))
         for part in parts_in(form):

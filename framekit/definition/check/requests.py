@@ -27,11 +27,11 @@ from framekit.definition.expression import (
 )
 from framekit.definition.kinds.base import Segment
 from framekit.definition.model.frames import (
-    Frame,
     attributes_in,
     expressions_of,
     field_names,
     names_always_there,
+    names_read,
     parts_of,
 )
 from framekit.definition.model.procedure import Row
@@ -267,8 +267,8 @@ def check_stations(protocol: Protocol) -> Iterator[Problem]:
         told: set[str] = set()
         for made in (row.request for row in protocol.service_rows if not row.client_only):
             frame = None if made is None or made.frame not in taken else protocol.frames.get(made.frame)
-            if made is None or frame is None or _validates_itself(frame):
-                continue
+            if made is None or frame is None or any("own" in names_in(rule.root) for rule in expressions_of(frame)):
+                continue  # a frame's own rules look at the station
             for field_name, value in made.fields.items():
                 named = isinstance(value, Expression) and "station" in names_in(value.root)
                 if (
@@ -306,7 +306,7 @@ def check_settings(protocol: Protocol) -> Iterator[Problem]:
         hidden = of_places if row.service in ("read", "write") else {argument.name for argument in row.takes}
         own = compared - hidden
         seen = read | attributes_in([row.back, row.back_each, row.when, row.refuse, row.serve])
-        ruled = {name for rule in expressions_of(frame) for name in names_in(rule.root)}
+        ruled = names_read(frame)
         for field_name, value in _leaves_of(row.request):
             found = inverse_steps(value)
             if found is None or found[0] not in own - ruled or field_name in seen or (field_name, found[0]) in told:
@@ -326,7 +326,7 @@ def check_of_client(protocol: Protocol) -> Iterator[Problem]:
     sent: list[Any] = [part for row in served for part in (row.request, row.buffer)]
     frames = (protocol.frames.get(made.frame) for made in parts_of(sent, FrameOf))
     sent += [frame.segments for frame in frames if frame is not None]
-    told = {name for one in expressions_of(sent) for name in names_in(one.root)}
+    told = names_read(sent)
     for one in protocol.params.values():
         if not one.of_client or one.at.file != protocol.at.file:
             continue  # of an application: some of its carriers tell it
@@ -347,11 +347,6 @@ def _leaves_of(made: FrameOf | LayoutOf | RecordOf) -> Iterator[tuple[str, Expre
             yield name, value
         elif isinstance(value, (LayoutOf, RecordOf)):
             yield from _leaves_of(value)
-
-
-def _validates_itself(frame: Frame) -> bool:
-    """Whether a frame's own rules look at the station of the device."""
-    return any("own" in names_in(rule.root) for rule in expressions_of(frame))
 
 
 def _compared_with_own(node: Compare) -> Iterator[str]:

@@ -13,15 +13,15 @@ from framekit.definition.check.requests import (
     check_unserved,
     serves,
 )
-from framekit.definition.expression import Expression, Name, Real, Text, names_in
+from framekit.definition.expression import Expression, Name, Real, Text
 from framekit.definition.kinds.base import Segment, constant_number
 from framekit.definition.model.frames import (
     Frame,
     Layout,
-    expressions_of,
     field_names,
     flat,
     names_needed,
+    names_read,
     parts_of,
 )
 from framekit.definition.model.procedure import Step
@@ -201,7 +201,7 @@ def _data(row: ServiceRow) -> Iterator[Problem]:
     if row.run is not None or row.request is None:
         return
     holder = [row.reply, row.gives] if row.service == "read" else [row.request, row.buffer]
-    named = {name for expression in expressions_of(holder) for name in names_in(expression.root)}
+    named = names_read(holder)
     if row.server_only:
         named |= {*row.back, *row.back_each}
     if row.service == "read" and not named & {"data", *AS_NUMBERS} and not row.gives:
@@ -314,7 +314,7 @@ def _dead(rows: tuple[ServiceRow, ...]) -> Iterator[Problem]:
 
 def _names_places(row: ServiceRow) -> bool:
     """Whether a row speaks of places by numbers alone; with text or parts of addresses it may not take every one."""
-    named = {name for expression in expressions_of(row.request) for name in names_in(expression.root)}
+    named = names_read(row.request)
     return "start" in named and not named - {
         "station",
         "own",

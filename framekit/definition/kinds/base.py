@@ -225,7 +225,7 @@ class Segment:
     @property
     def size_expression(self) -> Expression | None:
         """The expression that gives its size, if one does."""
-        size = None if self.number_type is None else self.number_type.size
+        size = getattr(self, "size", None) if self.number_type is None else self.number_type.size
         return size if isinstance(size, Expression) else None
 
     # ---- values -------------------------------------------------------------------------------------------

@@ -176,7 +176,7 @@ class Bits(Segment):
             yield Problem(self.at, "bits are taken from a whole number", "use of: u8, u16, hex, …")
             return
         size = self.type.fixed_size
-        width = 0 if size is None else size * self.type.digit_bits
+        width = 0 if size is None else size * (4 if self.type.kind == "digits" else 8)
         taken: dict[int, str] = {}
         for part in self.parts:
             if size is not None and part.high >= width:

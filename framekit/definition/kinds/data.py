@@ -113,10 +113,6 @@ class Data(Segment):
     def may_be_given(self) -> bool:
         return True
 
-    @property
-    def size_expression(self) -> Expression | None:
-        return self.size if isinstance(self.size, Expression) else None
-
     def check(self) -> Iterator[Problem]:
         if self.never and self.convert is not None:
             what = f"never says what stands on the wire, and '{self.name}' is converted"

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
-from framekit.definition.expression import Expression
 from framekit.definition.keys import IDENTIFIER, Form, KeyReading, ValueKind, key, ref
 from framekit.definition.kinds.base import Contents, Segment, contents_of
 from framekit.definition.problems import Problem
@@ -58,10 +57,6 @@ class Inner(Segment):
             # none of them stands inside itself
             found |= contents_of(segments, lambda inside: None if inside in self.frames else of_frame(inside))
         return found
-
-    @property
-    def size_expression(self) -> Expression | None:
-        return self.size if isinstance(self.size, Expression) else None
 
     def check(self) -> Iterator[Problem]:
         if not self.frames:

@@ -108,10 +108,6 @@ class Wrap(Segment):
     def takes_rest(self) -> bool:
         return not self.ends_itself and not isinstance(self.coding, Hex)
 
-    @property
-    def size_expression(self) -> Expression | None:
-        return self.size if isinstance(self.size, Expression) else None
-
     def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
         if isinstance(self.size, int):
             return exactly(self.size)

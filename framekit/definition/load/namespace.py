@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any
 
-from framekit.definition.expression import names_in
 from framekit.definition.keys import Meanings
 from framekit.definition.load.documents import SourceText, scalar_of
 from framekit.definition.load.reader import Broken, Reader, parse_key
 from framekit.definition.model.checks import WIDEST, CheckMethod, ready_methods
-from framekit.definition.model.frames import expressions_of
 from framekit.definition.model.values import Table, TableValue
 from framekit.definition.nodes import Entry, Mapping, Node, Sequence
 from framekit.definition.problems import Position, did_you_mean
@@ -134,8 +130,8 @@ class Namespace:
         self._tables: dict[str, Table | None] = {}
         self._checks: dict[str, CheckMethod | None] = {}
         self._sections: dict[str, dict[str, Owned]] = {}
-        self._orders = {file: self._order_of(one) for one in self._sources() for file in one.files}
-        self._turned = {file for one in self._sources() if self._is_turned(one) for file in one.files}
+        self._little = self._saying("order", "little")
+        self._turned = self._saying("conversions", "by_direction")
 
     def _sources(self) -> list[SourceText]:
         application = self.source.application
@@ -144,13 +140,9 @@ class Namespace:
     def _used(self) -> list[tuple[str, SourceText]]:
         return [item for source in self._sources() for item in source.uses.items()]
 
-    @staticmethod
-    def _order_of(source: SourceText) -> str:
-        return "little" if scalar_of(source.root.get("order")) == "little" else "big"
-
-    @staticmethod
-    def _is_turned(source: SourceText) -> bool:
-        return scalar_of(source.root.get("conversions")) == "by_direction"
+    def _saying(self, key: str, word: str) -> set[str]:
+        """The files in which a key has this word."""
+        return {file for one in self._sources() if scalar_of(one.root.get(key)) == word for file in one.files}
 
     def turns_conversions(self, file: str) -> bool:
         """Whether names of conversions in `file` say what is done in the direction of the frame."""
@@ -158,7 +150,7 @@ class Namespace:
 
     def order(self, file: str) -> str:
         """The byte order of numbers written in `file`."""
-        return self._orders.get(file, "big")
+        return "little" if file in self._little else "big"
 
     def section(self, key: str) -> dict[str, Owned]:
         """The entries of a section by name, the definition's own first, then its application's."""
@@ -228,11 +220,6 @@ class Namespace:
         if name not in ready:
             raise self.reader.broken(node.at, f"there is no check '{name}'", did_you_mean(name, [*own, *ready]))
         return ready[name]
-
-
-def names_mentioned(parts: Iterable[Any]) -> set[str]:
-    """Bare words read by any expression in these parts of a model."""
-    return {name for part in parts for expression in expressions_of(part) for name in names_in(expression.root)}
 
 
 def used_entries(space: Namespace, section: str) -> dict[str, tuple[Namespace, Owned]]:

@@ -81,7 +81,9 @@ class ValueLoader:
             if entry.key.text in self.frames.outlines and not isinstance(entry.value, Scalar):
                 return self._frame(entry)
             if self._is_layout(entry.key.text):
-                if isinstance(entry.value, Mapping) and not self._is_constructor(entry.value):
+                inside = entry.value.entries if isinstance(entry.value, Mapping) else ()
+                is_made = len(inside) == 1 and self._is_layout(inside[0].key.text)
+                if isinstance(entry.value, Mapping) and not is_made:
                     return LayoutOf(entry.key.text, self.filled(entry.value), node.at)
                 return ReadAs(entry.key.text, self.value(entry.value), node.at)
         return RecordOf(self.filled(node), node.at)
@@ -91,9 +93,6 @@ class ValueLoader:
             return True
         found = self.space.elsewhere(name)
         return found is not None and found[0] in found[1].section("layouts")
-
-    def _is_constructor(self, node: Mapping) -> bool:
-        return len(node.entries) == 1 and self._is_layout(node.entries[0].key.text)
 
     # ---- what `set` writes --------------------------------------------------------------------------------
 

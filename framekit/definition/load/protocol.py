@@ -17,12 +17,12 @@ from framekit.definition.check.protocol import check_protocol
 from framekit.definition.keys import read_part
 from framekit.definition.load.documents import Documents, SourceText, joined, merged, scalar_of
 from framekit.definition.load.frames import FrameLoader, SegmentLoader, resolve_references
-from framekit.definition.load.namespace import Namespace, Owned, names_mentioned, used_entries
+from framekit.definition.load.namespace import Namespace, Owned, used_entries
 from framekit.definition.load.procedure import ProcedureLoader, ValueLoader
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.load.resolve import NumberNames, Stations, with_item_words
 from framekit.definition.load.services import ServiceLoader, load_address_forms, words_of_form
-from framekit.definition.model.frames import Frame, Layout, attributes_in, parts_of
+from framekit.definition.model.frames import Frame, Layout, attributes_in, names_read, parts_of
 from framekit.definition.model.procedure import Role, Sequence, Session
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import Line, Parameter, Queue, Receiver, StateVariable, StationType
@@ -239,7 +239,8 @@ class ProtocolLoader:
                 if isinstance(node, Scalar) and node.text in self.space.section("layouts"):
                     wanted[node.text] = node.at
         found: dict[str, Layout] = {}
-        for name, at in (self._included_only() | wanted).items():
+        own = {name: owned.entry.key.at for name, owned in self.space.section("layouts").items()}
+        for name, at in (own | wanted).items():  # what is wrong in one is told even if nothing includes it
             before = len(self.reader.problems)
             with self.reader.going_on():
                 loader = SegmentLoader(self.space, self.frames)
@@ -255,10 +256,6 @@ class ProtocolLoader:
             if any(not problem.warning for problem in self.reader.problems[before:]):
                 self.broken_layouts.add(name)
         return {name: layout for name, layout in found.items() if name in wanted and name not in self.broken_layouts}
-
-    def _included_only(self) -> dict[str, Position]:
-        """Layouts of this definition: what is wrong in one is told even if nothing includes it."""
-        return {name: owned.entry.key.at for name, owned in self.space.section("layouts").items()}
 
     def _variables(
         self, parts: list[Any], frames: Mapping[str, Frame]
@@ -287,7 +284,7 @@ class ProtocolLoader:
             for name, owned in self._joined(section).items():
                 add(section, name, owned, self.space)
         while True:
-            mentioned = names_mentioned([*parts, result])
+            mentioned = names_read([*parts, result])
             size = sum(map(len, result.values()))
             for section, found in result.items():
                 for name, (space, owned) in used_entries(self.space, section).items():

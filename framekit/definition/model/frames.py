@@ -158,6 +158,11 @@ def expressions_of(value: Any) -> Iterator[Expression]:
     return parts_of(value, Expression)
 
 
+def names_read(value: Any) -> set[str]:
+    """Every name that an expression inside `value` reads."""
+    return {name for expression in expressions_of(value) for name in names_in(expression.root)}
+
+
 def names_read_in(segments: Iterable[Segment]) -> set[str]:
     """The names that expressions in one record or item read, those of records in it too, not those of lists in it."""
     found: set[str] = set()

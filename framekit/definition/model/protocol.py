@@ -107,7 +107,8 @@ class Protocol:
         own = self.roles[role]
         if own.other_side is not None:
             return own.other_side
-        if own.exchanges and self._serves(own):
+        called = self.called_from(own.listens) if own.exchanges else ()
+        if any(step.serve is not None for one in called for step in one.steps):
             return role
         return self._first_listening(role) or (role if own.listens else None)
 
@@ -115,10 +116,6 @@ class Protocol:
         """The first role that listens; those that only do that go before others."""
         found = [one for one in self.roles.values() if one.listens and one.name != but]
         return min(found, key=lambda one: one.exchanges).name if found else None
-
-    def _serves(self, role: Role) -> bool:
-        """Whether what a role listens with, and what that calls, has a step that serves."""
-        return any(step.serve is not None for one in self.called_from(role.listens) for step in one.steps)
 
     def called_from(self, names: Iterable[str]) -> tuple[Sequence, ...]:
         """These sequences, and those that they call."""

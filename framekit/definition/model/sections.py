@@ -242,8 +242,10 @@ def _secret(reading: KeyReading, node: Node) -> bool:
     return reading.reader.flag(node)
 
 
-def _of_client(reading: KeyReading, node: Node) -> bool:
-    return reading.reader.one_of(node, {"client": True}, "a side of a parameter")
+_OF_CLIENT = Form(
+    words("a side of a parameter", "client"),
+    lambda r, node: r.reader.one_of(node, {"client": True}, "a side of a parameter"),
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -269,7 +271,7 @@ class Parameter:
     doc: str = key("doc", TEXT, default="")
     size: int | None = key("size", _size_in_bytes("parameter"), default=None)
     secret: bool = key("secret", Form(FLAG.schema, _secret), default=False)
-    of_client: bool = key("from", Form(words("a side of a parameter", "client"), _of_client), default=False)
+    of_client: bool = key("from", _OF_CLIENT, default=False)
 
     @property
     def is_compared(self) -> bool:

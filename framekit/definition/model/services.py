@@ -15,7 +15,6 @@ from framekit.definition.expression import (
     Text,
     inverse_steps,
     is_constant,
-    names_in,
     ordered_by_need,
     walk,
 )
@@ -40,7 +39,7 @@ from framekit.definition.keys import (
     ref,
 )
 from framekit.definition.load.reader import MOST_ELEMENTS
-from framekit.definition.model.frames import expressions_of
+from framekit.definition.model.frames import names_read
 from framekit.definition.model.procedure import SETTINGS, Target
 from framekit.definition.model.sections import Argument
 from framekit.definition.model.values import Constant, FrameOf, Value
@@ -545,7 +544,7 @@ COUNTING = frozenset({"count", "bytes", "data", "bits", "values", "total"})
 
 def mentions_of(row: ServiceRow) -> frozenset[str]:
     """The names that a row's request and the bytes beside it read."""
-    return frozenset(name for part in expressions_of([row.request, row.buffer]) for name in names_in(part.root))
+    return frozenset(names_read([row.request, row.buffer]))
 
 
 def told_by(when: Expression | None) -> dict[str, int | str] | None:

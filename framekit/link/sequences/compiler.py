@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import builtins
 from collections.abc import Mapping
-from functools import partial
 from types import CodeType
 from typing import Any
 
@@ -50,7 +49,10 @@ class Program:
         self.protocol = protocol
         self.table = table = table_of(protocol, codec)
         cache = current_cache()
-        make = partial(sequence_code, protocol, table)
+
+        def make() -> CodeType:
+            return compile(sequence_source(protocol, table), f"<sequences of {protocol.name}>", "exec")
+
         code = make() if cache is None else cache.code(protocol, "sequences", make)
         self.sequences, self.need_names, self.shown_later = load_sequences(code, protocol, table)
         self._replies: dict[str | None, Replies] = {}
@@ -66,11 +68,6 @@ class Program:
 def program_of(protocol: Protocol, codec: ProtocolCodec) -> Program:
     """The program of a protocol, made once for a codec."""
     return made_once(protocol, codec, Program, lambda: Program(protocol, codec))
-
-
-def sequence_code(protocol: Protocol, table: FrameTable) -> CodeType:
-    """The compiled module of a protocol's sequences."""
-    return compile(sequence_source(protocol, table), f"<sequences of {protocol.name}>", "exec")
 
 
 def sequence_source(protocol: Protocol, table: FrameTable) -> str:

@@ -277,14 +277,6 @@ class DeviceAreas:
 
     # ---- places -------------------------------------------------------------------------------------------
 
-    def span(self, area: str, unit: str | None, start: int, count: int) -> Span:
-        """A place of a protocol's area. Raises UnknownAreaError."""
-        return self.unit(area, unit).span(start, count)
-
-    def memory_span(self, memory: str, unit: str | None, start: int, count: int) -> Span:
-        """A place of a memory area by its own name. Raises UnknownAreaError."""
-        return self.own_unit(memory, unit).span(start, count)
-
     def own_bytes(self, memory: str) -> int:
         """Bytes of one element of a memory area; 0 of bits. Raises UnknownAreaError."""
         return unit_bits(self.memory.area(memory).unit) // 8
@@ -330,16 +322,16 @@ def span_of(areas: DeviceAreas, grammar: AddressGrammar, codes: Codes, given: Ma
     """The place of a device's memory that the words mean. Raises UnknownAreaError."""
     start, count, unit = int(given.get("start", 0)), int(given.get("count", 1)), given.get("unit")
     if "memory" in given:
-        return areas.memory_span(str(given["memory"]), unit, start, count)
+        return areas.own_unit(str(given["memory"]), unit).span(start, count)
     if "text" in given:
         address = grammar.parse(str(given["text"]), unit, check=False)
         if address.shift:
             raise MemoryRangeError(f"{address} does not begin at a whole {address.unit}")
-        return areas.span(address.area, address.unit, address.start + start, count)
+        return areas.unit(address.area, address.unit).span(address.start + start, count)
     if "code" in given:
         area, own = _coded(codes, given["code"])
-        return areas.span(area, unit or own, start, count)
-    return areas.span(str(given["area"]), unit, start, count)
+        return areas.unit(area, unit or own).span(start, count)
+    return areas.unit(str(given["area"]), unit).span(start, count)
 
 
 def address_of(grammar: AddressGrammar, codes: Codes, given: Mapping[str, Any]) -> Address:

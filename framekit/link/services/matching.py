@@ -15,8 +15,8 @@ from typing import Any
 
 from framekit.codec.python.source import Source
 from framekit.codec.shown import explain
-from framekit.definition.expression import Expression, emit, is_constant, names_in, tells_setting
-from framekit.definition.model.frames import attributes_in, expressions_of, field_names, parts_of
+from framekit.definition.expression import Expression, emit, is_constant, tells_setting
+from framekit.definition.model.frames import attributes_in, field_names, names_read, parts_of
 from framekit.definition.model.services import AS_NUMBERS, is_passed_over, only_start, told_by
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
 from framekit.definition.sources import fingerprint
@@ -201,20 +201,15 @@ class RowWriter:
         params = self.shared.protocol.params.items()
         self.own = {name for name, one in params if one.is_compared or one.secret} - self.arguments
         replies = [(reply.frame, reply.buffer) for reply in row.reply]
-        mentioning: list[Any] = [
-            row.back,
-            row.back_each,
-            matching.when,
-            [(rule.when, rule.code) for rule in row.refuse],
-        ]
+        mentioning: list[Any] = [row.back, row.back_each, matching.when]
+        mentioning += [(rule.when, rule.code) for rule in row.refuse]
         mentioning += [(reply.when, reply.frame, reply.buffer) for reply in row.reply]
-        self.mentioned = {name for part in expressions_of(mentioning) for name in names_in(part.root)}
+        self.mentioned = names_read(mentioning)
         protocol = self.shared.protocol
         made = [protocol.frames[one.frame].segments for one in parts_of(replies, FrameOf)]
         made += [protocol.layouts[one.layout].segments for one in parts_of(replies, LayoutOf)]
         for segments in made:
-            needed = {name for part in expressions_of(segments) for name in names_in(part.root)}
-            self.mentioned |= needed - field_names(segments)
+            self.mentioned |= names_read(segments) - field_names(segments)
         self.given: dict[str, Any] = {
             **_RUNTIME,
             "address_named": matching.address_named,

@@ -131,10 +131,6 @@ class RowFacts:
             return unit == area.unit or unit in area.codes
         return True
 
-    def place_is_in(self, address: Address) -> bool:
-        """Whether the request names the place by parts of the address, so that it cannot be counted in other units."""
-        return bool(self.mentions & address.parts.keys())
-
     def names(self, address: Address, count: int) -> dict[str, Any]:
         """The names this row has of `count` elements at an address, those about data and parts of transfers aside.
 
@@ -230,8 +226,8 @@ class Planner:
         """
         for carried, skip in self._carried(piece):
             for facts in self.shared.rows.get(service, ()):
-                if carried is not piece and facts.place_is_in(piece.address):
-                    continue
+                if carried is not piece and facts.mentions & piece.address.parts.keys():
+                    continue  # it names the place by parts of the address: that cannot be counted in other units
                 if carried.address.shift and facts.mentions & FROM_START:
                     continue
                 found = self._by_row(facts, carried, names, listed)

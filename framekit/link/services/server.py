@@ -14,9 +14,8 @@ from functools import partial
 from typing import Any, Protocol, TypeVar
 
 from framekit.codec.shown import explain, refusal_text
-from framekit.definition.expression import names_in
 from framekit.definition.model import protocol as model
-from framekit.definition.model.frames import expressions_of
+from framekit.definition.model.frames import names_read
 from framekit.definition.model.services import AS_NUMBERS
 from framekit.definition.model.values import Value
 from framekit.link.events import Served
@@ -120,8 +119,7 @@ class ServedRow:
         self.work = None if row.serve is None else Work(row.serve, facts, areas, codes)
         self.start_block = start_block
         self.transfers = row.service in ("read", "write") and (self.work is None or not self.work.moves_data)
-        told = {name for part in expressions_of([row.reply]) for name in names_in(part.root)}
-        self.tells_numbers = self.transfers and not told.isdisjoint(AS_NUMBERS)
+        self.tells_numbers = self.transfers and not names_read(row.reply).isdisjoint(AS_NUMBERS)
         self.replies = [
             (
                 compile_optional(reply.when),
