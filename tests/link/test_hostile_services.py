@@ -18,7 +18,7 @@ from framekit.definition.load.protocol import load_protocol_text
 from framekit.definition.nodes import read_text
 from framekit.definition.problems import DefinitionError
 from framekit.definition.schema import _validator
-from framekit.link.services import client, matching, replies
+from framekit.link.services import client, matching, writing
 from framekit.link.services.server import MemoryServer
 from framekit.link.services.writing import code_of_source
 from framekit.link.values import FrameValue
@@ -93,8 +93,7 @@ def sources(number: int, document: Any, monkeypatch: pytest.MonkeyPatch) -> list
         found.append(source)
         return code_of_source("def function(*_):\n    pass\n")
 
-    for module in (client, matching, replies):
-        monkeypatch.setattr(module, "code_of_source", noted)
+    monkeypatch.setattr(writing, "code_of_source", noted)
     try:
         protocol = load_protocol_text(yaml_of(document), "hostile")
     except DefinitionError:
