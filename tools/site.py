@@ -26,7 +26,7 @@ SECTIONS: dict[str, list[str]] = {
     "How to": [
         "docs/howto/log-values.md", "docs/howto/simulate-a-device.md", "docs/howto/unknown-check.md",
         "docs/howto/listen-between.md", "docs/howto/import-streamdevice.md", "docs/howto/run-as-a-service.md",
-        "docs/generate-c.md", "docs/wireshark.md",
+        "docs/generate-c.md", "docs/wireshark.md", "docs/kaitai.md",
     ],
     "Devices and lines": [
         "docs/run-files.md", "docs/servers.md", "docs/behave.md", "docs/lines.md", "docs/faults.md", "docs/jobs.md",

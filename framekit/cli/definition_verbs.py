@@ -578,9 +578,10 @@ def _form(segment: Segment) -> str | None:
 def add_generate_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "what",
-        choices=("python", "c", "wireshark", "jsonschema", "typescript", "document", "diagram"),
+        choices=("python", "c", "wireshark", "kaitai", "jsonschema", "typescript", "document", "diagram"),
         help="python: a module of plain functions, usable without framekit; c: a header and a source in C99, with"
-        " nothing to link; wireshark: a dissector in Lua; jsonschema, typescript: types of what decode"
+        " nothing to link; wireshark: a dissector in Lua; kaitai: a Kaitai Struct file (.ksy);"
+        " jsonschema, typescript: types of what decode"
         " --json prints; document: the frames drawn, fields, services and sequences,"
         " for people; diagram: the sequences in Mermaid",
     )
@@ -590,9 +591,12 @@ def add_generate_arguments(parser: argparse.ArgumentParser) -> None:
         "--output",
         type=Path,
         metavar="FILE",
-        help="where to write it; default: standard output; of c a directory; of document NAME.html or NAME.md",
+        help="where to write it; default: standard output; of c and kaitai a directory; of document NAME.html or"
+        " NAME.md",
     )
-    parser.add_argument("--strict", action="store_true", help="c, wireshark: exit status 1 if something is left out")
+    parser.add_argument(
+        "--strict", action="store_true", help="c, wireshark, kaitai: exit status 1 if something is left out"
+    )
     add(parser, "--set")
     parser.add_argument(
         "--max-bytes", type=_bytes_of_a_frame, metavar="N", default=None,
@@ -613,6 +617,8 @@ def _bytes_of_a_frame(text: str) -> int:
 def run_generate(arguments: argparse.Namespace) -> int:
     if arguments.what == "c":
         return _generate_c(arguments)
+    if arguments.what == "kaitai":
+        return _generate_kaitai(arguments)
     if arguments.what == "document":
         return _generate_document(arguments)
     protocol = load_codec(arguments.protocol).protocol
@@ -714,6 +720,28 @@ def _generate_c(arguments: argparse.Namespace) -> int:
     for frame, problem in made.not_measured:
         print(printable(f"{_place(problem)}: frame '{frame}' is not looked for in streams: {problem.what}"))
     return 1 if arguments.strict and (made.left_out or made.not_built) else 0
+
+
+def _generate_kaitai(arguments: argparse.Namespace) -> int:
+    """A `.ksy` in a directory; what Kaitai does not say is told."""
+    from framekit.codec.kaitai.generate import generate_kaitai
+
+    folder: Path | None = arguments.output
+    if folder is None:
+        raise VerbError("a Kaitai file is written into a directory – add -o DIR")
+    if arguments.set:
+        raise WordsError("--set is for wireshark: a Kaitai file is given parameters when it reads")
+    made = generate_kaitai(load_codec(arguments.protocol).protocol)
+    path = folder / f"{made.name}.ksy"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        path.write_text(made.text, encoding="utf-8")
+    except OSError as error:
+        raise VerbError(f"cannot write {why_not(error)}") from None
+    print(f"{path}: {len(made.frames)} of {plural(len(made.types), 'frame')}")
+    for problem in made.left_out:
+        print(printable(told(problem)))
+    return 1 if arguments.strict and len(made.frames) < len(made.types) else 0
 
 
 # ---- check and test -----------------------------------------------------------------------------------------

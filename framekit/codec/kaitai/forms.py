@@ -1,0 +1,156 @@
+"""How values of a type stand in a Kaitai file: the attribute that is read, and what makes the value of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from framekit.definition.wire_types import FieldType, Order
+
+ENCODING = "ISO-8859-1"
+"""Texts of a definition are bytes, one a character."""
+_WIDEST = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Form:
+    """The keys of the attribute; the kind of what it reads; `value` writes the value of the path of that, with `kind`.
+
+    `size` says whether a size has still to be added; `more`: bytes that stand behind it. `not_said`: why its value is
+    not the language's.
+    """
+
+    keys: dict[str, Any]
+    kind: str
+    value: Callable[[str], str] | None = None
+    takes_size: bool = False
+    not_said: str = ""
+    more: bytes = b""
+
+
+def form_of(type_: FieldType) -> Form:
+    """How a type is read."""
+    size = type_.fixed_size
+    match type_.kind:
+        case "int" if size is not None and size <= _WIDEST:
+            return _int(size, type_.signed, type_.order)
+        case "float" if type_.order in ("big", "little"):
+            return Form({"type": f"f{size}{_endian(type_.order)}"}, "float")
+        case "digits" | "hex_int":
+            return _digits(type_, size)
+        case "decimal":
+            return _text(type_, "int", lambda path: f"{path}.to_i")
+        case "bcd" if size is not None and size <= _WIDEST:
+            return Form({"size": size}, "int", lambda path: _bcd(path, size, type_.order))
+        case "scaled" if type_.inside is not None and type_.scale is not None:
+            return _scaled(type_)
+        case "ascii":
+            return _text(type_, "str", None)
+        case "bytes":
+            return Form({}, "bytes", takes_size=True)
+        case "fraction" | "hex_float":
+            return _text(type_, "str", None, "Kaitai makes no number with a fraction of text: it stays text")
+        case "int" | "float" | "bcd":
+            return Form({}, "bytes", takes_size=True, not_said="Kaitai has no such number: it stays bytes")
+    return Form({}, "bytes", takes_size=True, not_said="a program of its own reads this type: it stays bytes")
+
+
+def _endian(order: Order) -> str:
+    return "le" if order == "little" else "be"
+
+
+def _signed(text: str, bits: int) -> str:
+    return f"({text} >= {1 << bits - 1} ? {text} - {1 << bits} : {text})"
+
+
+def _places(size: int, order: Order) -> list[int]:
+    """Where the bytes of a number stand, the highest first."""
+    if order == "little":
+        return [*range(size - 1, -1, -1)]
+    if order == "BADC":
+        return [one ^ 1 for one in range(size)]
+    if order == "CDAB":
+        return [(size // 2 - 1 - one // 2) * 2 + one % 2 for one in range(size)]
+    return [*range(size)]
+
+
+def _int(size: int, signed: bool, order: Order) -> Form:
+    bits = 8 * size
+    if order in ("BADC", "CDAB"):
+        places = _places(size, order)
+
+        def value(path: str) -> str:
+            sum_ = " | ".join(f"({path}[{place}] << {8 * (size - 1 - at)})" for at, place in enumerate(places))
+            return _signed(f"({sum_})", bits) if signed else f"({sum_})"
+
+        return Form({"size": size}, "int", value)
+    sign = "s" if signed else "u"
+    if size == 1:
+        return Form({"type": f"{sign}1"}, "int")
+    if size in (2, 4, 8):
+        return Form({"type": f"{sign}{size}{_endian(order)}"}, "int")
+    whole = {"type": f"b{bits}{_endian(order)}"}
+    return Form(whole, "int", (lambda path: _signed(path, bits)) if signed else None)
+
+
+def _digits(type_: FieldType, size: int | None) -> Form:
+    def number(path: str) -> str:
+        """The digits as a number; two of them are a byte, and bytes may stand in another order."""
+        base = "" if type_.base == 10 else f"({type_.base})"
+        if type_.order == "big" or size is None:
+            return f"{path}.to_i{base}"
+        pairs = [f"{path}.substring({2 * place}, {2 * place + 2})" for place in _places(size // 2, type_.order)]
+        return f"({' + '.join(pairs)}).to_i{base}"
+
+    if type_.kind == "hex_int" and size is not None:
+        return _text(type_, "int", lambda path: _signed(number(path), 4 * size))
+    if type_.order != "big" and (size is None or size % 2):
+        return _text(type_, "str", None, "Kaitai turns no digits round of which it does not know how many there are")
+    return _text(type_, "int", number)
+
+
+def _text(type_: FieldType, kind: str, value: Callable[[str], str] | None, not_said: str = "") -> Form:
+    keys: dict[str, Any] = {"type": "str", "encoding": ENCODING}
+    more = b""
+    if type_.size is not None:
+        if type_.pad is not None:
+            keys["pad-right"] = type_.pad[0]
+        if type_.end is not None:
+            keys["terminator"] = type_.end[0]
+            if len(type_.end) > 1:
+                not_said = not_said or "Kaitai ends a text at one byte: it ends at the first of them"
+    elif type_.end is not None:
+        keys["terminator"] = type_.end[0]
+        more = type_.end[1:]
+    elif len(type_.stops) == 1:
+        keys |= {"terminator": type_.stops[0][0], "consume": False}
+    return Form(keys, kind, value, type_.size is not None, not_said, more)
+
+
+def _bcd(path: str, size: int, order: Order) -> str:
+    parts = (
+        f"(({path}[{place}] >> 4) * 10 + ({path}[{place}] & 15)) * {100 ** (size - 1 - at)}"
+        for at, place in enumerate(_places(size, order))
+    )
+    return f"({' + '.join(parts)})"
+
+
+def _atom(text: str) -> str:
+    return text if text.isidentifier() else f"({text})"
+
+
+def _scaled(type_: FieldType) -> Form:
+    assert type_.inside is not None and type_.scale is not None
+    inside, scale = form_of(type_.inside), type_.scale
+    if inside.not_said or inside.kind != "int":
+        return inside
+
+    def value(path: str) -> str:
+        number = inside.value(path) if inside.value is not None else path
+        number = number if scale.factor == 1 else f"{number} * {scale.factor}"
+        number = number if scale.offset == 0 else f"{number} + {scale.offset}"
+        return f"({number})" if scale.places == 0 else f"({_atom(number)} / {float(10**scale.places)})"
+
+    kind = "int" if scale.places == 0 else "float"
+    return Form(inside.keys, kind, value, inside.takes_size, more=inside.more)

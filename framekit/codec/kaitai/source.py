@@ -1,0 +1,73 @@
+"""Names and texts of a Kaitai file being written, and what has no form in one."""
+
+from __future__ import annotations
+
+import keyword
+import re
+from collections.abc import Iterable
+
+from framekit.definition.problems import Position, Problem
+
+_WORDS = {one.lower() for one in keyword.kwlist} | set(
+    re.findall(
+        r"\w+",
+        """
+    abstract auto base bool boolean byte case catch char const debugger default delegate delete do double enum
+    explicit export extends extern final fixed float foreach friend func function go goto implements inline
+    instanceof int interface internal let local long map module mro mutable namespace native new nil null object
+    operator out package params private protected public range register require self short signed sizeof static
+    string struct super switch synchronized template then this throw throws typedef typeof union unless unsigned
+    until using var virtual void volatile when close end begin
+    """,
+    )
+)
+"""Words of languages that Kaitai compiles to; a name that is one of them gets a `_` behind it."""
+
+
+class NotSaidError(Exception):
+    """What has no form in Kaitai: what it is, why, and where it stands."""
+
+    def __init__(self, at: Position, what: str, why: str) -> None:
+        super().__init__(what)
+        self.problem = Problem(at, what, why)
+
+
+def identifier(text: str) -> str:
+    """A name as Kaitai allows it: small letters, digits and `_`, a letter first."""
+    name = re.sub(r"[^a-z0-9_]", "_", text.lower()).strip("_") or "x"
+    name = name if name[0].isalpha() else f"n{name}"
+    return f"{name}_" if name in _WORDS else name
+
+
+class Names:
+    """Names of one place, each given once. Two that differ in `_` and capitals only are one in some languages."""
+
+    def __init__(self, taken: Iterable[str] = ()) -> None:
+        self._taken = {_squashed(one) for one in taken}
+
+    def new(self, text: str) -> str:
+        name = wanted = identifier(text)
+        number = 2
+        while _squashed(name) in self._taken:
+            name, number = f"{wanted.rstrip('_')}_{number}", number + 1
+        self._taken.add(_squashed(name))
+        return name
+
+
+def _squashed(name: str) -> str:
+    return name.replace("_", "")
+
+
+def string(text: str) -> str:
+    """A text in an expression: every sign but plain ones by its number."""
+    plain = (one if one.isascii() and one.isprintable() and one not in '"\\' else _escaped(one) for one in text)
+    return f'"{"".join(plain)}"'
+
+
+def _escaped(sign: str) -> str:
+    return f"\\u{ord(sign):04x}" if ord(sign) < 0x1_0000 else "?"
+
+
+def data(value: bytes) -> str:
+    """Bytes in an expression."""
+    return f"[{', '.join(map(hex, value))}].as<bytes>"
