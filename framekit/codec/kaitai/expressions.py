@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from framekit.codec.kaitai.source import NotSaidError, data, identifier, string
+from framekit.codec.kaitai.source import UnsaidError, data, identifier, string
 from framekit.definition.expression import (
     Attribute,
     Binary,
@@ -38,15 +38,15 @@ _MOST = (1 << 63) - 1
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class KsyEntry:
     """What a name stands for: its path, what kind of value that is, and what is in it."""
 
     path: str
     kind: str
-    members: Mapping[str, Entry] = field(default_factory=dict)
+    members: Mapping[str, KsyEntry] = field(default_factory=dict)
     why_not: str = ""
 
-    def behind(self, path: str) -> Entry:
+    def behind(self, path: str) -> KsyEntry:
         """The same, seen from a type that holds it at `path`."""
         return replace(self, path=f"{path}.{self.path}")
 
@@ -56,9 +56,9 @@ class Scope:
 
     def __init__(self, outer: Scope | None = None, up: str = "_parent.") -> None:
         self.outer, self.up = outer, up
-        self.entries: dict[str, Entry] = {}
+        self.entries: dict[str, KsyEntry] = {}
 
-    def find(self, name: str) -> Entry | None:
+    def find(self, name: str) -> KsyEntry | None:
         if name in self.entries:
             return self.entries[name]
         found = None if self.outer is None else self.outer.find(name)
@@ -131,8 +131,8 @@ class KaitaiExpressions:
                 return self._chosen(flag, self.said(then, scope), self.said(otherwise, scope), node)
         raise self._not(node, "this expression")
 
-    def _not(self, node: Node, what: str) -> NotSaidError:
-        return NotSaidError(node.at, f"{what} is left out", "Kaitai's expressions have nothing like it")
+    def _not(self, node: Node, what: str) -> UnsaidError:
+        return UnsaidError(node.at, f"{what} is left out", "Kaitai's expressions have nothing like it")
 
     def _number(self, said: Said, node: Node) -> str:
         if said.kind == "bool":
@@ -154,7 +154,7 @@ class KaitaiExpressions:
         entry = scope.find(name)
         if entry is not None:
             if entry.why_not:
-                raise NotSaidError(node.at, f"'{name}' is not asked for", entry.why_not)
+                raise UnsaidError(node.at, f"'{name}' is not asked for", entry.why_not)
             return Said(entry.path, entry.kind)
         if name in (LAST, PREVIOUS):
             raise self._not(node, f"the word '{name.partition('.')[2]}' in an item")
@@ -164,11 +164,11 @@ class KaitaiExpressions:
             numbers = state.type[:1] in "ui" and state.type[1:].isdigit()
             type_ = "number" if numbers else state.type
         if type_ not in _PARAMETERS:
-            raise NotSaidError(node.at, f"'{name}' is left out", "only framekit knows it while it runs")
+            raise UnsaidError(node.at, f"'{name}' is left out", "only framekit knows it while it runs")
         self.params[name], kind = _PARAMETERS[type_]
         return Said(f"_root.{identifier(name)}", kind)
 
-    def _entry(self, node: Node, scope: Scope) -> Entry | None:
+    def _entry(self, node: Node, scope: Scope) -> KsyEntry | None:
         if isinstance(node, Name):
             return scope.find(node.name)
         if isinstance(node, Attribute):

@@ -14,7 +14,7 @@ _WIDEST = 8
 
 
 @dataclass(frozen=True, slots=True)
-class Form:
+class KsyForm:
     """The keys of the attribute; the kind of what it reads; `value` writes the value of the path of that, with `kind`.
 
     `size` says whether a size has still to be added; `more`: bytes that stand behind it. `not_said`: why its value is
@@ -29,31 +29,31 @@ class Form:
     more: bytes = b""
 
 
-def form_of(type_: FieldType) -> Form:
+def form_of(type_: FieldType) -> KsyForm:
     """How a type is read."""
     size = type_.fixed_size
     match type_.kind:
         case "int" if size is not None and size <= _WIDEST:
             return _int(size, type_.signed, type_.order)
         case "float" if type_.order in ("big", "little"):
-            return Form({"type": f"f{size}{_endian(type_.order)}"}, "float")
+            return KsyForm({"type": f"f{size}{_endian(type_.order)}"}, "float")
         case "digits" | "hex_int":
             return _digits(type_, size)
         case "decimal":
             return _text(type_, "int", lambda path: f"{path}.to_i")
         case "bcd" if size is not None and size <= _WIDEST:
-            return Form({"size": size}, "int", lambda path: _bcd(path, size, type_.order))
+            return KsyForm({"size": size}, "int", lambda path: _bcd(path, size, type_.order))
         case "scaled" if type_.inside is not None and type_.scale is not None:
             return _scaled(type_)
         case "ascii":
             return _text(type_, "str", None)
         case "bytes":
-            return Form({}, "bytes", takes_size=True)
+            return KsyForm({}, "bytes", takes_size=True)
         case "fraction" | "hex_float":
             return _text(type_, "str", None, "Kaitai makes no number with a fraction of text: it stays text")
         case "int" | "float" | "bcd":
-            return Form({}, "bytes", takes_size=True, not_said="Kaitai has no such number: it stays bytes")
-    return Form({}, "bytes", takes_size=True, not_said="a program of its own reads this type: it stays bytes")
+            return KsyForm({}, "bytes", takes_size=True, not_said="Kaitai has no such number: it stays bytes")
+    return KsyForm({}, "bytes", takes_size=True, not_said="a program of its own reads this type: it stays bytes")
 
 
 def _endian(order: Order) -> str:
@@ -75,7 +75,7 @@ def _places(size: int, order: Order) -> list[int]:
     return [*range(size)]
 
 
-def _int(size: int, signed: bool, order: Order) -> Form:
+def _int(size: int, signed: bool, order: Order) -> KsyForm:
     bits = 8 * size
     if order in ("BADC", "CDAB"):
         places = _places(size, order)
@@ -84,17 +84,17 @@ def _int(size: int, signed: bool, order: Order) -> Form:
             sum_ = " | ".join(f"({path}[{place}] << {8 * (size - 1 - at)})" for at, place in enumerate(places))
             return _signed(f"({sum_})", bits) if signed else f"({sum_})"
 
-        return Form({"size": size}, "int", value)
+        return KsyForm({"size": size}, "int", value)
     sign = "s" if signed else "u"
     if size == 1:
-        return Form({"type": f"{sign}1"}, "int")
+        return KsyForm({"type": f"{sign}1"}, "int")
     if size in (2, 4, 8):
-        return Form({"type": f"{sign}{size}{_endian(order)}"}, "int")
+        return KsyForm({"type": f"{sign}{size}{_endian(order)}"}, "int")
     whole = {"type": f"b{bits}{_endian(order)}"}
-    return Form(whole, "int", (lambda path: _signed(path, bits)) if signed else None)
+    return KsyForm(whole, "int", (lambda path: _signed(path, bits)) if signed else None)
 
 
-def _digits(type_: FieldType, size: int | None) -> Form:
+def _digits(type_: FieldType, size: int | None) -> KsyForm:
     def number(path: str) -> str:
         """The digits as a number; two of them are a byte, and bytes may stand in another order."""
         base = "" if type_.base == 10 else f"({type_.base})"
@@ -110,7 +110,7 @@ def _digits(type_: FieldType, size: int | None) -> Form:
     return _text(type_, "int", number)
 
 
-def _text(type_: FieldType, kind: str, value: Callable[[str], str] | None, not_said: str = "") -> Form:
+def _text(type_: FieldType, kind: str, value: Callable[[str], str] | None, not_said: str = "") -> KsyForm:
     keys: dict[str, Any] = {"type": "str", "encoding": ENCODING}
     more = b""
     if type_.size is not None:
@@ -125,7 +125,7 @@ def _text(type_: FieldType, kind: str, value: Callable[[str], str] | None, not_s
         more = type_.end[1:]
     elif len(type_.stops) == 1:
         keys |= {"terminator": type_.stops[0][0], "consume": False}
-    return Form(keys, kind, value, type_.size is not None, not_said, more)
+    return KsyForm(keys, kind, value, type_.size is not None, not_said, more)
 
 
 def _bcd(path: str, size: int, order: Order) -> str:
@@ -140,7 +140,7 @@ def _atom(text: str) -> str:
     return text if text.isidentifier() else f"({text})"
 
 
-def _scaled(type_: FieldType) -> Form:
+def _scaled(type_: FieldType) -> KsyForm:
     assert type_.inside is not None and type_.scale is not None
     inside, scale = form_of(type_.inside), type_.scale
     if inside.not_said or inside.kind != "int":
@@ -153,4 +153,4 @@ def _scaled(type_: FieldType) -> Form:
         return f"({number})" if scale.places == 0 else f"({_atom(number)} / {float(10**scale.places)})"
 
     kind = "int" if scale.places == 0 else "float"
-    return Form(inside.keys, kind, value, inside.takes_size, more=inside.more)
+    return KsyForm(inside.keys, kind, value, inside.takes_size, more=inside.more)

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from framekit.codec.kaitai.expressions import Entry, KaitaiExpressions, Said, Scope
-from framekit.codec.kaitai.forms import Form, form_of
-from framekit.codec.kaitai.source import Names, NotSaidError, data, identifier, string
+from framekit.codec.kaitai.expressions import KaitaiExpressions, KsyEntry, Said, Scope
+from framekit.codec.kaitai.forms import KsyForm, form_of
+from framekit.codec.kaitai.source import KsyNames, UnsaidError, data, identifier, string
 from framekit.codec.python.choices import Leaf, Switch, in_order, tree_of
 from framekit.definition.codings import Plain
 from framekit.definition.expression import Expression, Name, Text, names_in
@@ -71,7 +71,7 @@ def generate_kaitai(protocol: Protocol) -> KaitaiFile:
 
 
 @dataclass(frozen=True, slots=True)
-class Behind:
+class BytesBehind:
     """The bytes behind a part of a stream: a number, and what parameters add. `is_open`: nothing says how many."""
 
     fixed: int = 0
@@ -87,8 +87,8 @@ class Behind:
         return not (self.fixed or self.more or self.is_open)
 
 
-NOTHING_BEHIND = Behind()
-OPEN = Behind(is_open=True)
+NOTHING_BEHIND = BytesBehind()
+OPEN = BytesBehind(is_open=True)
 
 
 class _FileWriter:
@@ -98,7 +98,7 @@ class _FileWriter:
         self.expressions = KaitaiExpressions(protocol)
         self.problems: dict[Problem, None] = {}
         self.enums: dict[str, Mapping[int, str]] = {}
-        self.names = Names(("frame_kind", "unexpected"))
+        self.names = KsyNames(("frame_kind", "unexpected"))
         self.name = self.names.new(protocol.name)
         self.types = {frame: self.names.new(frame) for frame in protocol.frames}
 
@@ -127,7 +127,7 @@ class _FileWriter:
             try:
                 written[self.types[name]] = _FrameWriter(self, frame).write()
                 read.append(name)
-            except NotSaidError as error:
+            except UnsaidError as error:
                 self.tell(error.problem.at, f"frame '{name}' is left out: {error.problem.what}", error.problem.todo)
                 written[self.types[name]] = dict(_FAILS)
         params = self.expressions.params
@@ -162,7 +162,7 @@ class _FileWriter:
 
 
 def _members(values: Mapping[int, str]) -> Keys:
-    names = Names()
+    names = KsyNames()
     found: Keys = {}
     for number, text in values.items():
         name = names.new(text)
@@ -181,12 +181,12 @@ class _FrameWriter:
     def __init__(self, file: _FileWriter, frame: Frame) -> None:
         self.file = file
         self.frame = frame
-        self.names = Names((*file.types.values(), "unexpected"))
+        self.names = KsyNames((*file.types.values(), "unexpected"))
         self.types: dict[str, Keys] = {}
         self.asked = {name for one in expressions_of(frame.segments) for name in names_in(one.root)}
 
     def write(self) -> Keys:
-        block = Block(self, Scope())
+        block = KsyBlock(self, Scope())
         if self.frame.inside:
             what = f"frames that interrupt '{self.frame.name}' are left out"
             self.file.tell(self.frame.at, what, "Kaitai cannot pass over bytes in between")
@@ -195,13 +195,13 @@ class _FrameWriter:
         return {**doc, **block.keys(), **({"types": self.types} if self.types else {})}
 
 
-class Block:
+class KsyBlock:
     """A type being written. Raises NotSaidError for what it cannot be read without."""
 
     def __init__(self, frame: _FrameWriter, scope: Scope) -> None:
         self.frame, self.file, self.scope = frame, frame.file, scope
         self.expressions = frame.file.expressions
-        self.names = Names()
+        self.names = KsyNames()
         self.params: list[Keys] = []
         self.seq: list[Keys] = []
         self.instances: dict[str, Keys] = {}
@@ -212,14 +212,14 @@ class Block:
         parts = {"params": self.params, "seq": self.seq, "instances": self.instances}
         return {name: part for name, part in parts.items() if part} or {"seq": []}
 
-    def write(self, segments: Segments, behind: Behind) -> None:
+    def write(self, segments: Segments, behind: BytesBehind) -> None:
         """The segments; `behind`: bytes that stand behind them in the stream."""
         for place, segment in enumerate(segments):
             after = self._behind(segments[place + 1 :], behind)
             following = segments[place + 1] if place + 1 < len(segments) else None
             self._segment(segment, after, following)
 
-    def _behind(self, segments: Segments, behind: Behind) -> Behind:
+    def _behind(self, segments: Segments, behind: BytesBehind) -> BytesBehind:
         """What stands behind a segment: the others of its list, and what is behind that."""
         fixed, more = behind.fixed, behind.more
         for one in segments:
@@ -234,11 +234,11 @@ class Block:
                 return OPEN
             try:
                 more += f" - ({self.expressions.condition(one.when, self.scope)} ? {size} : 0)"
-            except NotSaidError:
+            except UnsaidError:
                 return OPEN
-        return Behind(fixed, more, behind.is_open)
+        return BytesBehind(fixed, more, behind.is_open)
 
-    def _segment(self, segment: Segment, after: Behind, following: Segment | None) -> None:
+    def _segment(self, segment: Segment, after: BytesBehind, following: Segment | None) -> None:
         first = len(self.seq)
         made = len(self.instances)
         condition = None if segment.when is None else self.expressions.condition(segment.when, self.scope)
@@ -281,7 +281,7 @@ class Block:
             case Nested():
                 path = self.names.new(segment.name)
                 self.seq.append({"id": path, "type": self.file.types[segment.frame]})
-                self.scope.entries[segment.name] = Entry(path, "record")
+                self.scope.entries[segment.name] = KsyEntry(path, "record")
             case ItemEnd():
                 pass
             case Segment(is_record=True):
@@ -289,7 +289,7 @@ class Block:
                 type_, block = self._child(name, segment.members, after)
                 path = self.names.new(name)
                 self.seq.append({"id": path, "type": type_})
-                self.scope.entries[name] = Entry(path, "record", block.scope.entries)
+                self.scope.entries[name] = KsyEntry(path, "record", block.scope.entries)
             case _:
                 raise self._not(segment, "a kind of segment of a program's own", "Kaitai has nothing like it")
         if condition is not None:
@@ -303,35 +303,35 @@ class Block:
 
     # ---- words ----------------------------------------------------------------------------------------------
 
-    def _not(self, segment: Segment, what: str, why: str) -> NotSaidError:
-        return NotSaidError(segment.at, what, why)
+    def _not(self, segment: Segment, what: str, why: str) -> UnsaidError:
+        return UnsaidError(segment.at, what, why)
 
     def _tell(self, segment: Segment, what: str, why: str) -> None:
         self.file.tell(segment.at, what, why)
 
-    def _room(self, segment: Segment, after: Behind) -> str:
+    def _room(self, segment: Segment, after: BytesBehind) -> str:
         """The bytes that are left for a segment. Raises NotSaidError."""
         if after.is_open:
             raise self._not(segment, f"where {segment.title} ends", "what stands behind it has no fixed size")
         return _HERE if after.is_nothing else f"{_HERE} - {after.text}"
 
     def _child(
-        self, name: str, segments: Segments, behind: Behind, *, apart: bool = False, items: bool = False
-    ) -> tuple[str, Block]:
+        self, name: str, segments: Segments, behind: BytesBehind, *, apart: bool = False, items: bool = False
+    ) -> tuple[str, KsyBlock]:
         """A type of its own. `apart`: it knows nothing of what is around; `items`: it is told its index, if it asks."""
         scope = Scope() if apart else Scope(self.scope)
-        block = Block(self.frame, scope)
+        block = KsyBlock(self.frame, scope)
         type_ = self.frame.names.new(name)
         if items and any(INDEX in names_in(one.root) for one in expressions_of(segments)):
             index = block.names.new("index")
             block.params.append({"id": index, "type": "s4"})
-            scope.entries[INDEX] = Entry(index, "int")
+            scope.entries[INDEX] = KsyEntry(index, "int")
         block.write(segments, behind)
         self.frame.types[type_] = block.keys()
         scope.entries.pop(INDEX, None)
         return type_, block
 
-    def _up(self, block: Block, path: str) -> None:
+    def _up(self, block: KsyBlock, path: str) -> None:
         """Values of a type inside that belong to the record of this one."""
         for name, entry in block.scope.entries.items():
             known = self.scope.entries.get(name)
@@ -347,7 +347,7 @@ class Block:
             return self.expressions.number(size, self.scope)
         return size or 0
 
-    def _attribute(self, segment: Segment, name: str, type_: FieldType) -> tuple[Keys, Form]:
+    def _attribute(self, segment: Segment, name: str, type_: FieldType) -> tuple[Keys, KsyForm]:
         form = form_of(type_)
         keys = dict(form.keys)
         if form.takes_size:
@@ -385,13 +385,13 @@ class Block:
             value = value if fallback is None else f"({condition} ? {value} : {fallback})"
             self.always |= {path} if fallback is not None else set()
         self.instances[path] = {"value": value}
-        self.scope.entries[field.name] = Entry(path, "int")
+        self.scope.entries[field.name] = KsyEntry(path, "int")
 
     def _number(
         self, segment: Segment, name: str, type_: FieldType, limits: tuple[int, int] | None, plus: int,
         zero_means: int | None, unit: int = 1, *, values: Mapping[int, str] | None = None,
         default: Expression | None = None, condition: str | None = None,
-    ) -> Form:  # fmt: skip
+    ) -> KsyForm:  # fmt: skip
         """One value; gives its form, whose `value` makes of what was read what framekit does."""
         keys, form = self._attribute(segment, name, type_)
 
@@ -429,9 +429,9 @@ class Block:
             asked = path
             if enum is not None:
                 self.seq[-1]["enum"] = enum
-        self.scope.entries[name] = Entry(asked, form.kind)
+        self.scope.entries[name] = KsyEntry(asked, form.kind)
         if form.not_said and form.kind != "str":
-            self.scope.entries[name] = Entry(asked, form.kind, {}, form.not_said)
+            self.scope.entries[name] = KsyEntry(asked, form.kind, {}, form.not_said)
         if limits is not None and unit == 1 and form.kind in ("int", "float"):
             low, high = limits
             self._verify(self.seq[-1], f"{value('_')} >= {low} and {value('_')} <= {high}")
@@ -440,7 +440,7 @@ class Block:
     def _default(self, segment: Segment, default: Expression, values: Mapping[int, str] | None) -> str | None:
         try:
             return self._constant(default, values)
-        except NotSaidError as error:
+        except UnsaidError as error:
             self._tell(segment, error.problem.what, error.problem.todo)
             return None
 
@@ -453,7 +453,7 @@ class Block:
                     return str(number)
         return self.expressions.value(expression, self.scope).text
 
-    def _valid(self, field: Field, form: Form) -> Iterator[str]:
+    def _valid(self, field: Field, form: KsyForm) -> Iterator[str]:
         """The conditions on `_`, what was read."""
         value = "_" if form.value is None else form.value("_")
         if form.not_said and form.kind != "str":
@@ -464,7 +464,7 @@ class Block:
         elif field.is_ is not None:
             try:
                 yield f"{value} == {self._constant(field.is_, field.values)}"
-            except NotSaidError as error:
+            except UnsaidError as error:
                 self._tell(field, f"'{field.name}' is not compared: {error.problem.what}", error.problem.todo)
         if field.only and field.values:
             yield " or ".join(f"{value} == {number}" for number in field.values)
@@ -496,7 +496,7 @@ class Block:
         for part in bits.parts:
             name = self.names.new(part.name)
             self.instances[name] = {"value": f"(({number} >> {part.low}) & {part.most})"}
-            self.scope.entries[part.name] = Entry(name, "int")
+            self.scope.entries[part.name] = KsyEntry(name, "int")
             for text in self._of_bits(part, name):
                 self.seq.append({"id": self.names.new(f"{name}_valid"), "size": 0, "valid": {"expr": text}})
             if part.values is not None:
@@ -504,7 +504,7 @@ class Block:
                 number_of = self.names.new(f"{name}_number")
                 self.instances[number_of] = self.instances.pop(name)
                 self.instances[name] = {"value": number_of, "enum": enum}
-                self.scope.entries[part.name] = Entry(number_of, "int")
+                self.scope.entries[part.name] = KsyEntry(number_of, "int")
 
     def _native(self, bits: Bits, width: int, endian: str) -> None:
         """Bits as Kaitai has them, from the highest or, in a little-endian number, from the lowest."""
@@ -531,7 +531,7 @@ class Block:
             path = self.names.new(f"{name}_raw")
             self.instances[name] = {"value": f"({path} ? 1 : 0)" if kind == "bool" else path, "enum": enum}
         keys = {"id": path, **keys}
-        self.scope.entries[part.name] = Entry(path, kind)
+        self.scope.entries[part.name] = KsyEntry(path, kind)
         self.seq.append(keys)
         for text in self._of_bits(part, "(_ ? 1 : 0)" if kind == "bool" else "_"):
             self._verify(keys, text)
@@ -542,12 +542,12 @@ class Block:
         elif part.is_ is not None:
             try:
                 yield f"{value} == {self._constant(part.is_, part.values)}"
-            except NotSaidError as error:
+            except UnsaidError as error:
                 self.file.tell(part.at, f"'{part.name}' is not compared: {error.problem.what}", error.problem.todo)
 
     # ---- bytes ----------------------------------------------------------------------------------------------
 
-    def _data(self, segment: Data, after: Behind, following: Segment | None) -> None:
+    def _data(self, segment: Data, after: BytesBehind, following: Segment | None) -> None:
         is_raw = segment.convert is not None or segment.swap
         path = self.names.new(f"{segment.name}_raw" if is_raw else segment.name)
         if segment.size == "rest":
@@ -563,9 +563,9 @@ class Block:
         if is_raw:
             why = "Kaitai makes no bytes of digits" if segment.convert is not None else "Kaitai turns no bytes round"
             self._tell(segment, f"'{segment.name}' stays as it is on the wire", why)
-        self.scope.entries[segment.name] = Entry(path, "bytes", {}, why)
+        self.scope.entries[segment.name] = KsyEntry(path, "bytes", {}, why)
 
-    def _rest(self, segment: Segment, after: Behind, following: Segment | None, never: bytes = b"") -> Keys:
+    def _rest(self, segment: Segment, after: BytesBehind, following: Segment | None, never: bytes = b"") -> Keys:
         """How what takes the rest ends: with the stream, before what is behind, or at a constant."""
         if after.is_nothing:
             return {"size-eos": True}
@@ -578,33 +578,33 @@ class Block:
     def _value(self, value: Value, condition: str | None) -> None:
         try:
             said = self.expressions.value(value.read, self.scope)
-        except NotSaidError as error:
+        except UnsaidError as error:
             why = error.problem.todo
             self._tell(value, f"the value '{value.name}' is left out: {error.problem.what}", why)
-            self.scope.entries[value.name] = Entry("", "any", {}, why)
+            self.scope.entries[value.name] = KsyEntry("", "any", {}, why)
             return
         path = self.names.new(value.name)
         self.instances[path] = {"value": said.text}
-        self.scope.entries[value.name] = Entry(path, said.kind)
+        self.scope.entries[value.name] = KsyEntry(path, said.kind)
 
     def _require(self, require: Require) -> None:
         try:
             text = self.expressions.condition(require.condition, self.scope)
-        except NotSaidError as error:
+        except UnsaidError as error:
             self._tell(require, f"a condition is not looked at: {error.problem.what}", error.problem.todo)
             return
         self.seq.append({"id": self.names.new("require"), "size": 0, "valid": {"expr": text}})
 
     # ---- what holds others ----------------------------------------------------------------------------------
 
-    def _repeat(self, repeat: Repeat, after: Behind) -> None:
+    def _repeat(self, repeat: Repeat, after: BytesBehind) -> None:
         if repeat.align > 1:
             raise self._not(repeat, f"the items of '{repeat.name}', which are aligned", "Kaitai fills nothing up")
         region = repeat.times == "rest" and not after.is_nothing
         room = self._room(repeat, after) if region else None
         path = self.names.new(repeat.name)
         if region:  # a stream of its own, which the items fill
-            holder = Block(self.frame, Scope(self.scope))
+            holder = KsyBlock(self.frame, Scope(self.scope))
             holder._items(repeat, "items")
             type_ = self.frame.names.new(f"{repeat.name}_list")
             self.frame.types[type_] = holder.keys()
@@ -612,14 +612,14 @@ class Block:
             self.seq.append({"id": raw, "size": room, "type": type_})
             self.instances[path] = {"value": f"{raw}.items"}
             members = holder.scope.entries[repeat.name].members
-            self.scope.entries[repeat.name] = Entry(path, "list", members)
+            self.scope.entries[repeat.name] = KsyEntry(path, "list", members)
         else:
             self._items(repeat, path)
 
     def _items(self, repeat: Repeat, path: str) -> None:
         of = repeat.of
         keys: Keys
-        members: Mapping[str, Entry] = {}
+        members: Mapping[str, KsyEntry] = {}
         if isinstance(of, FieldType):
             form = form_of(of)
             if form.value is None and not form.more and not form.not_said:
@@ -638,12 +638,12 @@ class Block:
             assert repeat.until is not None
             scope = Scope(self.scope, "")
             scope.entries = {name: entry.behind("_") for name, entry in block.scope.entries.items()}
-            scope.entries[INDEX] = Entry("_index", "int")
+            scope.entries[INDEX] = KsyEntry("_index", "int")
             keys |= {"repeat": "until", "repeat-until": self.expressions.condition(repeat.until, scope)}
         self.seq.append({"id": path, **keys})
-        self.scope.entries[repeat.name] = Entry(path, "list", members)
+        self.scope.entries[repeat.name] = KsyEntry(path, "list", members)
 
-    def _choose(self, choose: Choose, after: Behind) -> None:
+    def _choose(self, choose: Choose, after: BytesBehind) -> None:
         on = self.expressions.said(choose.on.root, self.scope)
         on = Said(f"({on.text} ? 1 : 0)", "int") if on.kind == "bool" else on
         path = self.names.new(_name(choose, "choice"))
@@ -660,14 +660,14 @@ class Block:
             cases["_"] = "unexpected"
         self.seq.append({"id": path, "type": {"switch-on": on.text, "cases": cases}})
 
-    def _optional(self, optional: Optional, after: Behind) -> None:
+    def _optional(self, optional: Optional, after: BytesBehind) -> None:
         room = self._room(optional, after)
         path = self.names.new(_name(optional, "optional"))
         type_, block = self._child(path, optional.of, after)
         self.seq.append({"id": path, "type": type_, "if": f"{room} > 0"})
         self._up(block, path)
 
-    def _wrap(self, wrap: Wrap, after: Behind, following: Segment | None) -> None:
+    def _wrap(self, wrap: Wrap, after: BytesBehind, following: Segment | None) -> None:
         path = self.names.new(_name(wrap, "content"))
         never = bytes(sorted(wrap.coding.never))
         size = {"size": self._size(wrap.size)} if wrap.size is not None else self._rest(wrap, after, following, never)
@@ -681,17 +681,17 @@ class Block:
         try:
             type_, block = self._child(f"{path}_plain", wrap.of, NOTHING_BEHIND, apart=True)
             doc += f" The type {type_} reads it when that is undone."
-        except NotSaidError as error:
+        except UnsaidError as error:
             what = f"the content of {wrap.title} is left out: {error.problem.what}"
             self.file.tell(error.problem.at, what, error.problem.todo)
         self.seq[-1]["doc"] = doc
         why = f"Kaitai does not undo {wrap.coding.shown}"
         self._tell(wrap, f"the content of {wrap.title} stays as it is on the wire", why)
-        self.scope.entries |= {name: Entry("", "any", {}, why) for name in by_value_name(wrap.of)}
+        self.scope.entries |= {name: KsyEntry("", "any", {}, why) for name in by_value_name(wrap.of)}
 
     # ---- frames inside --------------------------------------------------------------------------------------
 
-    def _inner(self, inner: Inner, after: Behind) -> None:
+    def _inner(self, inner: Inner, after: BytesBehind) -> None:
         path = self.names.new(inner.name)
         keys: Keys = {"id": path}
         if isinstance(inner.size, (int, Expression)):
@@ -706,7 +706,7 @@ class Block:
         else:
             keys["type"] = self._told_apart(inner, path, frames, keys.get("size", _HERE))
         self.seq.append(keys)
-        self.scope.entries[inner.name] = Entry(path, "inner")
+        self.scope.entries[inner.name] = KsyEntry(path, "inner")
 
     def _needs_end(self, name: str, seen: frozenset[str]) -> bool:
         """Whether a frame is read up to the end of the stream."""

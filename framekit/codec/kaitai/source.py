@@ -24,7 +24,7 @@ _WORDS = {one.lower() for one in keyword.kwlist} | set(
 """Words of languages that Kaitai compiles to; a name that is one of them gets a `_` behind it."""
 
 
-class NotSaidError(Exception):
+class UnsaidError(Exception):
     """What has no form in Kaitai: what it is, why, and where it stands."""
 
     def __init__(self, at: Position, what: str, why: str) -> None:
@@ -39,7 +39,7 @@ def identifier(text: str) -> str:
     return f"{name}_" if name in _WORDS else name
 
 
-class Names:
+class KsyNames:
     """Names of one place, each given once. Two that differ in `_` and capitals only are one in some languages."""
 
     def __init__(self, taken: Iterable[str] = ()) -> None:

@@ -122,7 +122,7 @@ class _DissectorWriter:
         except (*EVALUATION_ERRORS, MissingName):
             return None  # a preference always has a value: only --set gives this one
         low, high = parameter.limits or (0, _UINT32)
-        fits = parameter.type != "number" or (isinstance(value, int) and low >= 0 and high <= _UINT32)
+        fits = parameter.type != "number" or (isinstance(value, int) and 0 <= low <= value <= high <= _UINT32)
         is_asked = parameter.name in self.expressions.asked and parameter.type in _PREFERENCES and fits
         if not is_asked or parameter.secret or parameter.is_ is not None:
             return None
