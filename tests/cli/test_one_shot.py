@@ -321,12 +321,12 @@ TOO_LARGE = "simulated device 'd': main, step reply: 'd' is 300, more than 255"
 
 def test_a_request_whose_reply_cannot_be_built_is_an_error_of_the_device(tmp_path: Path) -> None:
     (tmp_path / "silent.yaml").write_text(SILENT, "utf-8")
-    path, quick = tmp_path / "silent.yaml", {"retries": 0, "reply_timeout": "30 ms"}
+    path, slow = tmp_path / "silent.yaml", {"retries": 0, "reply_timeout": "2 s"}
 
     async def ask() -> Any:
-        async with framekit.aserve(path, "pty:") as server, framekit.aconnect(path, server.port, params=quick) as one:
+        async with framekit.aserve(path, "pty:") as server, framekit.aconnect(path, server.port, params=slow) as one:
             with pytest.raises(framekit.NoReplyError):
-                await one.call("get")
+                await one.call("get", params={"reply_timeout": "30 ms"})
             assert await one.read("R0") == [0]
             return server.status()[0]
 
