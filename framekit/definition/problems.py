@@ -48,6 +48,14 @@ class DefinitionError(ValueError):
         super().__init__("\n".join(str(problem) for problem in self.problems))
 
 
+class CannotSayError(Exception):
+    """What has no form in the language that a generator writes: what it is and where it stands, what to do or why."""
+
+    def __init__(self, at: Position, what: str, todo: str = "") -> None:
+        super().__init__(what)
+        self.problem = Problem(at, what, todo)
+
+
 def printable(text: str) -> str:
     """The text on one line: signs that are not shown, line ends among them, as `repr` writes them."""
     return text if text.isprintable() else "".join(sign if sign.isprintable() else repr(sign)[1:-1] for sign in text)

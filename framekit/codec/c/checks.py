@@ -6,10 +6,10 @@ from typing import Any, Protocol
 
 from framekit.codec import support
 from framekit.codec.c.expressions import CExpressionWriter, CFacts, CScope, Val
-from framekit.codec.c.source import CannotSayError, CSource, identifier
+from framekit.codec.c.source import CSource, identifier
 from framekit.definition.model.checks import CheckMethod
 from framekit.definition.model.segments import Check
-from framekit.definition.problems import Position
+from framekit.definition.problems import CannotSayError, Position
 
 
 class CheckFile(CFacts, Protocol):

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from framekit.codec.c.checks import put_code
-from framekit.codec.c.source import CannotSayError, CSource, string
+from framekit.codec.c.source import CSource, string
 from framekit.definition.codings import Blocks, Cobs, Coding, Doubled, Escaped, Hex, Inserted, Plain, Short
 from framekit.definition.model.segments import Wrap
+from framekit.definition.problems import CannotSayError
 
 
 def open_wrap(

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Literal, Protocol
 
-from framekit.codec.c.source import CannotSayError, number, string
+from framekit.codec.c.source import number, string
 from framekit.definition.expression import (
     Attribute,
     Binary,
@@ -30,6 +30,7 @@ from framekit.definition.expression import (
     Text,
     Unary,
 )
+from framekit.definition.problems import CannotSayError
 
 LEAST, MOST = -(1 << 63), (1 << 63) - 1
 Kind = Literal["number", "bytes", "none", "record", "list", "other"]

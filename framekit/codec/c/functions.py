@@ -11,14 +11,14 @@ from typing import Protocol
 from framekit.codec.c.checks import CheckFunctions
 from framekit.codec.c.expressions import CExpressionWriter, CFacts, CScope, Val, constant
 from framekit.codec.c.layout import Layouts
-from framekit.codec.c.source import CannotSayError, CSource, identifier, string
+from framekit.codec.c.source import CSource, identifier, string
 from framekit.codec.python.encode_plan import Task
 from framekit.codec.python.facts import is_followed, names_asked_for
 from framekit.codec.python.function import covered_names, wire_names
 from framekit.definition.expression import Call, Expression, Name, Text, walk
 from framekit.definition.model.frames import StaticSizes, everything, expressions_of
 from framekit.definition.model.segments import Check, Const, Field, FieldType, Inner, Length, Segment, Segments, Wrap
-from framekit.definition.problems import Problem
+from framekit.definition.problems import CannotSayError, Problem
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ from framekit.codec.c.layout import CMember, CStruct, Layouts, declare, inner_na
 from framekit.codec.c.measure import CMeasureWriter
 from framekit.codec.c.parser import ParserWriter, line_frames
 from framekit.codec.c.reader import ReadWriter
-from framekit.codec.c.source import CannotSayError, CNames, CSource, comment, identifier, number, string
+from framekit.codec.c.source import CNames, CSource, comment, identifier, number, string
 from framekit.codec.c.writer import WriteWriter
 from framekit.codec.evaluate import start_values
 from framekit.codec.python.choices import Leaf, Switch, in_order, tree_of
@@ -26,7 +26,7 @@ from framekit.definition.model.frames import Frame, StaticSizes, everything
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Bits, Field, Inner, Segments
 from framekit.definition.model.values import Table
-from framekit.definition.problems import Problem
+from framekit.definition.problems import CannotSayError, Problem
 
 MOST_BYTES = 1024
 """Bytes of a frame whose definition has no limit."""

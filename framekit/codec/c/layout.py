@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from framekit.codec.c.expressions import CExpressionWriter, CFacts, CScope, Val
-from framekit.codec.c.source import CannotSayError, CNames, CSource, comment, identifier
+from framekit.codec.c.source import CNames, CSource, comment, identifier
 from framekit.codec.python import forms
 from framekit.definition.codings import Plain
 from framekit.definition.expression import Expression
@@ -35,7 +35,7 @@ from framekit.definition.model.segments import (
     Value,
     Wrap,
 )
-from framekit.definition.problems import Position
+from framekit.definition.problems import CannotSayError, Position
 
 MemberKind = Literal["number", "float", "decimal", "bytes", "record", "list", "values", "inner"]
 INT64 = (-(1 << 63), (1 << 63) - 1)

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from framekit.codec.c.expressions import CScope, Val
 from framekit.codec.c.functions import CFunctionWriter, FileFacts
 from framekit.codec.c.layout import CStruct
-from framekit.codec.c.source import CannotSayError, CSource, identifier, string
+from framekit.codec.c.source import CSource, identifier, string
 from framekit.codec.python.choices import fixed_bytes
 from framekit.codec.python.facts import fixed_and_conditional, leading
 from framekit.codec.python.function import covered_names
@@ -19,6 +19,7 @@ from framekit.codec.python.measure import MOST, Finished, ending_checks, needed_
 from framekit.definition.expression import Expression, names_in
 from framekit.definition.model.frames import Frame, bytes_of, flat, without_when
 from framekit.definition.model.segments import Check, Const, Field, Inner, Segment, Segments
+from framekit.definition.problems import CannotSayError
 
 Pairs = tuple[tuple[Segment, CScope], ...]
 LOST, QUIET = "FK_LOST", "FK_QUIET"

@@ -13,12 +13,13 @@ from dataclasses import dataclass, replace
 from framekit.codec.c.expressions import MOST, CScope, Val
 from framekit.codec.c.functions import CFunctionWriter, FileFacts, stands
 from framekit.codec.c.layout import CMember, CStruct, val_of
-from framekit.codec.c.source import CannotSayError, CSource, string
+from framekit.codec.c.source import CSource, string
 from framekit.codec.python.facts import fixed_and_conditional, parts_around
 from framekit.definition.expression import Expression, names_in
 from framekit.definition.kinds.base import Segment
 from framekit.definition.model.frames import Frame, everything, flat, without_when
 from framekit.definition.model.segments import LAST, Check, Const, Field, Segments
+from framekit.definition.problems import CannotSayError
 
 Behind = tuple[tuple[Segment, CScope], ...]
 """What follows a segment in its buffer, with the scopes of its names."""

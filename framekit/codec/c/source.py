@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from framekit.definition.problems import NOWHERE, Position, Problem
+from framekit.definition.problems import NOWHERE, CannotSayError, Position
 
 INDENT = "    "
 
@@ -29,14 +29,6 @@ _KEYWORDS = frozenset(_WORDS.split())
 _MACROS = re.compile(
     r"U?INT(_LEAST|_FAST)?(8|16|32|64)_(C|MIN|MAX)|U?INT(MAX|PTR)_(C|MIN|MAX)|(PTRDIFF|SIG_ATOMIC|WINT)_M.*"
 )
-
-
-class CannotSayError(Exception):
-    """What has no form in C yet: why, and where it stands."""
-
-    def __init__(self, at: Position, why: str, todo: str = "") -> None:
-        super().__init__(why)
-        self.problem = Problem(at, why, todo)
 
 
 def identifier(name: str) -> str:

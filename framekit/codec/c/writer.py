@@ -13,13 +13,14 @@ from dataclasses import dataclass, replace
 from framekit.codec.c.expressions import CScope, Val
 from framekit.codec.c.functions import CFunctionWriter, FileFacts, stands
 from framekit.codec.c.layout import CMember, CStruct, scope_of
-from framekit.codec.c.source import CannotSayError, CSource, string
+from framekit.codec.c.source import CSource, string
 from framekit.codec.python.encode_plan import Task, run_in_order
 from framekit.codec.python.facts import ending_constants, follows_its_length
 from framekit.codec.python.function import covered_names, covers_later, wire_names
 from framekit.definition.expression import Call, Expression, Name, names_in, walk
 from framekit.definition.model.frames import Frame, bytes_of, everything, flat
 from framekit.definition.model.segments import Check, Const, Data, Field, FieldType, Length, Repeat, Segment, Segments
+from framekit.definition.problems import CannotSayError
 
 
 def both(condition: str) -> str:

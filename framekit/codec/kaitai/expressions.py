@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from framekit.codec.kaitai.source import UnsaidError, data, identifier, string
+from framekit.codec.kaitai.source import data, identifier, string
 from framekit.definition.expression import (
     Attribute,
     Binary,
@@ -28,6 +28,7 @@ from framekit.definition.expression import (
 )
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import LAST, PREVIOUS
+from framekit.definition.problems import CannotSayError
 
 MOST_ENTRIES = 64
 """Entries of a table that become a chain of choices."""
@@ -81,20 +82,20 @@ class KaitaiExpressions:
         self.params: dict[str, str] = {}
 
     def number(self, expression: Expression, scope: Scope) -> str:
-        """Raises NotSaidError."""
+        """Raises CannotSayError."""
         return self._number(self.said(expression.root, scope), expression.root)
 
     def condition(self, expression: Expression, scope: Scope) -> str:
-        """Raises NotSaidError."""
+        """Raises CannotSayError."""
         return self._flag(self.said(expression.root, scope), expression.root)
 
     def value(self, expression: Expression, scope: Scope) -> Said:
-        """Its text and kind; flags are numbers. Raises NotSaidError."""
+        """Its text and kind; flags are numbers. Raises CannotSayError."""
         said = self.said(expression.root, scope)
         return Said(self._number(said, expression.root), "int") if said.kind == "bool" else said
 
     def said(self, node: Node, scope: Scope) -> Said:
-        """Raises NotSaidError."""
+        """Raises CannotSayError."""
         match node:
             case Number(value=value) if abs(value) <= _MOST:
                 return Said(str(value) if value >= 0 else f"({value})", "int")
@@ -131,8 +132,8 @@ class KaitaiExpressions:
                 return self._chosen(flag, self.said(then, scope), self.said(otherwise, scope), node)
         raise self._not(node, "this expression")
 
-    def _not(self, node: Node, what: str) -> UnsaidError:
-        return UnsaidError(node.at, f"{what} is left out", "Kaitai's expressions have nothing like it")
+    def _not(self, node: Node, what: str) -> CannotSayError:
+        return CannotSayError(node.at, f"{what} is left out", "Kaitai's expressions have nothing like it")
 
     def _number(self, said: Said, node: Node) -> str:
         if said.kind == "bool":
@@ -154,7 +155,7 @@ class KaitaiExpressions:
         entry = scope.find(name)
         if entry is not None:
             if entry.why_not:
-                raise UnsaidError(node.at, f"'{name}' is not asked for", entry.why_not)
+                raise CannotSayError(node.at, f"'{name}' is not asked for", entry.why_not)
             return Said(entry.path, entry.kind)
         if name in (LAST, PREVIOUS):
             raise self._not(node, f"the word '{name.partition('.')[2]}' in an item")
@@ -164,7 +165,7 @@ class KaitaiExpressions:
             numbers = state.type[:1] in "ui" and state.type[1:].isdigit()
             type_ = "number" if numbers else state.type
         if type_ not in _PARAMETERS:
-            raise UnsaidError(node.at, f"'{name}' is left out", "only framekit knows it while it runs")
+            raise CannotSayError(node.at, f"'{name}' is left out", "only framekit knows it while it runs")
         self.params[name], kind = _PARAMETERS[type_]
         return Said(f"_root.{identifier(name)}", kind)
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from framekit.codec.kaitai.expressions import KaitaiExpressions, KsyEntry, Said, Scope
 from framekit.codec.kaitai.forms import KsyForm, form_of
-from framekit.codec.kaitai.source import KsyNames, UnsaidError, data, identifier, string
+from framekit.codec.kaitai.source import KsyNames, data, identifier, string
 from framekit.codec.python.choices import Leaf, Switch, in_order, tree_of
 from framekit.definition.codings import Plain
 from framekit.definition.expression import Expression, Name, Text, names_in
@@ -45,7 +45,7 @@ from framekit.definition.model.segments import (
     Value,
     Wrap,
 )
-from framekit.definition.problems import Position, Problem, printable
+from framekit.definition.problems import CannotSayError, Position, Problem, printable
 from framekit.definition.written import comment, yaml_lines
 
 Keys = dict[str, Any]
@@ -127,7 +127,7 @@ class _FileWriter:
             try:
                 written[self.types[name]] = _FrameWriter(self, frame).write()
                 read.append(name)
-            except UnsaidError as error:
+            except CannotSayError as error:
                 self.tell(error.problem.at, f"frame '{name}' is left out: {error.problem.what}", error.problem.todo)
                 written[self.types[name]] = dict(_FAILS)
         params = self.expressions.params
@@ -196,7 +196,7 @@ class _FrameWriter:
 
 
 class KsyBlock:
-    """A type being written. Raises NotSaidError for what it cannot be read without."""
+    """A type being written. Raises CannotSayError for what it cannot be read without."""
 
     def __init__(self, frame: _FrameWriter, scope: Scope) -> None:
         self.frame, self.file, self.scope = frame, frame.file, scope
@@ -234,7 +234,7 @@ class KsyBlock:
                 return OPEN
             try:
                 more += f" - ({self.expressions.condition(one.when, self.scope)} ? {size} : 0)"
-            except UnsaidError:
+            except CannotSayError:
                 return OPEN
         return BytesBehind(fixed, more, behind.is_open)
 
@@ -303,14 +303,14 @@ class KsyBlock:
 
     # ---- words ----------------------------------------------------------------------------------------------
 
-    def _not(self, segment: Segment, what: str, why: str) -> UnsaidError:
-        return UnsaidError(segment.at, what, why)
+    def _not(self, segment: Segment, what: str, why: str) -> CannotSayError:
+        return CannotSayError(segment.at, what, why)
 
     def _tell(self, segment: Segment, what: str, why: str) -> None:
         self.file.tell(segment.at, what, why)
 
     def _room(self, segment: Segment, after: BytesBehind) -> str:
-        """The bytes that are left for a segment. Raises NotSaidError."""
+        """The bytes that are left for a segment. Raises CannotSayError."""
         if after.is_open:
             raise self._not(segment, f"where {segment.title} ends", "what stands behind it has no fixed size")
         return _HERE if after.is_nothing else f"{_HERE} - {after.text}"
@@ -440,7 +440,7 @@ class KsyBlock:
     def _default(self, segment: Segment, default: Expression, values: Mapping[int, str] | None) -> str | None:
         try:
             return self._constant(default, values)
-        except UnsaidError as error:
+        except CannotSayError as error:
             self._tell(segment, error.problem.what, error.problem.todo)
             return None
 
@@ -464,7 +464,7 @@ class KsyBlock:
         elif field.is_ is not None:
             try:
                 yield f"{value} == {self._constant(field.is_, field.values)}"
-            except UnsaidError as error:
+            except CannotSayError as error:
                 self._tell(field, f"'{field.name}' is not compared: {error.problem.what}", error.problem.todo)
         if field.only and field.values:
             yield " or ".join(f"{value} == {number}" for number in field.values)
@@ -542,7 +542,7 @@ class KsyBlock:
         elif part.is_ is not None:
             try:
                 yield f"{value} == {self._constant(part.is_, part.values)}"
-            except UnsaidError as error:
+            except CannotSayError as error:
                 self.file.tell(part.at, f"'{part.name}' is not compared: {error.problem.what}", error.problem.todo)
 
     # ---- bytes ----------------------------------------------------------------------------------------------
@@ -578,7 +578,7 @@ class KsyBlock:
     def _value(self, value: Value, condition: str | None) -> None:
         try:
             said = self.expressions.value(value.read, self.scope)
-        except UnsaidError as error:
+        except CannotSayError as error:
             why = error.problem.todo
             self._tell(value, f"the value '{value.name}' is left out: {error.problem.what}", why)
             self.scope.entries[value.name] = KsyEntry("", "any", {}, why)
@@ -590,7 +590,7 @@ class KsyBlock:
     def _require(self, require: Require) -> None:
         try:
             text = self.expressions.condition(require.condition, self.scope)
-        except UnsaidError as error:
+        except CannotSayError as error:
             self._tell(require, f"a condition is not looked at: {error.problem.what}", error.problem.todo)
             return
         self.seq.append({"id": self.names.new("require"), "size": 0, "valid": {"expr": text}})
@@ -681,7 +681,7 @@ class KsyBlock:
         try:
             type_, block = self._child(f"{path}_plain", wrap.of, NOTHING_BEHIND, apart=True)
             doc += f" The type {type_} reads it when that is undone."
-        except UnsaidError as error:
+        except CannotSayError as error:
             what = f"the content of {wrap.title} is left out: {error.problem.what}"
             self.file.tell(error.problem.at, what, error.problem.todo)
         self.seq[-1]["doc"] = doc

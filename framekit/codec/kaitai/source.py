@@ -6,8 +6,6 @@ import keyword
 import re
 from collections.abc import Iterable
 
-from framekit.definition.problems import Position, Problem
-
 _WORDS = {one.lower() for one in keyword.kwlist} | set(
     re.findall(
         r"\w+",
@@ -22,14 +20,6 @@ _WORDS = {one.lower() for one in keyword.kwlist} | set(
     )
 )
 """Words of languages that Kaitai compiles to; a name that is one of them gets a `_` behind it."""
-
-
-class UnsaidError(Exception):
-    """What has no form in Kaitai: what it is, why, and where it stands."""
-
-    def __init__(self, at: Position, what: str, why: str) -> None:
-        super().__init__(what)
-        self.problem = Problem(at, what, why)
 
 
 def identifier(text: str) -> str:

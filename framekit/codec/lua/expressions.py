@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import Any
 
-from framekit.codec.lua.source import NotSaidError, listed, number, string
+from framekit.codec.lua.source import listed, not_said, number, string
 from framekit.codec.python.expressions import Scope
 from framekit.definition.expression import (
     Attribute,
@@ -33,7 +33,7 @@ from framekit.definition.expression import (
 )
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import INDEX, LAST, PREVIOUS
-from framekit.definition.problems import Problem
+from framekit.definition.problems import CannotSayError, Problem
 
 _BINARY = {
     "+": "add", "-": "sub", "*": "mul", "//": "div", "%": "mod", "&": "band", "|": "bor", "^": "bxor", "<<": "shl",
@@ -68,7 +68,7 @@ class LuaExpressions:
         """An expression; `own` are names of Lua that it may read. What cannot be said says so when it is reached."""
         try:
             return self._node(node, scope, own)
-        except NotSaidError as error:
+        except CannotSayError as error:
             if error.problem not in self.problems:
                 self.problems.append(error.problem)
             return f"X.limit({string(error.problem.what)})"
@@ -118,7 +118,7 @@ class LuaExpressions:
                 return f"X.choose({of(condition)}, {late(then)}, {late(otherwise)})"
             case List(items=items):
                 return f"X.list({listed(map(of, items))})"
-        raise NotSaidError(node.at, "a time that follows the line's speed")
+        raise not_said(node.at, "a time that follows the line's speed")
 
     def _name(self, node: Name, scope: Scope, own: Collection[str]) -> str:
         name = node.name
@@ -133,9 +133,9 @@ class LuaExpressions:
             return f"X.table({string(name)})"
         parameter = self.protocol.params.get(name)
         if parameter is not None and parameter.secret:
-            raise NotSaidError(node.at, f"'{name}', which is secret")
+            raise not_said(node.at, f"'{name}', which is secret")
         if parameter is None and name not in self.protocol.state:
-            raise NotSaidError(node.at, f"'{name}', which only a running engine knows")
+            raise not_said(node.at, f"'{name}', which only a running engine knows")
         self.asked.add(name)
         return f"X.given(n, {string(name)})"
 
@@ -145,12 +145,12 @@ class LuaExpressions:
             if entry is not None and not entry.sized and entry.wire is not None:
                 return f"X.room(n, {string(arguments[0].name)})"
         if function not in _FUNCTIONS:
-            raise NotSaidError(node.at, f"the function '{function}'")
+            raise not_said(node.at, f"the function '{function}'")
         return f"X.{function}({', '.join(self._node(one, scope, own) for one in arguments)})"
 
 
 def constant(value: Any, at: Any) -> str:
-    """A value of a table, a parameter or a constant. Raises NotSaidError."""
+    """A value of a table, a parameter or a constant. Raises CannotSayError."""
     if value is None:
         return "X.nothing"
     if isinstance(value, int):
@@ -166,4 +166,4 @@ def constant(value: Any, at: Any) -> str:
     if isinstance(value, dict):
         entries = ", ".join(f"[{constant(key, at)}] = {constant(one, at)}" for key, one in value.items())
         return f"{{ entries = {{ {entries} }}, ranges = {{}} }}"
-    raise NotSaidError(at, "a value that is neither number, text nor bytes")
+    raise not_said(at, "a value that is neither number, text nor bytes")

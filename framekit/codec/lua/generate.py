@@ -17,7 +17,7 @@ from framekit.codec.functions import of_side
 from framekit.codec.lua.expressions import LuaExpressions, constant
 from framekit.codec.lua.fields import FilterField, FilterFields
 from framekit.codec.lua.segments import Checks, Entries, SegmentWriter
-from framekit.codec.lua.source import NotSaidError, comment, flag, identifier, listed, string, table, utf8
+from framekit.codec.lua.source import comment, flag, identifier, listed, string, table, utf8
 from framekit.codec.python.choices import fixed_bytes
 from framekit.codec.python.diagnosis import checks_option
 from framekit.codec.python.expressions import NameEntry, Scope
@@ -28,7 +28,7 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import Parameter
 from framekit.definition.model.segments import Inner, Nested
 from framekit.definition.model.values import Table
-from framekit.definition.problems import Problem
+from framekit.definition.problems import CannotSayError, Problem
 
 _UINT32 = 0xFFFF_FFFF
 _PREFERENCES = ("number", "flag", "choice", "text")
@@ -190,12 +190,12 @@ class _DissectorWriter:
         for name in sorted(self.expressions.asked):
             try:
                 lines.append(f"R.given[{string(name)}] = {constant(self.given[name], self.protocol.at)}")
-            except (*EVALUATION_ERRORS, MissingName, NotSaidError):
+            except (*EVALUATION_ERRORS, MissingName, CannotSayError):
                 continue  # that it has no value is said where it is read
         for name in sorted(self.expressions.tables):
             try:
                 lines.append(f"R.tables[{string(name)}] = {_table(self.protocol.tables[name])}")
-            except NotSaidError as error:
+            except CannotSayError as error:
                 self.left_out.setdefault(error.problem, [])
         return lines
 

@@ -14,7 +14,7 @@ from framekit.codec.kinds.check import in_one_buffer
 from framekit.codec.kinds.counted import absent_behind, counted_room
 from framekit.codec.lua.expressions import LuaExpressions, constant
 from framekit.codec.lua.fields import FieldUse, FilterFields
-from framekit.codec.lua.source import NotSaidError, flag, listed, number, string, table
+from framekit.codec.lua.source import flag, listed, not_said, number, string, table
 from framekit.codec.python.choices import in_order
 from framekit.codec.python.diagnosis import DiagnosisWriter, checks_option, inside_of
 from framekit.codec.python.expressions import Scope, constant_of
@@ -54,7 +54,7 @@ from framekit.definition.model.segments import (
     Wrap,
     exactly,
 )
-from framekit.definition.problems import Problem
+from framekit.definition.problems import CannotSayError, Problem
 
 Entries = dict[str, str | None]
 WIDEST_CHECK = 32
@@ -68,13 +68,13 @@ class Checks:
         self.lines: dict[CheckMethod, str] = {}
 
     def method(self, method: CheckMethod, at: Any) -> str:
-        """Text of a method. Raises NotSaidError for one that Lua does not work out."""
+        """Text of a method. Raises CannotSayError for one that Lua does not work out."""
         if method.is_keyed:
-            raise NotSaidError(at, f"the check code {method.name} is made with a key")
+            raise not_said(at, f"the check code {method.name} is made with a key")
         if method.kind not in ("sum", "word_sum", "xor", "sum7", "xor7", "or", "multiply", "crc", "fold"):
-            raise NotSaidError(at, f"the check method {method.name} is brought by a program")
+            raise not_said(at, f"the check method {method.name} is brought by a program")
         if method.width > WIDEST_CHECK:
-            raise NotSaidError(at, f"the check code {method.name} has more than {WIDEST_CHECK} bits")
+            raise not_said(at, f"the check code {method.name} has more than {WIDEST_CHECK} bits")
         if method not in self.lines:
             entries: Entries = {
                 "kind": string(method.kind), "width": str(method.width), "order": string(method.order),
@@ -87,7 +87,7 @@ class Checks:
                 problems = len(self._expressions.problems)
                 code = self._expressions.text(method.expression.root, Scope(), ("acc", "byte"))
                 if len(self._expressions.problems) > problems:
-                    raise NotSaidError(at, f"the check code {method.name}")
+                    raise not_said(at, f"the check code {method.name}")
                 entries["fold"] = f"function(acc, byte) return {code} end"
             self.lines[method] = table(entries)
         return f"methods[{[*self.lines].index(method) + 1}]"
@@ -153,9 +153,9 @@ class SegmentWriter:
         try:
             kind = _KINDS.get(type(segment))
             if kind is None:
-                raise NotSaidError(segment.at, f"a segment of the kind '{segment.KEY}'")
+                raise not_said(segment.at, f"a segment of the kind '{segment.KEY}'")
             entries |= kind(self, without_when(segment), scope)
-        except NotSaidError as error:
+        except CannotSayError as error:
             self.expressions.problems.append(error.problem)
             entries |= {"kind": '"cannot"', "why": string(error.problem.what)}
         if segment.when is not None:
@@ -423,8 +423,8 @@ def _check(w: SegmentWriter, s: Check, scope: Scope) -> Entries:
         }
         if len(w.expressions.problems) > problems:
             problem = w.expressions.problems.pop()
-            raise NotSaidError(problem.at, problem.what)
-    except NotSaidError as error:
+            raise not_said(problem.at, problem.what)
+    except CannotSayError as error:
         w.unverified.append(replace(error.problem, todo="it is shown, and not verified"))
         entries |= {"unverified": string(error.problem.what), "covered": None, "method": None}
     return entries
@@ -538,17 +538,17 @@ def _coding(w: SegmentWriter, s: Wrap, fixed: int | None) -> str:
                     "digits": flag(check.form in ("hex", "HEX")),
                 }  # fmt: skip
                 return table({"kind": '"blocks"', "size": str(size), "check": table(entries)})
-            except NotSaidError as error:
+            except CannotSayError as error:
                 return _no_coding(w, error)
         case Short(fill=fill, least=least):
             size_ = {"size": str(fixed), "least": str(least)}
             return table({"kind": '"short"', "fill": string(bytes((fill,))), **size_})
         case Ciphered():
-            return _no_coding(w, NotSaidError(s.at, "the content is enciphered"))
-    return _no_coding(w, NotSaidError(s.at, f"the coding {coding.shown}"))
+            return _no_coding(w, not_said(s.at, "the content is enciphered"))
+    return _no_coding(w, not_said(s.at, f"the coding {coding.shown}"))
 
 
-def _no_coding(w: SegmentWriter, error: NotSaidError) -> str:
+def _no_coding(w: SegmentWriter, error: CannotSayError) -> str:
     w.expressions.problems.append(error.problem)
     return table({"kind": '"cannot"', "why": string(error.problem.what)})
 

@@ -9,18 +9,15 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from framekit.definition.problems import Position, Problem
+from framekit.definition.problems import CannotSayError, Position
 
 EXACT = 1 << 53
 """Numbers of Lua are exact below this."""
 
 
-class NotSaidError(Exception):
-    """What has no form in Lua: why, and where it stands."""
-
-    def __init__(self, at: Position, why: str) -> None:
-        super().__init__(why)
-        self.problem = Problem(at, why, "where it is reached, the frame is shown as bytes")
+def not_said(at: Position, what: str) -> CannotSayError:
+    """What has no form in Lua."""
+    return CannotSayError(at, what, "where it is reached, the frame is shown as bytes")
 
 
 def string(value: str | bytes) -> str:
@@ -52,9 +49,9 @@ def comment(text: str) -> str:
 
 
 def number(value: int, at: Position) -> str:
-    """A whole number that is exact. Raises NotSaidError for others."""
+    """A whole number that is exact. Raises CannotSayError for others."""
     if abs(value) >= EXACT:
-        raise NotSaidError(at, f"the number {value}, which has more than 53 bits")
+        raise not_said(at, f"the number {value}, which has more than 53 bits")
     return str(value) if value >= 0 else f"({value})"
 
 

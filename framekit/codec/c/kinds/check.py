@@ -9,13 +9,14 @@ from framekit.codec.c.expressions import CScope
 from framekit.codec.c.functions import CKind
 from framekit.codec.c.measure import LOST, CMeasureWriter, Pairs
 from framekit.codec.c.reader import Behind, Here, ReadWriter
-from framekit.codec.c.source import CannotSayError, number
+from framekit.codec.c.source import number
 from framekit.codec.c.writer import Taken, WriteWriter
 from framekit.codec.kinds.check import in_one_buffer
 from framekit.codec.python.function import covered_parts, covers_later, on_the_wire
 from framekit.definition.kinds.check import Added
 from framekit.definition.model.frames import everything, flat
 from framekit.definition.model.segments import Check, Segments
+from framekit.definition.problems import CannotSayError
 
 # ---- read -----------------------------------------------------------------------------------------------------
 

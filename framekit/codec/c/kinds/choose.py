@@ -9,13 +9,14 @@ from framekit.codec.c.expressions import CScope, Val, constant
 from framekit.codec.c.functions import CKind
 from framekit.codec.c.measure import LOST, CMeasureWriter, Pairs
 from framekit.codec.c.reader import Behind, Here, ReadWriter
-from framekit.codec.c.source import INDENT, CannotSayError
+from framekit.codec.c.source import INDENT
 from framekit.codec.c.writer import Taken, WriteWriter
 from framekit.codec.python.encode_plan import Task
 from framekit.codec.python.function import standing_any_way
 from framekit.codec.python.measure import Finished
 from framekit.definition.model.frames import flat
 from framekit.definition.model.segments import Choose, Field, Optional, Segment, Segments
+from framekit.definition.problems import CannotSayError
 
 # ---- read -----------------------------------------------------------------------------------------------------
 

@@ -6,10 +6,11 @@ from framekit.codec.c.expressions import CScope
 from framekit.codec.c.functions import CKind
 from framekit.codec.c.measure import CMeasureWriter, Pairs
 from framekit.codec.c.reader import Behind, Here, ReadWriter
-from framekit.codec.c.source import CannotSayError, string
+from framekit.codec.c.source import string
 from framekit.codec.c.writer import Taken, WriteWriter
 from framekit.codec.python.measure import Finished
 from framekit.definition.model.segments import Const, Fill, Skip
+from framekit.definition.problems import CannotSayError
 
 # ---- read -----------------------------------------------------------------------------------------------------
 

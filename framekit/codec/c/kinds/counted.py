@@ -9,7 +9,7 @@ from framekit.codec.c.functions import CKind
 from framekit.codec.c.kinds.numbers import Awaited, fits, measure_number, put_number, store_number, wire_number
 from framekit.codec.c.layout import CMember
 from framekit.codec.c.reader import Behind, Here, ReadWriter
-from framekit.codec.c.source import CannotSayError, number
+from framekit.codec.c.source import number
 from framekit.codec.c.writer import Taken, WriteWriter, both
 from framekit.codec.python import forms
 from framekit.codec.python.encode_plan import Task
@@ -17,6 +17,7 @@ from framekit.codec.python.facts import comes_with, is_followed, is_plain_name, 
 from framekit.codec.python.function import wire_names
 from framekit.definition.expression import Expression
 from framekit.definition.model.segments import Count, Data, Length, Repeat
+from framekit.definition.problems import CannotSayError
 
 # ---- read -----------------------------------------------------------------------------------------------------
 

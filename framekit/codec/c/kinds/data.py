@@ -7,11 +7,12 @@ from framekit.codec.c.functions import CKind
 from framekit.codec.c.kinds.field import told_size
 from framekit.codec.c.measure import CMeasureWriter, Pairs
 from framekit.codec.c.reader import Behind, Here, ReadWriter
-from framekit.codec.c.source import CannotSayError, string
+from framekit.codec.c.source import string
 from framekit.codec.c.writer import Taken, WriteWriter, both
 from framekit.codec.python.encode_plan import Task
 from framekit.definition.expression import Expression
 from framekit.definition.model.segments import Data
+from framekit.definition.problems import CannotSayError
 
 # ---- read -----------------------------------------------------------------------------------------------------
 

@@ -24,7 +24,7 @@ from framekit.codec.c.kinds.numbers import (
 )
 from framekit.codec.c.layout import CMember, val_of
 from framekit.codec.c.reader import Behind, Here, ReadWriter
-from framekit.codec.c.source import CannotSayError, number, string
+from framekit.codec.c.source import number, string
 from framekit.codec.c.writer import Taken, WriteWriter, both
 from framekit.codec.python import forms
 from framekit.codec.python.encode_plan import Task
@@ -32,6 +32,7 @@ from framekit.codec.python.expressions import constant_of
 from framekit.codec.python.facts import is_fixed
 from framekit.definition.expression import Expression, Text
 from framekit.definition.model.segments import Data, Field, Segment
+from framekit.definition.problems import CannotSayError
 
 # ---- read -----------------------------------------------------------------------------------------------------
 

@@ -12,12 +12,13 @@ from framekit.codec.c.functions import order_of_bytes
 from framekit.codec.c.layout import CMember, number_range
 from framekit.codec.c.measure import LOST, CMeasureWriter, Pairs
 from framekit.codec.c.reader import Here, ReadWriter
-from framekit.codec.c.source import CannotSayError, number, string
+from framekit.codec.c.source import number, string
 from framekit.codec.c.writer import WriteWriter
 from framekit.codec.python import forms
 from framekit.codec.python.expressions import constant_of
 from framekit.definition.expression import Expression
 from framekit.definition.model.segments import Bits, BitsPart, Count, Field, FieldType, Length, Segment
+from framekit.definition.problems import CannotSayError
 
 Number = Field | Length | Count
 

@@ -11,7 +11,7 @@ from framekit.codec.c.kinds.numbers import put_decimal, put_float, put_number, p
 from framekit.codec.c.layout import CMember, scope_of
 from framekit.codec.c.measure import LOST, CMeasureWriter, Pairs
 from framekit.codec.c.reader import Behind, Here, ReadWriter
-from framekit.codec.c.source import INDENT, CannotSayError, number, string
+from framekit.codec.c.source import INDENT, number, string
 from framekit.codec.c.writer import Taken, WriteWriter, both
 from framekit.codec.python.encode_plan import Task
 from framekit.codec.python.facts import may_be_empty
@@ -29,6 +29,7 @@ from framekit.definition.model.segments import (
     Repeat,
     Segments,
 )
+from framekit.definition.problems import CannotSayError
 
 # ---- read -----------------------------------------------------------------------------------------------------
 

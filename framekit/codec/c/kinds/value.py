@@ -9,10 +9,11 @@ from framekit.codec.c.functions import CKind
 from framekit.codec.c.layout import CMember, val_of
 from framekit.codec.c.measure import CMeasureWriter, Pairs
 from framekit.codec.c.reader import Behind, Here, ReadWriter
-from framekit.codec.c.source import CannotSayError, number
+from framekit.codec.c.source import number
 from framekit.codec.c.writer import Taken, WriteWriter, both
 from framekit.codec.python.encode_plan import Task
 from framekit.definition.model.segments import Require, Segment, Value
+from framekit.definition.problems import CannotSayError
 
 # ---- read -----------------------------------------------------------------------------------------------------
 

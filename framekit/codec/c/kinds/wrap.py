@@ -10,7 +10,7 @@ from framekit.codec.c.functions import CKind
 from framekit.codec.c.layout import scope_of
 from framekit.codec.c.measure import LOST, CMeasureWriter, Pairs
 from framekit.codec.c.reader import Behind, Here, ReadWriter, has_checks
-from framekit.codec.c.source import CannotSayError, identifier
+from framekit.codec.c.source import identifier
 from framekit.codec.c.writer import Taken, WriteWriter
 from framekit.codec.python.encode_plan import Task
 from framekit.codec.python.measure import needed_names
@@ -18,6 +18,7 @@ from framekit.definition.codings import Hex, Plain
 from framekit.definition.expression import Expression
 from framekit.definition.model.frames import flat
 from framekit.definition.model.segments import Const, Segments, Wrap, exactly
+from framekit.definition.problems import CannotSayError
 
 # ---- read -----------------------------------------------------------------------------------------------------
 
