@@ -438,7 +438,11 @@ class RunService(ChannelOwner):
     @property
     def never_open(self) -> list[str]:
         """Channels whose ports could not be opened at any time, each with why it was closed last."""
-        return [f"channel {number} was never open: {why}" for number, why in self._never_open.items() if why]
+        return [
+            f"channel {number} was never open: {why}"
+            for number, why in self._never_open.items()
+            if why and number in self.channels
+        ]
 
     def status(self) -> list[BlockStatus]:
         """How every block is doing now."""

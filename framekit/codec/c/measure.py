@@ -13,12 +13,12 @@ from framekit.codec.c.functions import CFunctionWriter, FileFacts
 from framekit.codec.c.layout import CStruct
 from framekit.codec.c.source import CSource, identifier, string
 from framekit.codec.python.choices import fixed_bytes
-from framekit.codec.python.facts import fixed_and_conditional, leading
+from framekit.codec.python.facts import ending_checks, fixed_and_conditional, leading, looks_inside
 from framekit.codec.python.function import covered_names
-from framekit.codec.python.measure import MOST, Finished, ending_checks, needed_names
+from framekit.codec.python.measure import MOST, Finished, needed_names
 from framekit.definition.expression import Expression, names_in
-from framekit.definition.model.frames import Frame, bytes_of, flat, without_when
-from framekit.definition.model.segments import Check, Const, Field, Inner, Segment, Segments
+from framekit.definition.model.frames import Frame, bytes_of, without_when
+from framekit.definition.model.segments import Check, Const, Field, Segment, Segments
 from framekit.definition.problems import CannotSayError
 
 Pairs = tuple[tuple[Segment, CScope], ...]
@@ -57,7 +57,7 @@ class CMeasureWriter(CFunctionWriter):
                 tail = self.pairs(frame.tail, scope)
                 self._to_tail(tail)
                 self.list(tail, ())
-            elif self.static.all(self.segments).fixed is not None and not self._looks_inside():
+            elif self.static.all(self.segments).fixed is not None and not looks_inside(self.static, self.segments):
                 self.place = self.static.all(self.segments).least
             else:
                 self.list(self.pairs(self.segments, scope), ())
@@ -67,14 +67,6 @@ class CMeasureWriter(CFunctionWriter):
         header = f"static int64_t {name}(const uint8_t *data, size_t size{self.file.context})"
         first = "const int64_t end = (int64_t)size;"
         return self.assembled(header, first, self.out.lines, ("int64_t at = 0;", "int64_t stop = 0;"), ("data", "data"))
-
-    def _looks_inside(self) -> bool:
-        inner = any(isinstance(one, Inner) and self.begins_with_constants(one) for one in flat(self.segments))
-        return inner or any(True for _ in ending_checks(self.segments))
-
-    def begins_with_constants(self, inner: Inner) -> bool:
-        frames = (self.static.frames[name] for name in inner.frames)
-        return any(leading(self.static.segments(frame)) for frame in frames)
 
     def _compare_start(self) -> None:
         constant = leading(self.segments)

@@ -11,7 +11,7 @@ from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import EncodeWriter, Given
 from framekit.codec.python.encode_plan import Lengths, Rules, RuleWriter, Task
 from framekit.codec.python.expressions import NameEntry, Scope
-from framekit.codec.python.facts import only_measured
+from framekit.codec.python.facts import begins_with_constants, only_measured
 from framekit.codec.python.function import MISMATCH, Function, between
 from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.module import Module
@@ -124,7 +124,7 @@ class InnerKind(FrameInside[Inner]):
             m.rest(segment, after)
         if fixed is not None:
             _has_size(m, segment, scope, str(fixed))
-        if fixed is not None and not m.begins_with_constants(segment):
+        if fixed is not None and not begins_with_constants(m.static, segment):
             m.skip(str(fixed))
             return
         choice = m.module.choice(segment.frames, m.identifier, segment.name)

@@ -11,6 +11,7 @@ from framekit.codec.python.diagnosis import Behind, DiagnosisWriter, checks_opti
 from framekit.codec.python.encode import EncodeWriter, Given
 from framekit.codec.python.encode_plan import Task
 from framekit.codec.python.expressions import Scope
+from framekit.codec.python.facts import symbol_behind
 from framekit.codec.python.function import between
 from framekit.codec.python.measure import MeasureWriter, Pairs, needed_names
 from framekit.codec.python.reader import BufferReader, Item, not_possible, shown_name
@@ -123,7 +124,7 @@ class WrapKind(SegmentKind[Wrap]):
                 m.add(f"return -{1 + behind}")
             with m.out.block("except ValueError:"):
                 m.add("return LOST")
-            if follows := _symbol_behind(segment, after):
+            if follows := symbol_behind(segment, (one for one, _ in after)):
                 with m.out.block(
                     f"if not {bytes_literal(follows)}.startswith(data[at:min(at + {len(follows)}, end)]):"
                 ):
@@ -137,7 +138,7 @@ class WrapKind(SegmentKind[Wrap]):
         m.add(f"at = {find}(data, at, end, {escape}, {0 if resume is None else resume}{more})")
         with m.out.block("if at < 0:"):
             m.not_found(max(behind - 1, 1))
-        if follows := _symbol_behind(segment, after):  # what is not doubled has to be the end
+        if follows := symbol_behind(segment, (one for one, _ in after)):  # what is not doubled has to be the end
             with m.out.block(f"if data[at + 1] != {follows[1]:#04x}:"):
                 m.add("return LOST")
         _measure_content(m, segment, scope, after, 2)
@@ -285,16 +286,6 @@ def _handed(names: Iterable[str], scope: Scope, path: str, given: dict[str, str]
             given[f"{path}{name}"] = entry.text
             found.entries[name] = replace(entry, text=f"ctx[{quoted(f'{path}{name}')}]")
     return found
-
-
-def _symbol_behind(wrap: Wrap, after: Pairs) -> bytes:
-    """The escape byte and its follower behind a wrap; empty if something else may stand there, or is to be refused."""
-    found = b""
-    for segment, _ in after:
-        if not isinstance(segment, Const) or segment.when is not None or segment.refuse is not None:
-            break
-        found += segment.data
-    return found[:2] if len(found) > 1 and found[0] == wrap.escape else b""
 
 
 def _diagnose_limits(d: DiagnosisWriter, wrap: Wrap, scope: Scope) -> None:

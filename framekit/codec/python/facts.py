@@ -12,7 +12,19 @@ from typing import TypeVar
 from framekit.codec.python.codings import starts
 from framekit.definition.expression import Attribute, Call, Expression, Name, Node, children, names_in, walk
 from framekit.definition.model.frames import StaticSizes, certain, everything, expressions_of, flat, in_place_of_records
-from framekit.definition.model.segments import Const, Count, Data, Field, Inner, Length, Repeat, Segment, Segments, Wrap
+from framekit.definition.model.segments import (
+    Check,
+    Const,
+    Count,
+    Data,
+    Field,
+    Inner,
+    Length,
+    Repeat,
+    Segment,
+    Segments,
+    Wrap,
+)
 from framekit.definition.problems import Position
 
 
@@ -168,6 +180,32 @@ def _leading(segments: tuple[Segment, ...]) -> tuple[bytes, bool]:
         elif segment.takes_bytes:
             return found, False
     return found, True
+
+
+def begins_with_constants(static: StaticSizes, inner: Inner) -> bool:
+    """Whether one of the frames that may stand there begins with constants, which tell it from others."""
+    return any(leading(static.segments(static.frames[name])) for name in inner.frames)
+
+
+def ending_checks(segments: Iterable[Segment]) -> Iterator[Check]:
+    """The check codes that end a frame at once."""
+    return (one for one in flat(segments) if isinstance(one, Check) and one.ends)
+
+
+def looks_inside(static: StaticSizes, segments: Segments) -> bool:
+    """Whether more than the size counts of a frame of fixed size, as an inner frame that begins with constants."""
+    inner = any(isinstance(one, Inner) and begins_with_constants(static, one) for one in flat(segments))
+    return inner or any(True for _ in ending_checks(segments))
+
+
+def symbol_behind(wrap: Wrap, after: Iterable[Segment]) -> bytes:
+    """The escape byte and its follower behind a wrap; empty if something else may stand there, or is to be refused."""
+    found = b""
+    for segment in after:
+        if not isinstance(segment, Const) or segment.when is not None or segment.refuse is not None:
+            break
+        found += segment.data
+    return found[:2] if len(found) > 1 and found[0] == wrap.escape else b""
 
 
 def is_fixed(field: Field) -> bool:

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from framekit.codec.python import forms
 from framekit.codec.python.choices import fixed_bytes
 from framekit.codec.python.expressions import NameEntry, Scope, default_text, entries_read, may_fail
-from framekit.codec.python.facts import fixed_and_conditional, leading
+from framekit.codec.python.facts import ending_checks, fixed_and_conditional, leading, looks_inside
 from framekit.codec.python.function import FunctionWriter, Offset, between, covered_names, index
 from framekit.codec.python.module import Module
 from framekit.codec.python.registry import kind_of, write_docstring
@@ -412,15 +412,6 @@ class MeasureWriter(FunctionWriter):
         self.add(f"return QUIET if end - start <= {self.most} else LOST")
         raise Finished
 
-    def _looks_inside(self) -> bool:
-        """Whether more than the size counts of a frame of fixed size, as an inner frame that begins with constants."""
-        inner = (segment for segment in flat(self.segments) if isinstance(segment, Inner))
-        return any(map(self.begins_with_constants, inner)) or any(True for _ in ending_checks(self.segments))
-
-    def begins_with_constants(self, inner: Inner) -> bool:
-        frames = (self.static.frames[name] for name in inner.frames)
-        return any(leading(self.static.segments(frame)) for frame in frames)
-
     def inner_size(self, size: str, choice: str, measure: str, arguments: str, seen: str, behind: str) -> None:
         """Gives the local `size` its value: that of the frame inside."""
         self.add(f"{size} = {measure}({choice}, {arguments}{seen}{behind})")
@@ -456,7 +447,7 @@ class MeasureWriter(FunctionWriter):
                 tail = self.pairs(frame.tail, scope)
                 self._to_tail(tail)
                 self.list(tail, ())
-            elif self.static.all(self.segments).fixed is not None and not self._looks_inside():
+            elif self.static.all(self.segments).fixed is not None and not looks_inside(self.static, self.segments):
                 self.place = Offset("start", self.static.all(self.segments).least)
             else:
                 self.list(self.pairs(self.segments, scope), ())
@@ -618,11 +609,6 @@ def needed_names(segments: tuple[Segment, ...], before: tuple[Segment, ...] = ()
         known.add(name)
         found |= values.get(name, set())
     return found
-
-
-def ending_checks(segments: tuple[Segment, ...]) -> Iterator[Check]:
-    """The check codes that end a frame at once."""
-    return (one for one in flat(segments) if isinstance(one, Check) and one.ends)
 
 
 def size_expressions(segment: Segment) -> list[Expression]:

@@ -10,6 +10,7 @@ from framekit.codec.c.reader import Behind, Here, ReadWriter
 from framekit.codec.c.source import identifier
 from framekit.codec.c.writer import Taken, WriteWriter
 from framekit.codec.python.encode_plan import Task
+from framekit.codec.python.facts import begins_with_constants
 from framekit.definition.expression import Expression
 from framekit.definition.model.segments import Inner
 
@@ -116,7 +117,7 @@ def _measure(m: CMeasureWriter, segment: Inner, scope: CScope, after: Pairs) -> 
         return
     if segment.size == "rest":
         m.rest(segment, after)
-    if fixed is not None and not m.begins_with_constants(segment):
+    if fixed is not None and not begins_with_constants(m.static, segment):
         m.skip(str(fixed))
         return
     behind = m.least(after)

@@ -13,6 +13,7 @@ from framekit.codec.c.reader import Behind, Here, ReadWriter, has_checks
 from framekit.codec.c.source import identifier
 from framekit.codec.c.writer import Taken, WriteWriter
 from framekit.codec.python.encode_plan import Task
+from framekit.codec.python.facts import symbol_behind
 from framekit.codec.python.measure import needed_names
 from framekit.definition.codings import Hex, Plain
 from framekit.definition.expression import Expression
@@ -202,7 +203,7 @@ def _doubled(m: CMeasureWriter, segment: Wrap, scope: CScope, after: Pairs, fixe
     with m.block(f"if (at > end || !{helper}(data, (size_t)at, size, {segment.escape}, {some}, &{found}))"):
         m.not_found(max(behind - 1, 1))
     m.add(f"at = (int64_t){found};")
-    if symbol := _symbol_behind(segment, after):
+    if symbol := symbol_behind(segment, (one for one, _ in after)):
         m.when(f"data[at + 1] != {symbol[1]}", f"return {LOST};")
     _content(m, segment, scope, after)
 
@@ -214,19 +215,9 @@ def _fixed_doubled(m: CMeasureWriter, segment: Wrap, scope: CScope, after: Pairs
     with m.block(f"switch ({helper}(data, (size_t)at, size, {segment.escape}, {fixed}, &{found}))"):
         m.add("case 0:", "    break;", "case 1:", f"    return {-1 - behind};", "default:", f"    return {LOST};")
     m.add(f"at = (int64_t){found};")
-    for place, byte in enumerate(_symbol_behind(segment, after)):
+    for place, byte in enumerate(symbol_behind(segment, (one for one, _ in after))):
         m.when(f"at + {place} < end && data[at + {place}] != {byte}", f"return {LOST};")
     _content(m, segment, scope, after)
-
-
-def _symbol_behind(segment: Wrap, after: Pairs) -> bytes:
-    """The escape byte and its follower behind a wrap; empty if something else may stand there, or is to be refused."""
-    found = b""
-    for one, _ in after:
-        if not isinstance(one, Const) or one.when is not None or one.refuse is not None:
-            break
-        found += one.data
-    return found[:2] if len(found) > 1 and found[0] == segment.escape else b""
 
 
 def _content(m: CMeasureWriter, segment: Wrap, scope: CScope, after: Pairs) -> None:
