@@ -1,13 +1,16 @@
-"""The verbs that write files to begin with: `framekit new`, those of a protocol of one's own; `framekit schema`, the
-schemas with which editors complete keys and mark what is wrong.
+"""The verbs that write files to begin with: `framekit new`, those of a protocol of one's own; `framekit import`, a
+definition of another program's protocol file; `framekit schema`, the schemas with which editors complete keys and mark
+what is wrong.
 """
 
 from __future__ import annotations
 
 import argparse
+import re
+import sys
 from pathlib import Path
 
-from framekit.cli.common import VerbError, in_words, near, print_json, why_not
+from framekit.cli.common import VerbError, WordsError, in_words, near, print_json, why_not
 
 
 def add_new_arguments(parser: argparse.ArgumentParser) -> None:
@@ -28,6 +31,36 @@ def run_new(arguments: argparse.Namespace) -> int:
     for path in written:
         print(near(str(path)))
     return 0
+
+
+def add_import_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("file", metavar="FILE", type=Path, help="a protocol file of EPICS StreamDevice")
+    parser.add_argument("-o", "--output", metavar="NAME.yaml", type=Path, help="where; default: beside FILE")
+    parser.add_argument("--strict", action="store_true", help="exit status 1 if something is left out")
+
+
+def run_import(arguments: argparse.Namespace) -> int:
+    from framekit.api.streamdevice import from_streamdevice
+
+    place = arguments.output or arguments.file.with_suffix(".yaml")
+    name = place.name.partition(".")[0]
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]*", name):
+        raise WordsError(f"'{name}' is no name of a protocol – give one of letters, digits, _ and - with -o NAME.yaml")
+    if place.exists() and arguments.output is None:
+        raise WordsError(f"{near(str(place))} is there already – name another file with -o")
+    try:
+        text = arguments.file.read_text("utf-8", errors="replace")
+    except OSError as error:
+        raise WordsError(why_not(error)) from None
+    made = from_streamdevice(text, str(arguments.file), name)
+    try:
+        place.write_text(made.text, "utf-8")
+    except OSError as error:
+        raise VerbError(why_not(error)) from None
+    for problem in made.left_out:
+        print(problem, file=sys.stderr)
+    print(f"{near(str(place))} is written – framekit check {near(str(place))}")
+    return 1 if arguments.strict and made.left_out else 0
 
 
 def add_schema_arguments(parser: argparse.ArgumentParser) -> None:

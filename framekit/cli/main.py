@@ -43,13 +43,14 @@ VERBS = {
     "points": "make points of a register list",
     "history": "show the values that a run has kept",
     "new": "lay out a protocol of your own",
+    "import": "make a definition of another program's protocol file",
     "schema": "print the schemas of files, and the settings of an editor",
     "completion": "print a shell's completion script",
 }
 
 TOGETHER = {
     "device_verbs": ("read", "write", "call"),
-    "file_verbs": ("new", "schema"),
+    "file_verbs": ("new", "import", "schema"),
     "definition_verbs": ("check", "test", "encode", "decode", "frames", "generate"),
     "points_verbs": ("points", "history"),
     "guess_verb": ("guess", "diff"),
@@ -57,7 +58,7 @@ TOGETHER = {
 }
 """Verbs that stand in one module; `run` stands in `run_verb`. A module has `add_VERB_arguments` and `run_VERB`."""
 
-READS_ITSELF = ("check", "test", "completion", "record", "loopback", "points", "history", "new", "schema")
+READS_ITSELF = ("check", "test", "completion", "record", "loopback", "points", "history", "new", "import", "schema")
 """Verbs that look at definitions as they are written, or at none: they take nothing from the cache."""
 
 _TOLD = [

@@ -87,6 +87,8 @@ CASES: dict[tuple[str, int], list[str]] = {
     ("history", 2): ["none.run.yaml"],
     ("new", 1): ["protocol", "own", "-o", "hex.txt/own"],
     ("new", 2): ["protocol", "a b"],
+    ("import", 1): ["hex.txt"],
+    ("import", 2): ["none"],
     ("schema", 1): ["run", "-o", "hex.txt/run.json"],
     ("schema", 2): ["nothing"],
     ("completion", 1): ["bash"],
