@@ -14,6 +14,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
+from framekit.definition.imported import ImportedDefinition
 from framekit.definition.problems import DefinitionError, Position, Problem
 
 MOST_SIGNS = 1_000_000
@@ -22,21 +23,13 @@ MOST_ELEMENTS = 10_000
 """So many pieces may all protocols have together, with those that they take from each other."""
 
 
-@dataclass(frozen=True, slots=True)
-class Imported:
-    """The definition as text, and what it does not say, each with its place in the file that was read."""
-
-    text: str
-    left_out: tuple[Problem, ...]
-
-
-def from_streamdevice(text: str, file: str, name: str) -> Imported:
+def from_streamdevice(text: str, file: str, name: str) -> ImportedDefinition:
     """The definition of a protocol file. `name`: of the protocol. Raises DefinitionError for what is no such file."""
-    reader = _Reader(text, file)
+    reader = _ProtoReader(text, file)
     reader.read()
     if reader.errors:
         raise DefinitionError(reader.errors)
-    return _Writer(reader, name, file).write()
+    return _ProtoWriter(reader, name, file).write()
 
 
 # ---- the file ---------------------------------------------------------------------------------------------------
@@ -109,7 +102,7 @@ class _Protocol:
     settings: dict[str, list[Element]] = field(default_factory=dict)
 
 
-class _Reader:
+class _ProtoReader:
     """Reads all protocols of a file; goes on after an error."""
 
     def __init__(self, text: str, file: str) -> None:
@@ -206,7 +199,7 @@ class _Reader:
         elif token.text in self.protocols and self._peek().text == ";":
             self._next()
             protocol.commands += [replace(one, is_taken=True) for one in self.protocols[token.text].commands]
-            self._count(token.at, sum(len(one.elements) for one in protocol.commands))
+            self._count(token.at, sum(1 + len(one.elements) for one in protocol.commands))
         else:
             self._wrong(token.at, f"there is no command or protocol {token.text!r} before", "correct its name")
 
@@ -248,7 +241,7 @@ class _Reader:
             self._next()
         else:
             self.errors.append(Problem(self._peek().at, "a command has no end", "write ;"))
-        self._count(self._peek().at, len(found))
+        self._count(self._peek().at, 1 + len(found))
         return found
 
     def _count(self, at: Position, more: int) -> None:
@@ -344,10 +337,10 @@ class _Frame(NamedTuple):
     values: dict[str, str]
 
 
-class _Writer:
+class _ProtoWriter:
     """Writes the definition of what a reader has read."""
 
-    def __init__(self, reader: _Reader, name: str, file: str) -> None:
+    def __init__(self, reader: _ProtoReader, name: str, file: str) -> None:
         self._reader = reader
         self._name = name
         self._file = file
@@ -357,7 +350,7 @@ class _Writer:
         self.services: list[str] = []
         self.sequences: dict[str, list[str]] = {}
 
-    def write(self) -> Imported:
+    def write(self) -> ImportedDefinition:
         for protocol, name in zip(self._reader.protocols.values(), self._names(), strict=True):
             self._protocol(protocol, name)
         if not self.frames:
@@ -383,7 +376,7 @@ class _Writer:
             f"  client: {{lanes: {{main: {{exchange: [{exchanges}]}}}}}}",
             "  server: {lanes: {main: {listen: answer}}}",
         ]
-        return Imported("\n".join(lines) + "\n", tuple(sorted(set(self.left_out))))
+        return ImportedDefinition("\n".join(lines) + "\n", tuple(sorted(set(self.left_out))))
 
     def _frames_in_order(self) -> Iterator[str]:
         """The frames, each once. Those with more constant bytes come first: a text alone fits nearly everything."""

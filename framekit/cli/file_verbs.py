@@ -6,7 +6,6 @@ what is wrong.
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 from pathlib import Path
 
@@ -34,27 +33,33 @@ def run_new(arguments: argparse.Namespace) -> int:
 
 
 def add_import_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("file", metavar="FILE", type=Path, help="a protocol file of EPICS StreamDevice")
+    parser.add_argument(
+        "file", metavar="FILE", type=Path, help="such a file, as x.proto; the ending says what it is"
+    )
     parser.add_argument("-o", "--output", metavar="NAME.yaml", type=Path, help="where; default: beside FILE")
     parser.add_argument("--strict", action="store_true", help="exit status 1 if something is left out")
 
 
 def run_import(arguments: argparse.Namespace) -> int:
-    from framekit.api.streamdevice import from_streamdevice
+    from framekit.api.draft import DraftError, protocol_name
+    from framekit.api.imports import definition_beside, import_definition
+    from framekit.api.replaced_file import replace_whole
 
-    place = arguments.output or arguments.file.with_suffix(".yaml")
-    name = place.name.partition(".")[0]
-    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]*", name):
-        raise WordsError(f"'{name}' is no name of a protocol – give one of letters, digits, _ and - with -o NAME.yaml")
-    if place.exists() and arguments.output is None:
-        raise WordsError(f"{near(str(place))} is there already – name another file with -o")
+    file, place = arguments.file, arguments.output or definition_beside(arguments.file)
     try:
-        text = arguments.file.read_text("utf-8", errors="replace")
+        name = protocol_name(place)
+        if place.exists() and place.samefile(file):
+            raise WordsError(f"{near(str(place))} is the file that is read – name another one with -o")
+        if place.exists() and arguments.output is None:
+            raise WordsError(f"{near(str(place))} is there already – name another file with -o")
+        with in_words():
+            made = import_definition(file, name)
+    except DraftError as error:
+        raise WordsError(f"{error}; name it with -o") from None
     except OSError as error:
         raise WordsError(why_not(error)) from None
-    made = from_streamdevice(text, str(arguments.file), name)
     try:
-        place.write_text(made.text, "utf-8")
+        replace_whole(place.resolve(), made.text.encode(), place if place.exists() else None)
     except OSError as error:
         raise VerbError(why_not(error)) from None
     for problem in made.left_out:

@@ -27,6 +27,7 @@ FILES = {
     "d.device.yaml": "device: d\nprotocol: own.yaml\n",
     "m.device.yaml": "device: m\nprotocol: modbus-tcp\nstation: 1\n",
     "hex.txt": "05 06\n",
+    "x.proto": "05 06\n",
     "names.csv": "a,b\n1,2\n",
 }
 GONE = "tcp://127.0.0.1:1"
@@ -87,8 +88,8 @@ CASES: dict[tuple[str, int], list[str]] = {
     ("history", 2): ["none.run.yaml"],
     ("new", 1): ["protocol", "own", "-o", "hex.txt/own"],
     ("new", 2): ["protocol", "a b"],
-    ("import", 1): ["hex.txt"],
-    ("import", 2): ["none"],
+    ("import", 1): ["x.proto"],
+    ("import", 2): ["none.proto"],
     ("schema", 1): ["run", "-o", "hex.txt/run.json"],
     ("schema", 2): ["nothing"],
     ("completion", 1): ["bash"],

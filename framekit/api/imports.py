@@ -1,0 +1,62 @@
+"""Definitions made of other programs' descriptions of protocols: which files are read, and what reads them.
+
+A format is one row of `FORMATS`. Its function takes the text of a file, the name of that file for messages, and the
+name of the protocol to be. It raises DefinitionError for a text that is no such description.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from framekit.api.errors import RequestError
+from framekit.api.streamdevice import from_streamdevice
+from framekit.definition.imported import ImportedDefinition
+from framekit.definition.problems import DefinitionError, Position, Problem
+
+MOST_BYTES = 1_000_000
+"""A longer file is refused."""
+
+
+class ImportFormat(NamedTuple):
+    """`encoding`: what the bytes of such a file are; those that are not are told."""
+
+    what: str
+    encoding: str
+    read: Callable[[str, str, str], ImportedDefinition]
+
+
+FORMATS: dict[str, ImportFormat] = {
+    ".proto": ImportFormat("a protocol file of EPICS StreamDevice", "latin-1", from_streamdevice),
+}
+"""The formats by the ending of a file, in small letters."""
+
+
+def import_definition(path: Path, name: str) -> ImportedDefinition:
+    """The definition `name`, made of a file. Raises OSError, RequestError for an unknown ending, DefinitionError."""
+    chosen = FORMATS.get(path.suffix.lower())
+    if chosen is None:
+        known = ", ".join(f"{ending} ({one.what})" for ending, one in FORMATS.items())
+        raise RequestError(f"'{path.name}' has no ending that says what it is – known: {known}")
+    with path.open("rb") as file:
+        data = file.read(MOST_BYTES + 1)
+    if len(data) > MOST_BYTES:
+        raise DefinitionError(
+            [Problem(Position(str(path), 1, 1), f"the file has more than {MOST_BYTES} bytes", "divide it")]
+        )
+    try:
+        text = data.decode(chosen.encoding)
+    except UnicodeDecodeError as error:
+        before = data[: error.start]
+        at = Position(str(path), before.count(b"\n") + 1, error.start - before.rfind(b"\n"))
+        problem = Problem(at, f"byte {data[error.start]:02X} is no {chosen.encoding} text", "save it in that encoding")
+        raise DefinitionError([problem]) from None
+    return chosen.read(text, str(path), name)
+
+
+def definition_beside(path: Path) -> Path:
+    """Where the definition made of a file goes: beside it, with a name that a protocol may have."""
+    name = re.sub(r"[^a-z0-9_-]+", "-", path.stem.lower()).strip("-")
+    return path.with_name(f"{name}.yaml")
