@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import ipaddress
 import os
 import socket
@@ -222,8 +223,22 @@ class TcpPort(StreamPort):
         super().close()
 
 
+_WHAT_TO_DO = {
+    errno.ECONNREFUSED: "nothing listens at that port number; see whether the number is right and the device is on",
+    errno.EHOSTUNREACH: "see whether the address is right and the device is on",
+    errno.ENETUNREACH: "see whether this machine is in the device's network",
+    socket.EAI_NONAME: "see how the name is written, or write the address in numbers",
+}
+
+
 def _why(error: Exception) -> str:
-    """What the system says of an error, without the address that it puts before it."""
+    """What the system says of an error, without the address that it puts before it, and what to look at."""
+    said = _said(error)
+    todo = _WHAT_TO_DO.get(getattr(error, "errno", None) or 0)
+    return f"{said} – {todo}" if todo else said
+
+
+def _said(error: Exception) -> str:
     number = getattr(error, "errno", None) or 0
     return os.strerror(number) if number > 0 else getattr(error, "strerror", None) or str(error)
 

@@ -190,7 +190,7 @@ def test_points_that_were_never_read_have_failed_where_the_port_is_refused(tmp_p
 
     value = asyncio.run(main())
     assert (value.value, value.quality) == (None, "failed")
-    assert value.reason.endswith("Connection refused") and value.text_time
+    assert value.reason.endswith("the device is on") and value.text_time
 
 
 def test_a_value_that_is_not_read_for_long_is_stale(tmp_path: Path) -> None:

@@ -230,7 +230,7 @@ def test_a_listener_can_be_asked_for_its_port_at_once_and_stops() -> None:
         events = Waiting()
         TcpPort("127.0.0.1", listener.number, clock).open(events)
         reason = await events.until("closed")
-        assert reason == f"no connection to 127.0.0.1:{listener.number}: Connection refused"
+        assert reason.startswith(f"no connection to 127.0.0.1:{listener.number}: Connection refused – nothing listens")
         with pytest.raises(OSError, match=r"\w"):
             TcpListener("256.0.0.1", 0, clock, lambda port: None).listen()
 
