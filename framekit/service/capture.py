@@ -574,6 +574,7 @@ class CaptureDecoder:
                 listener.line_break(event.at, event.direction)
             case "open":
                 self._found.append((channel, Seen("", "open", event.at)))
-            case "closed":
+            case "closed":  # bytes that were given to the port shortly before have not all left by then
                 listener.ended(event.at)
-                self._found.append((channel, Seen("", "closed", event.at, reason=event.reason)))
+                at = max(event.at, listener.scope.now)
+                self._found.append((channel, Seen("", "closed", at, reason=event.reason)))

@@ -240,3 +240,11 @@ def test_functions_called_for_each_frame_of_a_capture(tmp_path: Path) -> None:
         "pdu": {"read_holding_reply": {"function": 3, "bytes": 4, "values": "31 32 33 34"}},
     }
     assert calls / 100 <= 76, calls
+
+
+def test_a_port_closed_while_bytes_still_leave_it_is_shown_closed_after_them(tmp_path: Path) -> None:
+    asked = bytes.fromhex("01 03 00 00 00 02 C4 0B")
+    path = written(tmp_path / "x.pcap", [LineEvent("data", 1_000, "out", asked), LineEvent("closed", 2_000)])
+    seen = [one for _, one in CaptureDecoder(path, load_protocol("modbus-rtu")).seen()]
+    assert [(one.kind, one.frame) for one in seen] == [("frame", "request_adu"), ("closed", "")]
+    assert seen[0].at == seen[1].at > 2_000
