@@ -56,6 +56,11 @@ class CannotSayError(Exception):
         self.problem = Problem(at, what, todo)
 
 
+def without_library(what: str, library: str) -> tuple[str, str]:
+    """What is wrong, and what to do, where a library is not installed that `what` needs."""
+    return f"{what} needs the library {library}, which is not installed", f"install it: pip install {library}"
+
+
 def printable(text: str) -> str:
     """The text on one line: signs that are not shown, line ends among them, as `repr` writes them."""
     return text if text.isprintable() else "".join(sign if sign.isprintable() else repr(sign)[1:-1] for sign in text)

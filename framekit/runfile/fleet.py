@@ -70,7 +70,7 @@ class FleetSection:
 
     def mistakes(self) -> Iterator[tuple[str, str, str]]:
         """What is wrong with it: the key ('' for all of it), what it is, what to do."""
-        yield from mistakes_of_access(self.access, "mqtt")
+        yield from mistakes_of_access(self.access)
 
 
 class _FleetLoader:

@@ -19,7 +19,7 @@ from typing import Any, ClassVar, NamedTuple
 from typing import Protocol as Interface
 
 from framekit.definition.keys import Form, KeyReading, key, kind_schema, ref
-from framekit.definition.problems import Position
+from framekit.definition.problems import Position, without_library
 from framekit.definition.schema import add_kind_of
 from framekit.definition.tree import Node
 from framekit.memory.views import NumberView
@@ -213,14 +213,14 @@ def open_alone(path: Path) -> int:
     return file
 
 
-def not_installed(library: str, module: str, extra: str) -> Iterator[tuple[str, str, str]]:
+def not_installed(library: str, module: str) -> Iterator[tuple[str, str, str]]:
     """That a library is not there which a kind needs, as `mistakes` tells it; nothing if it is."""
     try:
         there = find_spec(module) is not None
     except ModuleNotFoundError:  # a package above it is not there
         there = False
     if not there:
-        yield "", f"this needs the library {library}, which is not installed", f"pip install 'framekit[{extra}]'"
+        yield "", *without_library("this", library)
 
 
 SINKS: dict[str, type[SinkKind]] = {}

@@ -138,9 +138,9 @@ TLS_DOC = (
 """What the keys of all that come to a broker say."""
 
 
-def mistakes_of_access(access: BrokerAccess, extra: str) -> Iterator[tuple[str, str, str]]:
-    """What the keys of a broker say wrongly; `extra`: the one that brings the library."""
-    yield from not_installed("paho-mqtt", "paho.mqtt.client", extra)
+def mistakes_of_access(access: BrokerAccess) -> Iterator[tuple[str, str, str]]:
+    """What the keys of a broker say wrongly."""
+    yield from not_installed("paho-mqtt", "paho.mqtt.client")
     if access.password is not None and not access.user:
         yield "password", "a password without a user has no effect", "add user:"
 

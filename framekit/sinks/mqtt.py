@@ -90,7 +90,7 @@ class Mqtt(BrokerSink):
     )  # fmt: skip
 
     def mistakes(self, points: Sequence[Point]) -> Iterator[tuple[str, str, str]]:
-        yield from mistakes_of_access(self.access, self.word)
+        yield from mistakes_of_access(self.access)
         if "{point}" not in self.topic:
             yield "topic", "all points would have one topic", "write {point} into it"
         if "{point}" in self.status:

@@ -61,7 +61,7 @@ class Opcua(SinkKind):
         return self.opcua
 
     def mistakes(self, points: Sequence[Point]) -> Iterator[tuple[str, str, str]]:
-        yield from not_installed("asyncua", "asyncua", "opcua")
+        yield from not_installed("asyncua", "asyncua")
         if bool(self.certificate) != bool(self.private_key):
             there, missing = ("certificate", "private_key") if self.certificate else ("private_key", "certificate")
             yield there, f"'{there}' needs '{missing}'", f"give both, or remove '{there}'"

@@ -39,7 +39,7 @@ class ParquetFiles(SinkKind):
     keep: int | None = key("keep", NUMBER, "So many finished files are kept; default: all.", default=None)
 
     def mistakes(self, points: Sequence[Point]) -> Iterator[tuple[str, str, str]]:
-        yield from not_installed("pyarrow", "pyarrow", "parquet")
+        yield from not_installed("pyarrow", "pyarrow")
         if self.keep is not None and self.keep < 1:
             yield "keep", "nothing would be kept", "give 1 or more, or leave keep out"
 

@@ -202,8 +202,8 @@ class Sparkplug(BrokerSink):
     )  # fmt: skip
 
     def mistakes(self, points: Sequence[Point]) -> Iterator[tuple[str, str, str]]:
-        yield from mistakes_of_access(self.access, self.word)
-        yield from not_installed("protobuf", "google.protobuf", "sparkplug")
+        yield from mistakes_of_access(self.access)
+        yield from not_installed("protobuf", "google.protobuf")
         if self.commands and not any(point.is_writable for point in points):
             yield "commands", "'commands' has no effect: no point can be written", "give one access: rw, or remove it"
 

@@ -238,7 +238,7 @@ def test_check_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     told = [str(problem).removeprefix(f"{path}:") for problem in check_file(str(path)).problems]
     assert told == [
         f"5:{5 + text.index(what)}: {name} needs the library cryptography, which is not installed – "
-        "install it: pip install 'framekit[crypto]'"
+        "install it: pip install cryptography"
         for text in [f"    body: [{BODY}]"[4:]]
         for what, name in (("{cipher", "aes-cbc"), ("{check", "cmac-aes"))
     ]

@@ -88,5 +88,5 @@ def test_a_missing_library_is_told_in_one_message(tmp_path: Path, monkeypatch: p
     with pytest.raises(DefinitionError) as error:
         loaded(run_file(tmp_path, "{prometheus: 9101}"))
     (problem,) = error.value.problems
-    told = "this needs the library prometheus-client, which is not installed – pip install 'framekit[prometheus]'"
+    told = "the library prometheus-client, which is not installed – install it: pip install prometheus-client"
     assert str(problem).endswith(told)

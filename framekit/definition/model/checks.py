@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple, get_args
 
 from framekit.definition.brought import bring_word
 from framekit.definition.expression import Bytes, Expression
-from framekit.definition.problems import Position, Problem, plural
+from framekit.definition.problems import Position, Problem, plural, without_library
 
 
 class Mac(NamedTuple):
@@ -47,8 +47,7 @@ LIBRARY = "cryptography"
 def not_installed(at: Position, what: str) -> Iterator[Problem]:
     """That the library is not there which `what` needs; nothing if it is."""
     if find_spec(LIBRARY) is None:
-        told = f"{what} needs the library {LIBRARY}, which is not installed"
-        yield Problem(at, told, "install it: pip install 'framekit[crypto]'")
+        yield Problem(at, *without_library(what, LIBRARY))
 
 
 def wrong_size(name: str, value: Expression, allowed: tuple[int, ...], what: str) -> Iterator[Problem]:
