@@ -325,10 +325,31 @@ def on_signal(name: str, act: Callable[[], object]) -> None:
         signal.signal(number, came)
 
 
+STOP_SIGNALS = ("SIGINT", "SIGTERM", "SIGBREAK")
+"""What asks a program to stop; the last one is Ctrl-Break on Windows."""
+
+
 def on_stop(stop: Callable[[], object]) -> None:
-    """From now on SIGINT and SIGTERM ask to stop, and Ctrl-Break on Windows."""
-    for name in ("SIGINT", "SIGTERM", "SIGBREAK"):
+    """From now on each of STOP_SIGNALS asks to stop."""
+    for name in STOP_SIGNALS:
         on_signal(name, stop)
+
+
+@contextlib.contextmanager
+def until_stopped() -> Iterator[None]:
+    """As `on_stop`, for work without a loop: it ends wherever it is, without an error.
+
+    Also where the program was started with SIGINT ignored, as shells start jobs in the background.
+    """
+    numbers = [number for name in STOP_SIGNALS if (number := getattr(signal, name, None)) is not None]
+    before = {number: signal.signal(number, signal.default_int_handler) for number in numbers}
+    try:
+        yield
+    except KeyboardInterrupt:
+        pass
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @contextlib.contextmanager

@@ -21,6 +21,7 @@ from framekit.cli.common import (
     table,
     tell_error,
     time_of,
+    until_stopped,
 )
 from framekit.transport.schemes import help_on_ports, scheme_name
 
@@ -178,11 +179,9 @@ def run_read(arguments: argparse.Namespace) -> int:
 
     def repeat(client: Client) -> None:
         nonlocal status
-        try:
+        with until_stopped():
             for _ in cycle(arguments.every, arguments.times):
                 status = once(client, arguments)
-        except KeyboardInterrupt:
-            return
 
     return carry_out(arguments, repeat, check=check) or status
 

@@ -11,7 +11,17 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from framekit.cli.common import VerbError, WordsError, add, duration_of, in_words, print_json, table, time_of
+from framekit.cli.common import (
+    VerbError,
+    WordsError,
+    add,
+    duration_of,
+    in_words,
+    print_json,
+    table,
+    time_of,
+    until_stopped,
+)
 from framekit.definition.problems import printable
 
 if TYPE_CHECKING:
@@ -79,7 +89,8 @@ def run_fleet(arguments: argparse.Namespace) -> int:
             raise VerbError(f"there is no gateway '{missing[0]}' in the fleet '{group}' of {access}")
         show(fleet, arguments)
         if arguments.watch:
-            watch(fleet, arguments, changed, duration)
+            with until_stopped():
+                watch(fleet, arguments, changed, duration)
     return 0
 
 
@@ -175,17 +186,14 @@ def show(fleet: Fleet, arguments: argparse.Namespace) -> None:
 
 
 def watch(fleet: Fleet, arguments: argparse.Namespace, changed: queue.SimpleQueue[str], duration: int | None) -> None:
-    """Prints what changes, until the time (ns) is over or SIGINT comes."""
+    """Prints what changes, until the time (ns) is over."""
     until = None if duration is None else time.monotonic() + duration / 1e9
     shown = {one.name: row_of(one) for one in wanted(fleet, arguments)}
     connected = True
     while until is None or time.monotonic() < until:
         left = LOOKS_EVERY if until is None else max(0.0, min(LOOKS_EVERY, until - time.monotonic()))
-        try:
-            with suppress(queue.Empty):
-                changed.get(timeout=left)
-        except KeyboardInterrupt:
-            return
+        with suppress(queue.Empty):
+            changed.get(timeout=left)
         if connected != fleet.connected:
             connected = fleet.connected
             said = "is there again" if connected else "has gone; nothing is known of gateways until it is there again"

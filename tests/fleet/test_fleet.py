@@ -341,7 +341,8 @@ def test_what_gives_no_sign_of_life_is_silent(tmp_path: Path, capsys: pytest.Cap
 def test_a_watch_tells_what_changes(tmp_path: Path) -> None:
     with Broker(tmp_path) as broker, Watcher(broker.port) as watcher:
         path = write_run(tmp_path / "one", "one", broker.port, "")
-        words = [sys.executable, "-m", "framekit", "fleet", f"127.0.0.1:{broker.port}", "--watch"]
+        background = ["sh", "-c", 'trap "" INT; exec "$@"', "sh"]  # as shells start jobs in the background
+        words = [*background, sys.executable, "-m", "framekit", "fleet", f"127.0.0.1:{broker.port}", "--watch"]
         told = tmp_path / "told"
         with gateway(path, "--watch"), told.open("wb") as printed:
             watcher.wait("one", is_well)
