@@ -33,9 +33,7 @@ def run_new(arguments: argparse.Namespace) -> int:
 
 
 def add_import_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "file", metavar="FILE", type=Path, help="such a file, as x.proto; the ending says what it is"
-    )
+    parser.add_argument("file", metavar="FILE", type=Path, help="such a file, as x.proto; the ending says what it is")
     parser.add_argument("-o", "--output", metavar="NAME.yaml", type=Path, help="where; default: beside FILE")
     parser.add_argument("--strict", action="store_true", help="exit status 1 if something is left out")
 

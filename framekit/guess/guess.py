@@ -333,8 +333,7 @@ def _of_framing(cut: CutLine) -> Iterator[Statement]:
         what = _place_of(length)
         others = [_place_of(one) for one in readings_of(length, frames)]
         what += f" (or {', or '.join(others)})" if others else ""
-        unit = "" if length.unit == 1 else f"{length.unit} × "
-        text = f"its size is {unit}the number in {what}, and {plural(length.plus, 'byte')}"
+        text = f"the length stands in {what}: a frame has {_of_length(length)}"
         yield Statement(text, framing.evidence, sure, "a frame of another size")
     elif framing.kind == "fixed":
         yield Statement(f"every frame has {plural(framing.fixed, 'byte')}", alike, False, "a frame of another size")
@@ -345,6 +344,15 @@ def _of_framing(cut: CutLine) -> Iterator[Statement]:
     if framing.stuffing is not None:
         against = "another sign" if framing.stuffing.kind == "hex" else "an escape byte before anything else"
         yield Statement(f"inside, {_stuffed(framing)}", framing.evidence, sure, against)
+
+
+def _of_length(length: LengthField) -> str:
+    """The size of a frame, in words."""
+    if length.unit != 1:
+        return f"{length.unit} × its value and {plural(length.plus, 'byte')}"
+    if not length.plus:
+        return "as many bytes"
+    return f"{plural(abs(length.plus), 'byte')} {'more' if length.plus > 0 else 'fewer'} than it says"
 
 
 def _place_of(length: LengthField) -> str:

@@ -49,7 +49,7 @@ class TimeSpread:
             return middle
         if least.partition(" ")[2] == greatest.partition(" ")[2]:
             least = least.partition(" ")[0]
-        return f"{least} to {greatest}, {middle} in the middle"
+        return f"{least} to {greatest}, half of them within {middle}"
 
 
 def shown(time: int) -> str:
