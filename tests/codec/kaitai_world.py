@@ -166,7 +166,7 @@ class Reader:
                 into.differences.append(f"{path}: {len(found)} items, not {len(wanted)}")
             for at, (one, other) in enumerate(zip(found, wanted, strict=False)):
                 if isinstance(one, KaitaiStruct) and not isinstance(other, Mapping):
-                    one = one.value
+                    one = one.value if hasattr(type(one), "value") or hasattr(one, "value") else one.value_raw
                 self._value(one, other, f"{path}[{at}]", into)
         elif _is_same(found, wanted):
             into.agreed += 1

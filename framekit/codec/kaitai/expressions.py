@@ -5,10 +5,11 @@ A name is a path from the type in which the expression stands: `count`, `_parent
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
-from framekit.codec.kaitai.source import data, identifier, string
+from framekit.codec.kaitai.source import KsyNames, data, string
 from framekit.definition.expression import (
     Attribute,
     Binary,
@@ -28,24 +29,39 @@ from framekit.definition.expression import (
 )
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import LAST, PREVIOUS
-from framekit.definition.problems import CannotSayError
+from framekit.definition.problems import CannotSayError, Position
 
 MOST_ENTRIES = 64
 """Entries of a table that become a chain of choices."""
+MOST_TEXT = 8000
+"""Characters of an expression: one that names a part of it twice grows with each level."""
+TOP_NAMES = ("frame", "content", "end")
+"""What the type at the top has beside the parameters of the protocol."""
 _BINARY = {"+": "+", "-": "-", "*": "*", "//": "/", "%": "%", "&": "&", "|": "|", "^": "^", "<<": "<<", ">>": ">>"}
 _PARAMETERS = {"number": ("s8", "int"), "flag": ("bool", "bool"), "text": ("str", "str"), "choice": ("str", "str"),
                "bytes": ("bytes", "bytes"), "time": ("s8", "int")}  # fmt: skip
 _MOST = (1 << 63) - 1
+_FAILS = "(1 / 0)"
+"""What has no value: it fails where it is worked out."""
+
+
+Presence = tuple[object, object]
+"""A condition: the record that it belongs to, and what must hold there."""
 
 
 @dataclass(frozen=True, slots=True)
 class KsyEntry:
-    """What a name stands for: its path, what kind of value that is, and what is in it."""
+    """What a name stands for: its path, what kind of value that is, and what is in it.
+
+    `is_natural`: it is a number that is never negative; `needs`: what must hold, or it is not there.
+    """
 
     path: str
     kind: str
     members: Mapping[str, KsyEntry] = field(default_factory=dict)
     why_not: str = ""
+    is_natural: bool = False
+    needs: frozenset[Presence] = frozenset()
 
     def behind(self, path: str) -> KsyEntry:
         """The same, seen from a type that holds it at `path`."""
@@ -53,17 +69,59 @@ class KsyEntry:
 
 
 class Scope:
-    """Names that a type has, and those of the type around it, which is `up` away."""
+    """Names that a type has, and those of the type around it, which is `up` away.
 
-    def __init__(self, outer: Scope | None = None, up: str = "_parent.") -> None:
-        self.outer, self.up = outer, up
+    `is_record`: its values make a record of their own; `is_apart`: it is read where nothing around it is known;
+    `holds`: what is true wherever it is read.
+    """
+
+    def __init__(
+        self, outer: Scope | None = None, up: str = "_parent.", *, is_record: bool = True, is_apart: bool = False
+    ) -> None:  # fmt: skip
+        self.outer, self.up, self.is_apart = outer, up, is_apart
+        self.record: object = object() if outer is None or is_record else outer.record
         self.entries: dict[str, KsyEntry] = {}
+        self.holds: set[Presence] = set()
 
     def find(self, name: str) -> KsyEntry | None:
         if name in self.entries:
             return self.entries[name]
         found = None if self.outer is None else self.outer.find(name)
+        if found is not None and self.is_apart:
+            return replace(found, why_not="it stands outside of what is read apart from the frame")
         return None if found is None else replace(found, path=f"{self.up}{found.path}")
+
+    def is_there(self, entry: KsyEntry) -> bool:
+        """Whether a value is there wherever this is read."""
+        left: frozenset[Presence] = entry.needs
+        scope: Scope | None = self
+        while left and scope is not None:
+            left, scope = left - scope.holds, scope.outer
+        return not left
+
+    def condition(self, node: Node) -> Presence:
+        """That a condition holds in this record."""
+        return self.record, _shape(node)
+
+    def conditions(self, node: Node) -> set[Presence]:
+        """All that holds where a condition does."""
+        parts = node.operands if isinstance(node, Logic) and node.operator == "and" else ()
+        return {self.condition(one) for one in (node, *parts)}
+
+    def where(self, *nodes: Node) -> Scope:
+        """The same scope where conditions hold."""
+        scope = Scope(self, "", is_record=False)
+        for node in nodes:
+            scope.holds |= self.conditions(node)
+        return scope
+
+
+def _shape(value: Any) -> object:
+    """An expression without the places where its parts stand."""
+    if isinstance(value, Node):
+        parts = (_shape(getattr(value, one.name)) for one in fields(value) if one.name != "at")
+        return (type(value).__name__, *parts)
+    return tuple(map(_shape, value)) if isinstance(value, tuple) else value
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,11 +133,15 @@ class Said:
 
 
 class KaitaiExpressions:
-    """Writes the expressions of one protocol. `params`: what is asked of the outside, name → type."""
+    """Writes the expressions of one protocol. `params`: what is asked of the outside, name → name here and type.
 
-    def __init__(self, protocol: Protocol) -> None:
-        self.protocol = protocol
-        self.params: dict[str, str] = {}
+    `tell` is told what is said, but not in every respect.
+    """
+
+    def __init__(self, protocol: Protocol, tell: Callable[[Position, str, str], None]) -> None:
+        self.protocol, self.tell = protocol, tell
+        self.params: dict[str, tuple[str, str]] = {}
+        self._names = KsyNames(TOP_NAMES)
 
     def number(self, expression: Expression, scope: Scope) -> str:
         """Raises CannotSayError."""
@@ -87,15 +149,25 @@ class KaitaiExpressions:
 
     def condition(self, expression: Expression, scope: Scope) -> str:
         """Raises CannotSayError."""
-        return self._flag(self.said(expression.root, scope), expression.root)
+        return self._truth(expression.root, scope)
 
     def value(self, expression: Expression, scope: Scope) -> Said:
         """Its text and kind; flags are numbers. Raises CannotSayError."""
         said = self.said(expression.root, scope)
         return Said(self._number(said, expression.root), "int") if said.kind == "bool" else said
 
+    def is_natural(self, expression: Expression, scope: Scope) -> bool:
+        """Whether it is certain that the number is never negative."""
+        return self._is_natural(expression.root, scope)
+
     def said(self, node: Node, scope: Scope) -> Said:
         """Raises CannotSayError."""
+        said = self._said(node, scope)
+        if len(said.text) > MOST_TEXT:
+            raise CannotSayError(node.at, "an expression is left out", f"it takes more than {MOST_TEXT} characters")
+        return said
+
+    def _said(self, node: Node, scope: Scope) -> Said:
         match node:
             case Number(value=value) if abs(value) <= _MOST:
                 return Said(str(value) if value >= 0 else f"({value})", "int")
@@ -109,27 +181,26 @@ class KaitaiExpressions:
                 entry = self._entry(node, scope)
                 if entry is None:
                     raise self._not(node, f"'.{name}'")
-                return Said(entry.path, entry.kind)
+                return self._known(node, name, entry, scope)
             case Index(value=value, index=index):
                 return self._index(node, value, index, scope)
             case Call(function=function, arguments=arguments):
                 return self._call(node, function, arguments, scope)
             case Unary(operator="not", operand=operand):
-                return Said(f"(not {self._flag(self.said(operand, scope), operand)})", "bool")
+                return Said(f"(not {self._truth(operand, scope)})", "bool")
             case Unary(operator=operator, operand=operand):
                 return Said(f"({operator}{self._number(self.said(operand, scope), operand)})", "int")
-            case Binary(operator=operator, left=left, right=right):
-                return self._binary(operator, self.said(left, scope), self.said(right, scope), node)
+            case Binary():
+                return self._binary(node, scope)
             case Compare(first=first, rest=rest):
                 operands = [first, *(one for _, one in rest)]
                 parts = [self._compared(a, op, b, scope) for a, (op, b) in zip(operands, rest, strict=False)]
                 return Said(f"({' and '.join(parts)})", "bool")
-            case Logic(operator=operator, operands=operands):
-                flags = (self._flag(self.said(one, scope), one) for one in operands)
-                return Said(f"({f' {operator} '.join(flags)})", "bool")
+            case Logic():
+                return self._logic(node, scope)
             case Conditional(condition=condition, then=then, otherwise=otherwise):
-                flag = self._flag(self.said(condition, scope), condition)
-                return self._chosen(flag, self.said(then, scope), self.said(otherwise, scope), node)
+                flag = self._truth(condition, scope)
+                return self._chosen(flag, self.said(then, scope.where(condition)), self.said(otherwise, scope), node)
         raise self._not(node, "this expression")
 
     def _not(self, node: Node, what: str) -> CannotSayError:
@@ -141,6 +212,24 @@ class KaitaiExpressions:
         if said.kind in ("int", "float"):
             return said.text
         raise self._not(node, "a number made of another kind of value")
+
+    def _truth(self, node: Node, scope: Scope) -> str:
+        """Whether it counts as true."""
+        if isinstance(node, Logic):
+            flags = (self._truth(one, inside) for one, inside in _operands(node, scope))
+            return f"({f' {node.operator} '.join(flags)})"
+        return self._flag(self.said(node, scope), node)
+
+    def _logic(self, node: Logic, scope: Scope) -> Said:
+        """The first operand that decides, as the language has it: `a or 5` is a number."""
+        *others, last = [(one, self.said(one, inside)) for one, inside in _operands(node, scope)]
+        if all(said.kind == "bool" for _, said in (*others, last)):
+            return Said(self._truth(node, scope), "bool")
+        found = last[1]
+        for one, said in reversed(others):
+            first, second = (said, found) if node.operator == "or" else (found, said)
+            found = self._chosen(self._flag(said, one), first, second, node)
+        return found
 
     def _flag(self, said: Said, node: Node) -> str:
         if said.kind == "bool":
@@ -154,9 +243,7 @@ class KaitaiExpressions:
     def _name(self, node: Node, name: str, scope: Scope) -> Said:
         entry = scope.find(name)
         if entry is not None:
-            if entry.why_not:
-                raise CannotSayError(node.at, f"'{name}' is not asked for", entry.why_not)
-            return Said(entry.path, entry.kind)
+            return self._known(node, name, entry, scope)
         if name in (LAST, PREVIOUS):
             raise self._not(node, f"the word '{name.partition('.')[2]}' in an item")
         parameter, state = self.protocol.params.get(name), self.protocol.state.get(name)
@@ -166,8 +253,17 @@ class KaitaiExpressions:
             type_ = "number" if numbers else state.type
         if type_ not in _PARAMETERS:
             raise CannotSayError(node.at, f"'{name}' is left out", "only framekit knows it while it runs")
-        self.params[name], kind = _PARAMETERS[type_]
-        return Said(f"_root.{identifier(name)}", kind)
+        here, kind = _PARAMETERS[type_]
+        if name not in self.params:
+            self.params[name] = self._names.new(name), here
+        return Said(f"_root.{self.params[name][0]}", kind)
+
+    def _known(self, node: Node, name: str, entry: KsyEntry, scope: Scope) -> Said:
+        """Raises CannotSayError where it may not be there: Kaitai knows no value that is nothing."""
+        why = entry.why_not or ("" if scope.is_there(entry) else "it may be absent, and Kaitai has no value for that")
+        if why:
+            raise CannotSayError(node.at, f"'{name}' is not asked for", why)
+        return Said(entry.path, entry.kind)
 
     def _entry(self, node: Node, scope: Scope) -> KsyEntry | None:
         if isinstance(node, Name):
@@ -175,7 +271,10 @@ class KaitaiExpressions:
         if isinstance(node, Attribute):
             outer = self._entry(node.value, scope)
             inner = None if outer is None or outer.kind != "record" else outer.members.get(node.name)
-            return None if inner is None or outer is None else inner.behind(outer.path)
+            if inner is None or outer is None:
+                return None
+            found, needs = inner.behind(outer.path), outer.needs | inner.needs
+            return replace(found, why_not=outer.why_not or inner.why_not, needs=needs)
         if isinstance(node, Index):
             outer = self._entry(node.value, scope)
             if outer is not None and outer.kind == "list" and outer.members:
@@ -201,21 +300,47 @@ class KaitaiExpressions:
         if table is None or not entries or table.ranges or not plain or len(entries) > MOST_ENTRIES:
             raise self._not(node, "a table of this kind")
         asked = self.said(key, scope)
-        text = otherwise.text if otherwise is not None else repr([*entries.values()][-1])
-        rows = [*entries.items()] if otherwise is not None else [*entries.items()][:-1]
-        for one, value in reversed(rows):
+        text = otherwise.text if otherwise is not None else _FAILS
+        for one, value in reversed(entries.items()):
             shown = string(one) if isinstance(one, str) else str(one)
             text = f"({asked.text} == {shown} ? {value!r} : {text})"
         return Said(text, "int")
 
-    def _binary(self, operator: str, left: Said, right: Said, node: Node) -> Said:
+    def _binary(self, node: Binary, scope: Scope) -> Said:
+        operator, left, right = node.operator, self.said(node.left, scope), self.said(node.right, scope)
         if operator == "+" and left.kind == right.kind == "str":
             return Said(f"({left.text} + {right.text})", "str")
         if operator not in _BINARY:
             raise self._not(node, f"the operator '{operator}'")
-        texts = self._number(left, node), self._number(right, node)
+        a, b = self._number(left, node), self._number(right, node)
         kind = "float" if "float" in (left.kind, right.kind) else "int"
-        return Said(f"({texts[0]} {_BINARY[operator]} {texts[1]})", kind)
+        if operator in ("//", "%") and not (self._is_natural(node.left, scope) and self._is_natural(node.right, scope)):
+            if not isinstance(node.right, Number) or node.right.value <= 0:
+                why = "languages that Kaitai writes do not agree on divisions of negative numbers"
+                raise CannotSayError(node.at, f"the operator '{operator}' is left out", why)
+            a = f"({a} - {a} % {b})" if operator == "//" else a  # what is left can be divided exactly
+        return Said(f"({a} {_BINARY[operator]} {b})", kind)
+
+    def _is_natural(self, node: Node, scope: Scope) -> bool:
+        """Whether a number is never negative."""
+        match node:
+            case Number(value=value):
+                return value >= 0
+            case Name() | Attribute():
+                entry = self._entry(node, scope)
+                return entry is not None and entry.is_natural
+            case Index(value=value):
+                table = self.protocol.tables.get(value.name) if isinstance(value, Name) else None
+                return table is None or all(isinstance(one, int) and one >= 0 for one in table.entries.values())
+            case Binary(operator="+" | "*" | "//" | "%" | "&" | "|" | "<<" | ">>", left=left, right=right):
+                return self._is_natural(left, scope) and self._is_natural(right, scope)
+            case Conditional(then=then, otherwise=otherwise):
+                return self._is_natural(then, scope) and self._is_natural(otherwise, scope)
+            case Call(function="min" | "max", arguments=arguments):
+                return all(self._is_natural(one, scope) for one in arguments)
+            case Call(function=function):
+                return function in ("len", "abs", "bit")
+        return isinstance(node, Compare)
 
     def _compared(self, left: Node, operator: str, right: Node, scope: Scope) -> str:
         if operator in ("in", "not in"):
@@ -246,6 +371,7 @@ class KaitaiExpressions:
         if function == "len" and first.kind in ("bytes", "str", "list"):
             return Said(f"{first.text}.{'size' if first.kind == 'list' else 'length'}", "int")
         if function == "number" and first.kind == "str":
+            self.tell(node.at, "'number' also reads signs, spaces and '_'", "Kaitai does not look at each character")
             base = "" if len(said) == 1 else self._number(said[1], node)
             return Said(f"{first.text}.to_i({base})" if base else f"{first.text}.to_i", "int")
         numbers = [self._number(one, node) for one in said]
@@ -262,3 +388,12 @@ class KaitaiExpressions:
                     best = f"({best} {'<' if function == 'min' else '>'} {one} ? {best} : {one})"
                 return Said(best, "int")
         raise self._not(node, f"the function '{function}' of such a value")
+
+
+def _operands(node: Logic, scope: Scope) -> Iterator[tuple[Node, Scope]]:
+    """The operands of `and` and `or`: behind an `and`, those before it hold."""
+    inside = scope.where()
+    for operand in node.operands:
+        yield operand, inside
+        if node.operator == "and":
+            inside.holds |= scope.conditions(operand)

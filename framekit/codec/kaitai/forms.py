@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
+from framekit.codec.kaitai.source import string
+from framekit.definition.decimals import SIGNS
 from framekit.definition.wire_types import FieldType, Order
 
 ENCODING = "ISO-8859-1"
@@ -18,7 +20,8 @@ class KsyForm:
     """The keys of the attribute; the kind of what it reads; `value` writes the value of the path of that, with `kind`.
 
     `size` says whether a size has still to be added; `more`: bytes that stand behind it. `not_said`: why its value is
-    not the language's.
+    not the language's. `valid` writes the condition that it is written as the language wants it; `not_looked_at`: what
+    of that is not asked.
     """
 
     keys: dict[str, Any]
@@ -27,6 +30,8 @@ class KsyForm:
     takes_size: bool = False
     not_said: str = ""
     more: bytes = b""
+    valid: Callable[[str], str] | None = None
+    not_looked_at: str = ""
 
 
 def form_of(type_: FieldType) -> KsyForm:
@@ -40,9 +45,12 @@ def form_of(type_: FieldType) -> KsyForm:
         case "digits" | "hex_int":
             return _digits(type_, size)
         case "decimal":
-            return _text(type_, "int", lambda path: f"{path}.to_i")
+            return _decimal(type_)
         case "bcd" if size is not None and size <= _WIDEST:
-            return KsyForm({"size": size}, "int", lambda path: _bcd(path, size, type_.order))
+            return KsyForm(
+                {"size": size}, "int", lambda path: _bcd(path, size, type_.order),
+                valid=lambda path: " and ".join(f"{path}[{at}] < 160 and {path}[{at}] % 16 < 10" for at in range(size)),
+            )  # fmt: skip
         case "scaled" if type_.inside is not None and type_.scale is not None:
             return _scaled(type_)
         case "ascii":
@@ -58,6 +66,11 @@ def form_of(type_: FieldType) -> KsyForm:
 
 def _endian(order: Order) -> str:
     return "le" if order == "little" else "be"
+
+
+def wide(text: str) -> str:
+    """A number of 64 bits: what is worked out has 32 of them in some languages."""
+    return f"{_atom(text)}.as<s8>"
 
 
 def _signed(text: str, bits: int) -> str:
@@ -81,7 +94,8 @@ def _int(size: int, signed: bool, order: Order) -> KsyForm:
         places = _places(size, order)
 
         def value(path: str) -> str:
-            sum_ = " | ".join(f"({path}[{place}] << {8 * (size - 1 - at)})" for at, place in enumerate(places))
+            parts = ((wide(f"{path}[{place}]"), 8 * (size - 1 - at)) for at, place in enumerate(places))
+            sum_ = " | ".join(f"({part} << {shift})" for part, shift in parts)
             return _signed(f"({sum_})", bits) if signed else f"({sum_})"
 
         return KsyForm({"size": size}, "int", value)
@@ -103,11 +117,57 @@ def _digits(type_: FieldType, size: int | None) -> KsyForm:
         pairs = [f"{path}.substring({2 * place}, {2 * place + 2})" for place in _places(size // 2, type_.order)]
         return f"({' + '.join(pairs)}).to_i{base}"
 
-    if type_.kind == "hex_int" and size is not None:
-        return _text(type_, "int", lambda path: _signed(number(path), 4 * size))
     if type_.order != "big" and (size is None or size % 2):
         return _text(type_, "str", None, "Kaitai turns no digits round of which it does not know how many there are")
-    return _text(type_, "int", number)
+    form = _text(type_, "int", number)
+    if type_.kind == "hex_int" and size is not None:
+        form = replace(form, value=lambda path: _signed(number(path), 4 * size))
+    if size is None or size > _MOST_DIGITS:
+        return replace(form, not_looked_at=_SIGNS_TOO)
+    return replace(form, valid=lambda path: _only_digits(path, size, type_.base))
+
+
+_MOST_DIGITS = 32
+_SIGNS_TOO = "signs, spaces and '_' may stand among the digits"
+_DIGITS = {8: (("0", "7"),), 10: (("0", "9"),), 16: (("0", "9"), ("A", "F"), ("a", "f"))}
+
+
+def _only_digits(path: str, size: int, base: int) -> str:
+    def is_digit(at: int) -> str:
+        one = f"{path}.substring({at}, {at + 1})"
+        rows = " or ".join(f'({one} >= "{low}" and {one} <= "{high}")' for low, high in _DIGITS[base])
+        return f"({rows})"
+
+    return " and ".join(map(is_digit, range(size)))
+
+
+def _decimal(type_: FieldType) -> KsyForm:
+    """A whole number as text: it has one text only, which is made again and compared."""
+    decimal = type_.form
+    assert decimal is not None
+    size, is_sized = type_.fixed_size, type_.size is not None
+    if is_sized and decimal.fill not in (b"0", b" "):
+        return _text(type_, "str", None, "Kaitai does not take away what fills a text up in front")
+    form = _text(type_, "int", lambda path: f"{path}.to_i")
+    if is_sized and size is None:
+        return replace(form, not_looked_at="signs, and what fills it up, may be others")
+
+    def valid(path: str) -> str:
+        number = f"{path}.to_i"
+        plus = string(SIGNS[decimal.sign].decode("ascii"))
+        sign = plus if decimal.sign == "never" else f'({number} < 0 ? "-" : {plus})'
+        digits = f"({number} < 0 ? -{number} : {number}).to_s"
+        if decimal.digits > 1:
+            zeros = f"{string('0' * decimal.digits)}.substring(0, {decimal.digits} - {digits}.length)"
+            digits = f"({digits}.length < {decimal.digits} ? {zeros} + {digits} : {digits})"
+        if size is None:
+            return f"{path} == {sign} + {digits}"
+        least = f"{sign}.length + {digits}.length"
+        fill = f"{string(decimal.fill.decode('ascii') * size)}.substring(0, {size} - ({least}))"
+        parts = (sign, fill, digits) if decimal.fill == b"0" else (fill, sign, digits)
+        return f"{least} <= {size} and {path} == {' + '.join(parts)}"
+
+    return replace(form, valid=valid)
 
 
 def _text(type_: FieldType, kind: str, value: Callable[[str], str] | None, not_said: str = "") -> KsyForm:
@@ -120,17 +180,20 @@ def _text(type_: FieldType, kind: str, value: Callable[[str], str] | None, not_s
             keys["terminator"] = type_.end[0]
             if len(type_.end) > 1:
                 not_said = not_said or "Kaitai ends a text at one byte: it ends at the first of them"
+            elif type_.pad is not None:
+                not_said = not_said or "Kaitai does not take away what fills a text up before its end"
     elif type_.end is not None:
         keys["terminator"] = type_.end[0]
         more = type_.end[1:]
     elif len(type_.stops) == 1:
         keys |= {"terminator": type_.stops[0][0], "consume": False}
-    return KsyForm(keys, kind, value, type_.size is not None, not_said, more)
+    not_looked_at = "" if not more else "the first byte of its end ends it even alone, and the frame fails then"
+    return KsyForm(keys, kind, value, type_.size is not None, not_said, more, not_looked_at=not_looked_at)
 
 
 def _bcd(path: str, size: int, order: Order) -> str:
     parts = (
-        f"(({path}[{place}] >> 4) * 10 + ({path}[{place}] & 15)) * {100 ** (size - 1 - at)}"
+        f"{wide(f'({path}[{place}] >> 4) * 10 + ({path}[{place}] & 15)')} * {100 ** (size - 1 - at)}"
         for at, place in enumerate(_places(size, order))
     )
     return f"({' + '.join(parts)})"
@@ -148,9 +211,10 @@ def _scaled(type_: FieldType) -> KsyForm:
 
     def value(path: str) -> str:
         number = inside.value(path) if inside.value is not None else path
+        number = number if scale.factor == 1 and scale.offset == 0 else wide(number)
         number = number if scale.factor == 1 else f"{number} * {scale.factor}"
         number = number if scale.offset == 0 else f"{number} + {scale.offset}"
         return f"({number})" if scale.places == 0 else f"({_atom(number)} / {float(10**scale.places)})"
 
     kind = "int" if scale.places == 0 else "float"
-    return KsyForm(inside.keys, kind, value, inside.takes_size, more=inside.more)
+    return replace(inside, kind=kind, value=value)

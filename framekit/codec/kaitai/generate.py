@@ -6,17 +6,19 @@ frame that cannot be read without it becomes a type that reads nothing and fails
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+import struct
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from framekit.codec.kaitai.expressions import KaitaiExpressions, KsyEntry, Said, Scope
-from framekit.codec.kaitai.forms import KsyForm, form_of
-from framekit.codec.kaitai.source import KsyNames, data, identifier, string
+from framekit.codec.kaitai.expressions import TOP_NAMES, KaitaiExpressions, KsyEntry, Presence, Said, Scope
+from framekit.codec.kaitai.forms import KsyForm, form_of, wide
+from framekit.codec.kaitai.source import KsyNames, data, string
 from framekit.codec.python.choices import Leaf, Switch, in_order, tree_of
 from framekit.definition.codings import Plain
-from framekit.definition.expression import Expression, Name, Text, names_in
+from framekit.definition.expression import Expression, Name, Real, Text, names_in
 from framekit.definition.model.frames import Frame, StaticSizes, by_value_name, everything, expressions_of
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import (
@@ -51,6 +53,10 @@ from framekit.definition.written import comment, yaml_lines
 Keys = dict[str, Any]
 _HERE = "_io.size - _io.pos"
 _FAILS: Keys = {"seq": [{"id": "nothing", "size": 0, "valid": {"expr": "false"}}]}
+_LATER = KsyEntry("", "any", {}, "Kaitai reads it only later")
+_MOST = (1 << 63) - 1
+_MOST_MORE = 2000
+"""Characters that say how many bytes parameters add behind a part."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,24 +101,27 @@ class _FileWriter:
     def __init__(self, protocol: Protocol) -> None:
         self.protocol = protocol
         self.static = StaticSizes(protocol.frames)
-        self.expressions = KaitaiExpressions(protocol)
+        self.expressions = KaitaiExpressions(protocol, self.tell)
         self.problems: dict[Problem, None] = {}
-        self.enums: dict[str, Mapping[int, str]] = {}
+        self.enums: dict[tuple[tuple[int, str], ...], str] = {}
         self.names = KsyNames(("frame_kind", "unexpected"))
-        self.name = self.names.new(protocol.name)
-        self.types = {frame: self.names.new(frame) for frame in protocol.frames}
+        self.name = self.names.new_type(protocol.name)
+        self.types = {frame: self.names.new_type(frame) for frame in protocol.frames}
+        self.without_end: set[str] = set()
+        """Frames that are read from a stream that goes on behind them."""
 
     def tell(self, at: Position, what: str, why: str) -> None:
         self.problems.setdefault(Problem(at, what, why))
 
-    def enum(self, name: str, values: Mapping[int, str]) -> str:
-        """The name of an enumeration of these numbers."""
-        for known, numbers in self.enums.items():
-            if numbers == values:
-                return known
-        made = self.names.new(name)
-        self.enums[made] = values
-        return made
+    def enum(self, name: str, values: Mapping[int, str], at: Position) -> str | None:
+        """The name of an enumeration of these numbers; None where Kaitai cannot have it."""
+        if any(abs(number) > _MOST for number in values):
+            self.tell(at, f"the numbers of '{name}' have no names", "Kaitai has names of numbers of 63 bits")
+            return None
+        known = tuple(values.items())
+        if known not in self.enums:
+            self.enums[known] = self.names.new_type(name)
+        return self.enums[known]
 
     def write(self) -> KaitaiFile:
         protocol = self.protocol
@@ -130,7 +139,9 @@ class _FileWriter:
             except CannotSayError as error:
                 self.tell(error.problem.at, f"frame '{name}' is left out: {error.problem.what}", error.problem.todo)
                 written[self.types[name]] = dict(_FAILS)
-        params = self.expressions.params
+        for name in read:
+            self._limit(protocol.frames[name], written[self.types[name]])
+        params = dict(self.expressions.params.values())
         kinds = {"frame_kind": dict(enumerate(self.types.values()))} if self.types else {}
         top: Keys = {
             "meta": {
@@ -142,32 +153,47 @@ class _FileWriter:
             },
             "doc": "One whole frame; the parameter frame says which. Made by framekit from the definition.",
             "params": [
-                {"id": "frame", "type": "s4", **({"enum": "frame_kind"} if self.types else {})},
-                *({"id": identifier(name), "type": type_} for name, type_ in params.items()),
+                {"id": TOP_NAMES[0], "type": "s4", **({"enum": "frame_kind"} if self.types else {})},
+                *({"id": name, "type": type_} for name, type_ in params.items()),
             ],
-            "seq": [self._content(), {"id": "end", "size": 0, "valid": {"expr": "_io.eof"}}],
+            "seq": [self._content(), {"id": TOP_NAMES[2], "size": 0, "valid": {"expr": "_io.eof"}}],
             "enums": {
                 **kinds,
-                **{name: _members(values) for name, values in self.enums.items()},
+                **{name: _members(values) for values, name in self.enums.items()},
             },
             "types": {**written, "unexpected": _FAILS},
         }
         lines = [comment(f"What Kaitai does not say of {protocol.name}:"), *map(_told, self.problems), ""]
         text = "\n".join([*lines, *yaml_lines(top)]) + "\n"
-        return KaitaiFile(self.name, text, self.types, tuple(read), ("frame", *params), tuple(sorted(self.problems)))
+        asked = (TOP_NAMES[0], *self.expressions.params)
+        return KaitaiFile(self.name, text, self.types, tuple(read), asked, tuple(sorted(self.problems)))
+
+    def _limit(self, frame: Frame, keys: Keys) -> None:
+        """How long a frame is, if that does not follow from its parts."""
+        most = self.static.frame(frame.name).most
+        if any(isinstance(one, Fill) for one in self.static.segments(frame)):
+            text = f"_io.size == {frame.size}"
+        elif frame.most is not None and (most is None or most > frame.most):
+            text = f"_io.size <= {frame.most}"
+        else:
+            return
+        if frame.name in self.without_end:
+            self.tell(frame.at, f"the size of '{frame.name}' is not compared", "its end is not that of its stream")
+        else:
+            keys.setdefault("seq", []).append({"size": 0, "valid": {"expr": text}})
 
     def _content(self) -> Keys:
         cases = {f"frame_kind::{type_}": type_ for type_ in self.types.values()}
-        return {"id": "content", "type": {"switch-on": "frame", "cases": cases or {"_": "unexpected"}}}
+        return {"id": TOP_NAMES[1], "type": {"switch-on": TOP_NAMES[0], "cases": cases or {"_": "unexpected"}}}
 
 
-def _members(values: Mapping[int, str]) -> Keys:
+def _members(values: Iterable[tuple[int, str]]) -> dict[int, Any]:
     names = KsyNames()
-    found: Keys = {}
-    for number, text in values.items():
+    found: dict[int, Any] = {}
+    for number, text in values:
         name = names.new(text)
-        found[str(number)] = name if name == text else {"id": name, "doc": text}
-    return {int(number): one for number, one in found.items()}  # type: ignore[misc]
+        found[number] = name if name == text else {"id": name, "doc": text}
+    return found
 
 
 def _told(problem: Problem) -> str:
@@ -186,11 +212,11 @@ class _FrameWriter:
         self.asked = {name for one in expressions_of(frame.segments) for name in names_in(one.root)}
 
     def write(self) -> Keys:
-        block = KsyBlock(self, Scope())
+        block = KsyBlock(self, Scope(), self.file.static.segments(self.frame))
         if self.frame.inside:
             what = f"frames that interrupt '{self.frame.name}' are left out"
             self.file.tell(self.frame.at, what, "Kaitai cannot pass over bytes in between")
-        block.write(self.file.static.segments(self.frame), NOTHING_BEHIND)
+        block.write(NOTHING_BEHIND)
         doc = {"doc": self.frame.doc} if self.frame.doc else {}
         return {**doc, **block.keys(), **({"types": self.types} if self.types else {})}
 
@@ -198,50 +224,92 @@ class _FrameWriter:
 class KsyBlock:
     """A type being written. Raises CannotSayError for what it cannot be read without."""
 
-    def __init__(self, frame: _FrameWriter, scope: Scope) -> None:
+    def __init__(self, frame: _FrameWriter, scope: Scope, segments: Segments = ()) -> None:
         self.frame, self.file, self.scope = frame, frame.file, scope
         self.expressions = frame.file.expressions
         self.names = KsyNames()
+        self.own = {name: self.names.new(name) for segment in segments for name in segment.value_names}
+        """Names of values; those of raw numbers and the like come after them."""
         self.params: list[Keys] = []
         self.seq: list[Keys] = []
         self.instances: dict[str, Keys] = {}
         self.always: set[str] = set()
         """Values that are there whatever their condition says: they have a default."""
+        self.at_end: list[tuple[Segment, Callable[[], None]]] = []
+        """What asks for values of the whole record."""
+        self.segments = segments
+        scope.entries |= dict.fromkeys(by_value_name(segments), _LATER)
 
     def keys(self) -> Keys:
         parts = {"params": self.params, "seq": self.seq, "instances": self.instances}
         return {name: part for name, part in parts.items() if part} or {"seq": []}
 
-    def write(self, segments: Segments, behind: BytesBehind) -> None:
+    def write(self, behind: BytesBehind) -> None:
         """The segments; `behind`: bytes that stand behind them in the stream."""
-        for place, segment in enumerate(segments):
-            after = self._behind(segments[place + 1 :], behind)
-            following = segments[place + 1] if place + 1 < len(segments) else None
-            self._segment(segment, after, following)
+        after = self._all_behind(behind)
+        for place, segment in enumerate(self.segments):
+            following = self.segments[place + 1] if place + 1 < len(self.segments) else None
+            with self._under(segment) as condition:
+                self._segment(segment, after[place], following, condition)
+        for segment, write in self.at_end:
+            with self._under(segment):
+                write()
 
-    def _behind(self, segments: Segments, behind: BytesBehind) -> BytesBehind:
-        """What stands behind a segment: the others of its list, and what is behind that."""
-        fixed, more = behind.fixed, behind.more
-        for one in segments:
-            size = self.file.static.present(one).fixed
-            if size is None or behind.is_open:
-                return OPEN
-            if one.when is None or size == 0:
-                fixed += size
-                continue
-            names = names_in(one.when.root)
-            if any(self.scope.find(name) is not None or name not in self.file.protocol.params for name in names):
-                return OPEN
-            try:
-                more += f" - ({self.expressions.condition(one.when, self.scope)} ? {size} : 0)"
-            except CannotSayError:
-                return OPEN
-        return BytesBehind(fixed, more, behind.is_open)
+    def _own(self, name: str) -> str:
+        """The name of a value, or one like it."""
+        return self.own[name] if name in self.own else self.names.new(name)
 
-    def _segment(self, segment: Segment, after: BytesBehind, following: Segment | None) -> None:
+    def _all_behind(self, behind: BytesBehind) -> list[BytesBehind]:
+        """What stands behind each segment: those after it, and what is behind the list."""
+        found = [behind]
+        for segment in reversed(self.segments[1:]):
+            found.append(self._behind(segment, found[-1]))
+        return found[::-1]
+
+    def _behind(self, segment: Segment, behind: BytesBehind) -> BytesBehind:
+        """A segment and what stands behind that."""
+        size = self.file.static.present(segment).fixed
+        if size is None or behind.is_open:
+            return OPEN
+        if segment.when is None or size == 0:
+            return replace(behind, fixed=behind.fixed + size)
+        names = names_in(segment.when.root)
+        if any(self.scope.find(name) is not None or name not in self.file.protocol.params for name in names):
+            return OPEN
+        try:
+            more = f"{behind.more} - ({self.expressions.condition(segment.when, self.scope)} ? {size} : 0)"
+        except CannotSayError:
+            return OPEN
+        return OPEN if len(more) > _MOST_MORE else replace(behind, more=more)
+
+    @contextmanager
+    def _under(self, segment: Segment) -> Iterator[str | None]:
+        """What is written here is there under the condition of the segment, which is given."""
+        if segment.when is None:
+            yield None
+            return
+        first, made = len(self.seq), len(self.instances)
+        known = {name: self.scope.entries.get(name) for name in by_value_name((segment,))}
+        condition = self.expressions.condition(segment.when, self.scope)
+        holds = self.scope.conditions(segment.when.root) - self.scope.holds
+        self.scope.holds |= holds
+        yield condition
+        self.scope.holds -= holds
+        for one in self.seq[first:]:
+            one["if"] = f"{condition} and {one['if']}" if "if" in one else condition
+        for path, one in [*self.instances.items()][made:]:
+            if "pos" not in one and path not in self.always:
+                one.setdefault("if", condition)
+        needs = frozenset({self.scope.condition(segment.when.root)})
+        for name, before in known.items():
+            entry = self.scope.entries.get(name)
+            if entry is not None and entry is not before and entry.path not in self.always:
+                self.scope.entries[name] = replace(entry, needs=entry.needs | needs)
+
+    def _segment(
+        self, segment: Segment, after: BytesBehind, following: Segment | None, condition: str | None
+    ) -> None:  # fmt: skip
         first = len(self.seq)
-        made = len(self.instances)
-        condition = None if segment.when is None else self.expressions.condition(segment.when, self.scope)
         match segment:
             case Const():
                 self.seq.append({"contents": list(segment.data)})
@@ -249,9 +317,7 @@ class KsyBlock:
                 self._field(segment, condition)
             case Length() | Count():
                 self._number(segment, segment.name, segment.type, segment.limits, 0, segment.zero_means)
-                if isinstance(segment, Length) and segment.name not in self.frame.asked:
-                    what = f"the length '{segment.name}' is read and not compared"
-                    self._tell(segment, what, "what it counts ends in another way, and stands behind it")
+                self.at_end.append((segment, lambda: self._counted(segment)))
             case Bits():
                 self._bits(segment)
             case Data():
@@ -265,7 +331,8 @@ class KsyBlock:
             case Fill():
                 self.seq.append({"size": self._room(segment, after)})
             case Value():
-                self._value(segment, condition)
+                if not self._value(segment):
+                    self.at_end.append((segment, lambda: self._last_value(segment)))
             case Require():
                 self._require(segment)
             case Repeat():
@@ -279,25 +346,20 @@ class KsyBlock:
             case Inner():
                 self._inner(segment, after)
             case Nested():
-                path = self.names.new(segment.name)
+                path = self._own(segment.name)
                 self.seq.append({"id": path, "type": self.file.types[segment.frame]})
+                self.file.without_end.add(segment.frame)
                 self.scope.entries[segment.name] = KsyEntry(path, "record")
             case ItemEnd():
                 pass
             case Segment(is_record=True):
                 name = segment.name or "record"
                 type_, block = self._child(name, segment.members, after)
-                path = self.names.new(name)
+                path = self._own(name)
                 self.seq.append({"id": path, "type": type_})
                 self.scope.entries[name] = KsyEntry(path, "record", block.scope.entries)
             case _:
                 raise self._not(segment, "a kind of segment of a program's own", "Kaitai has nothing like it")
-        if condition is not None:
-            for one in self.seq[first:]:
-                one["if"] = f"{condition} and {one['if']}" if "if" in one else condition
-            for path, one in [*self.instances.items()][made:]:
-                if "pos" not in one and path not in self.always:
-                    one.setdefault("if", condition)
         if segment.doc and len(self.seq) > first:
             self.seq[first].setdefault("doc", segment.doc)
 
@@ -316,27 +378,33 @@ class KsyBlock:
         return _HERE if after.is_nothing else f"{_HERE} - {after.text}"
 
     def _child(
-        self, name: str, segments: Segments, behind: BytesBehind, *, apart: bool = False, items: bool = False
-    ) -> tuple[str, KsyBlock]:
-        """A type of its own. `apart`: it knows nothing of what is around; `items`: it is told its index, if it asks."""
-        scope = Scope() if apart else Scope(self.scope)
-        block = KsyBlock(self.frame, scope)
-        type_ = self.frame.names.new(name)
+        self, name: str, segments: Segments, behind: BytesBehind, *, apart: bool = False, items: bool = False,
+        part: Presence | None = None,
+    ) -> tuple[str, KsyBlock]:  # fmt: skip
+        """A type of its own. `apart`: it knows nothing of what is around; `items`: it is told its index, if it asks.
+
+        `part`: what holds where it is read, if it is a part of this record that may be absent.
+        """
+        scope = Scope(self.scope, is_record=part is None, is_apart=apart)
+        scope.holds |= set() if part is None else {part}
+        block = KsyBlock(self.frame, scope, segments)
+        type_ = self.frame.names.new_type(name)
         if items and any(INDEX in names_in(one.root) for one in expressions_of(segments)):
             index = block.names.new("index")
             block.params.append({"id": index, "type": "s4"})
-            scope.entries[INDEX] = KsyEntry(index, "int")
-        block.write(segments, behind)
+            scope.entries[INDEX] = KsyEntry(index, "int", is_natural=True)
+        block.write(behind)
         self.frame.types[type_] = block.keys()
         scope.entries.pop(INDEX, None)
         return type_, block
 
-    def _up(self, block: KsyBlock, path: str) -> None:
-        """Values of a type inside that belong to the record of this one."""
+    def _up(self, block: KsyBlock, path: str, part: Presence | None = None) -> None:
+        """Values of a type inside that belong to the record of this one; `part`: see `_child`."""
         for name, entry in block.scope.entries.items():
-            known = self.scope.entries.get(name)
+            known = self.scope.entries.get(name, _LATER)
             found = entry.behind(path)
-            self.scope.entries[name] = found if known is None else replace(
+            found = found if part is None else replace(found, needs=found.needs | {part})
+            self.scope.entries[name] = found if known is _LATER else replace(
                 found, why_not="it stands in several cases, each of them a type of its own in Kaitai"
             )  # fmt: skip
 
@@ -356,96 +424,154 @@ class KsyBlock:
             raise self._not(segment, f"where '{name}' ends", "Kaitai ends a text at one byte, not at one of several")
         if form.not_said:
             self._tell(segment, f"'{name}' is not the value that framekit reads", form.not_said)
+        elif form.not_looked_at:
+            self._tell(segment, f"'{name}' is read less exactly", form.not_looked_at)
+        if form.valid is not None:
+            keys["valid"] = {"expr": form.valid("_")}
         return keys, form
 
     def _field(self, field: Field, condition: str | None) -> None:
         if field.long is not None:
             self._long(field, condition)
             return
-        number = self._number(
+        keys, number = self._number(
             field, field.name, field.type, field.limits, field.plus, field.zero_means, field.unit or 1,
             values=field.values, default=field.default if field.when is not None else None, condition=condition,
         )  # fmt: skip
-        for text in self._valid(field, number):
-            self._verify(self.seq[-1], text)
+        value = "_" if number.value is None else number.value("_")
+        if number.not_said and number.kind != "str":
+            return
+        for text in self._valid(field, value):
+            self._verify(keys, text, field.name)
+        if field.is_ is not None and field.constants is None:
+            self._compare_is(field, lambda text: self._verify(keys, f"{value} == {text}", field.name), number.kind)
+
+    def _compare_is(self, field: Field, verify: Callable[[str], None], kind: str) -> None:
+        """What `is` says, here or where all names are known."""
+        assert field.is_ is not None
+        is_ = field.is_
+
+        def last() -> None:
+            try:
+                text = self._constant(is_, field.values, field.type)
+            except CannotSayError as error:
+                self._tell(field, f"'{field.name}' is not compared: {error.problem.what}", error.problem.todo)
+                return
+            path = self.scope.entries[field.name].path
+            text = f"{path} == {text}"
+            self._verify_here(field.name, text)
+
+        try:
+            verify(self._constant(is_, field.values, field.type))
+        except CannotSayError:
+            self.at_end.append((field, last))
+
+    def _verify_here(self, name: str, text: str) -> None:
+        self.seq.append({"id": self.names.new(f"{name}_valid"), "size": 0, "valid": {"expr": text}})
 
     def _long(self, field: Field, condition: str | None) -> None:
         assert field.long is not None
-        self._number(field, f"{field.name}_short", field.type, None, 0, None)
-        first = self.scope.entries.pop(f"{field.name}_short")
-        is_long = f"{first.path} == {field.long.mark}"
-        self._number(field, f"{field.name}_long", field.long.type, None, 0, None)
+        paths = []
+        for word, type_ in (("short", field.type), ("long", field.long.type)):
+            keys, form = self._attribute(field, field.name, type_)
+            if form.not_said or form.kind != "int":
+                raise self._not(field, f"the {word} form of '{field.name}'", form.not_said or "it is no whole number")
+            raw = self.names.new(f"{field.name}_{word}")
+            self.seq.append({"id": raw, **keys})
+            paths.append(wide(form.value(raw) if form.value is not None else raw))
+        short, long = paths
+        is_long = f"{short} == {field.long.mark}"
         self.seq[-1]["if"] = is_long
-        second = self.scope.entries.pop(f"{field.name}_long")
-        value = f"({is_long} ? {second.path} : {first.path})"
-        value = f"{value} - {field.plus}" if field.plus else value
-        path = self.names.new(field.name)
+        value = _value_text(f"({is_long} ? {long} : {short})", field.plus, field.zero_means, field.unit or 1)
         if field.default is not None and condition is not None:
             fallback = self._default(field, field.default, field.values)
             value = value if fallback is None else f"({condition} ? {value} : {fallback})"
-            self.always |= {path} if fallback is not None else set()
-        self.instances[path] = {"value": value}
-        self.scope.entries[field.name] = KsyEntry(path, "int")
+        else:
+            fallback = None
+        path = self._own(field.name)
+        number = path if field.values is None else self.names.new(f"{field.name}_number")
+        self.instances[number] = {"value": wide(value)}
+        if field.values is not None:
+            enum = self.file.enum(field.name, field.values, field.at)
+            self.instances[path] = {"value": number, **({} if enum is None else {"enum": enum})}
+        self.always |= {path, number} if fallback is not None else set()
+        self.scope.entries[field.name] = KsyEntry(number, "int")
+        if field.limits is not None:
+            self._verify_here(field.name, f"{number} >= {field.limits[0]} and {number} <= {field.limits[1]}")
+        for text in self._valid(field, number):
+            self._verify_here(field.name, text)
+        if field.is_ is not None and field.constants is None:
+            self._compare_is(field, lambda text: self._verify_here(field.name, f"{number} == {text}"), "int")
 
     def _number(
         self, segment: Segment, name: str, type_: FieldType, limits: tuple[int, int] | None, plus: int,
         zero_means: int | None, unit: int = 1, *, values: Mapping[int, str] | None = None,
         default: Expression | None = None, condition: str | None = None,
-    ) -> KsyForm:  # fmt: skip
-        """One value; gives its form, whose `value` makes of what was read what framekit does."""
+    ) -> tuple[Keys, KsyForm]:  # fmt: skip
+        """One value; gives what is read, and its form, whose `value` makes of that what framekit does."""
         keys, form = self._attribute(segment, name, type_)
+        is_number = form.kind in ("int", "float")
+        is_wide = plus != 0 or unit != 1
 
         def value(path: str) -> str:
             text = form.value(path) if form.value is not None else path
-            text = f"({text} - {plus})" if plus > 0 else f"({text} + {-plus})" if plus else text
-            text = f"({text} * {unit})" if unit != 1 else text
-            number = form.value(path) if form.value is not None else path
-            return text if zero_means is None else f"({number} == 0 ? {zero_means} : {text})"
+            return _value_text(wide(text) if is_wide else text, plus, zero_means, unit) if is_number else text
 
         is_plain = value("_") == "_"
-        enum = None if values is None or form.kind != "int" else self.file.enum(name, values)
-        path = self.names.new(f"{name}_raw" if form.not_said else name)
+        enum = None if values is None or form.kind != "int" else self.file.enum(name, values, segment.at)
+        path = self.names.new(f"{name}_raw") if form.not_said else self._own(name)
         fallback = None
-        if default is not None and condition is not None:
-            fallback = self._default(segment, default, values)
+        if default is not None and condition is not None and not form.not_said:
+            fallback = self._default(segment, default, values, type_)
         apart = not is_plain or fallback is not None or (enum is not None and name in self.frame.asked)
         raw = self.names.new(f"{name}_raw") if apart else path
-        self.seq.append({"id": raw, **keys})
+        keys = {"id": raw, **keys}
+        self.seq.append(keys)
         if form.more:
             self.seq.append({"contents": list(form.more)})
         if apart:
-            text = value(raw)
+            text = value(raw) if is_plain or form.kind != "int" or _is_short(type_, is_wide) else wide(value(raw))
             text = text if fallback is None else f"({condition} ? {text} : {fallback})"
             asked = path
-            if enum is not None and not is_plain and name in self.frame.asked:
+            if enum is not None and (not is_plain or fallback is not None) and name in self.frame.asked:
                 asked = self.names.new(f"{name}_number")
                 self.instances[asked] = {"value": text}
                 text = asked
             elif enum is not None:
                 asked = raw
             self.instances[path] = {"value": text, **({"enum": enum} if enum is not None else {})}
-            self.always |= {path} if fallback is not None else set()
+            self.always |= {path, asked} if fallback is not None else set()
         else:
             asked = path
             if enum is not None:
-                self.seq[-1]["enum"] = enum
-        self.scope.entries[name] = KsyEntry(asked, form.kind)
-        if form.not_said and form.kind != "str":
-            self.scope.entries[name] = KsyEntry(asked, form.kind, {}, form.not_said)
-        if limits is not None and unit == 1 and form.kind in ("int", "float"):
+                keys["enum"] = enum
+        bounds = limits or type_.bounds
+        is_natural = bounds is not None and bounds[0] >= 0 and (limits is not None or plus <= 0)
+        not_said = form.not_said if form.kind != "str" else ""
+        self.scope.entries[name] = KsyEntry(asked, form.kind, {}, not_said, is_natural)
+        if limits is not None and is_number and not form.not_said:
             low, high = limits
-            self._verify(self.seq[-1], f"{value('_')} >= {low} and {value('_')} <= {high}")
-        return replace(form, value=None if is_plain else value)
+            self._verify(keys, f"{value('_')} >= {low} and {value('_')} <= {high}", name)
+        return keys, replace(form, value=None if is_plain else value)
 
-    def _default(self, segment: Segment, default: Expression, values: Mapping[int, str] | None) -> str | None:
+    def _default(
+        self, segment: Segment, default: Expression, values: Mapping[int, str] | None, type_: FieldType | None = None
+    ) -> str | None:  # fmt: skip
         try:
-            return self._constant(default, values)
+            return self._constant(default, values, type_)
         except CannotSayError as error:
-            self._tell(segment, error.problem.what, error.problem.todo)
+            self._tell(segment, f"{segment.title} has no default: {error.problem.what}", error.problem.todo)
             return None
 
-    def _constant(self, expression: Expression, values: Mapping[int, str] | None) -> str:
-        """An expression, or the number of a name."""
+    def _constant(
+        self, expression: Expression, values: Mapping[int, str] | None, type_: FieldType | None = None
+    ) -> str:  # fmt: skip
+        """An expression, the number of a name, or a number with a fraction as a field of a type holds it."""
+        if isinstance(expression.root, Real):
+            number = float(expression.root.value)
+            if type_ is not None and type_.float_bits == 32:
+                number = struct.unpack("f", struct.pack("f", number))[0]
+            return f"({number!r})"
         if isinstance(expression.root, (Text, Name)):
             word = expression.root.value if isinstance(expression.root, Text) else expression.root.name
             for number, name in (values or {}).items():
@@ -453,33 +579,89 @@ class KsyBlock:
                     return str(number)
         return self.expressions.value(expression, self.scope).text
 
-    def _valid(self, field: Field, form: KsyForm) -> Iterator[str]:
-        """The conditions on `_`, what was read."""
-        value = "_" if form.value is None else form.value("_")
-        if form.not_said and form.kind != "str":
-            return
+    def _valid(self, field: Field, value: str) -> Iterator[str]:
+        """The conditions on a value, which is a constant or has a name."""
         if field.constants is not None:
-            options = (f"{value} == {_literal(one)}" for one in field.constants)
-            yield " or ".join(options)
-        elif field.is_ is not None:
-            try:
-                yield f"{value} == {self._constant(field.is_, field.values)}"
-            except CannotSayError as error:
-                self._tell(field, f"'{field.name}' is not compared: {error.problem.what}", error.problem.todo)
+            yield " or ".join(f"{value} == {_literal(one)}" for one in field.constants)
         if field.only and field.values:
             yield " or ".join(f"{value} == {number}" for number in field.values)
 
-    def _verify(self, keys: Keys, text: str) -> None:
+    def _verify(self, keys: Keys, text: str, name: str) -> None:
+        """A condition on `_`, what was read as the value of this name."""
         enum = keys.pop("enum", None)
         if enum is not None:  # what is compared is a number, and the value is the name of one
             path = keys["id"]
             keys["id"] = self.names.new(f"{path}_raw")
             self.instances[path] = {"value": keys["id"], "enum": enum}
-            for name, entry in self.scope.entries.items():
-                if entry.path == path:
-                    self.scope.entries[name] = replace(entry, path=keys["id"])
+            self.scope.entries[name] = replace(self.scope.entries[name], path=keys["id"])
         known = keys.get("valid", {}).get("expr")
         keys["valid"] = {"expr": text if known is None else f"({known}) and ({text})"}
+
+    def _counted(self, segment: Length | Count) -> None:
+        """Compares a length or count with what it counts, unless that takes its size from it."""
+        number = self.scope.entries[segment.name].path
+        try:
+            text = self._items_of(segment) if isinstance(segment, Count) else self._bytes_of(segment)
+        except CannotSayError as error:
+            what = f"the {segment.KEY} '{segment.name}' is read and not compared"
+            self._tell(segment, f"{what}: {error.problem.what}", error.problem.todo)
+            return
+        if text:
+            self._verify_here(segment.name, f"{number} == {_plus(text, segment.plus)}")
+
+    def _items_of(self, count: Count) -> str:
+        """How many items there are; nothing where the list is read as long as the count says."""
+        counted = next((one for one in self.segments if one.name == count.of and isinstance(one, Repeat)), None)
+        if counted is None:
+            raise self._not(count, f"'{count.of}'", "it is a part of something else")
+        if not count.plus and counted.when is None and _is_name(counted.times, count.name):
+            return ""
+        return f"{self._known(counted, count.of)}.size"
+
+    def _bytes_of(self, length: Length) -> str:
+        """The bytes that a length counts, in its unit; nothing where they are read as many as it says."""
+        counted = [one for one in self.segments if one.name in length.of]
+        if len(counted) < len(length.of):
+            raise self._not(length, "what it counts", "it is a part of something else")
+        if len(counted) == 1 and length.unit == 1 and not length.plus and counted[0].when is None:
+            one = counted[0]
+            converted = getattr(one, "convert", None)
+            is_same = converted is None or (converted == "hex_to_ascii" and length.plain)
+            is_same = is_same and not (length.plain and isinstance(one, Wrap)) and getattr(one, "long", None) is None
+            if is_same and _is_name(one.size_expression, length.name):
+                return ""
+        text = " + ".join(self._bytes_in(length, one) for one in counted)
+        return f"({text})" if length.unit == 1 else f"(({text}) / {length.unit})"
+
+    def _bytes_in(self, length: Length, segment: Segment) -> str:
+        """The bytes of a segment on the wire, or before its conversion. Raises CannotSayError."""
+        is_plain_size = length.plain and (getattr(segment, "convert", None) or isinstance(segment, Wrap))
+        fixed = self.file.static.present(segment).fixed
+        if fixed is not None and not is_plain_size:
+            if segment.when is None or fixed == 0:
+                return str(fixed)
+            return f"({self.expressions.condition(segment.when, self.scope)} ? {fixed} : 0)"
+        if isinstance(segment, Data):
+            path = self._known(segment, segment.name)
+            convert = segment.convert if length.plain else None
+            return f"{path}.length{ {'hex_to_ascii': ' / 2', 'ascii_to_hex': ' * 2'}.get(convert or '', '') }"
+        if isinstance(segment, Repeat):
+            each = None if segment.align > 1 else self._size_of_items(segment)
+            if each is not None:
+                return f"{self._known(segment, segment.name)}.size * {each}"
+        raise self._not(length, segment.title, "Kaitai does not tell how many bytes it takes")
+
+    def _size_of_items(self, repeat: Repeat) -> int | None:
+        if isinstance(repeat.of, FieldType):
+            return repeat.of.fixed_size
+        return self.file.static.all(repeat.of).fixed
+
+    def _known(self, segment: Segment, name: str) -> str:
+        """The path of what was read, if it is always there. Raises CannotSayError."""
+        entry = self.scope.entries[name]
+        if not self.scope.is_there(entry):
+            raise self._not(segment, f"'{name}'", "it may be absent")
+        return entry.path
 
     def _bits(self, bits: Bits) -> None:
         size, type_ = bits.type.fixed_size, bits.type
@@ -490,21 +672,23 @@ class KsyBlock:
             self._native(bits, 8 * size, endian)
             return
         keys, form = self._attribute(bits, "bits", type_)
+        if form.not_said or form.kind != "int":
+            raise self._not(bits, f"bits of {bits.title}", form.not_said or "they belong to no whole number")
         path = self.names.new("bits")
         self.seq.append({"id": path, **keys})
         number = path if form.value is None else form.value(path)
         for part in bits.parts:
-            name = self.names.new(part.name)
-            self.instances[name] = {"value": f"(({number} >> {part.low}) & {part.most})"}
-            self.scope.entries[part.name] = KsyEntry(name, "int")
-            for text in self._of_bits(part, name):
-                self.seq.append({"id": self.names.new(f"{name}_valid"), "size": 0, "valid": {"expr": text}})
-            if part.values is not None:
-                enum = self.file.enum(part.name, part.values)
+            name = self._own(part.name)
+            shown = f"(({number} >> {part.low}) & {part.most})"
+            self.instances[name] = {"value": shown if part.most < 1 << 31 else wide(shown)}
+            self.scope.entries[part.name] = KsyEntry(name, "int", is_natural=True)
+            enum = None if part.values is None else self.file.enum(part.name, part.values, part.at)
+            if enum is not None:
                 number_of = self.names.new(f"{name}_number")
                 self.instances[number_of] = self.instances.pop(name)
                 self.instances[name] = {"value": number_of, "enum": enum}
-                self.scope.entries[part.name] = KsyEntry(number_of, "int")
+                self.scope.entries[part.name] = KsyEntry(number_of, "int", is_natural=True)
+            self._bits_are(bits, part, None, "")
 
     def _native(self, bits: Bits, width: int, endian: str) -> None:
         """Bits as Kaitai has them, from the highest or, in a little-endian number, from the lowest."""
@@ -519,37 +703,61 @@ class KsyBlock:
             if gap > 0:
                 self.seq.append({"type": f"b{gap}{endian}"})
             if part is not None:
-                self._native_part(part, endian)
+                self._native_part(bits, part, endian)
 
-    def _native_part(self, part: BitsPart, endian: str) -> None:
+    def _native_part(self, bits: Bits, part: BitsPart, endian: str) -> None:
         count = part.high - part.low + 1
-        path = name = self.names.new(part.name)
-        keys: Keys = {"type": f"b{count}{endian}"}
+        path = name = self._own(part.name)
         kind = "bool" if count == 1 else "int"
-        if part.values is not None:
-            enum = self.file.enum(part.name, part.values)
+        enum = None if part.values is None else self.file.enum(part.name, part.values, part.at)
+        if enum is not None:
             path = self.names.new(f"{name}_raw")
             self.instances[name] = {"value": f"({path} ? 1 : 0)" if kind == "bool" else path, "enum": enum}
-        keys = {"id": path, **keys}
-        self.scope.entries[part.name] = KsyEntry(path, kind)
+        keys: Keys = {"id": path, "type": f"b{count}{endian}"}
+        self.scope.entries[part.name] = KsyEntry(path, kind, is_natural=True)
         self.seq.append(keys)
-        for text in self._of_bits(part, "(_ ? 1 : 0)" if kind == "bool" else "_"):
-            self._verify(keys, text)
+        value = "(_ ? 1 : 0)" if kind == "bool" else "_"
+        self._bits_are(bits, part, keys, value)
 
-    def _of_bits(self, part: BitsPart, value: str) -> Iterator[str]:
+    def _bits_are(self, bits: Bits, part: BitsPart, keys: Keys | None, value: str) -> None:
+        """Compares a part with its constants, or with what `is` says, here or where all names are known.
+
+        `keys`: the attribute that reads `value`; None: it is compared by its path, behind it.
+        """
+
+        def path() -> str:
+            entry = self.scope.entries[part.name]
+            return f"({entry.path} ? 1 : 0)" if entry.kind == "bool" else entry.path
+
+        def verify(text: str) -> None:
+            if keys is None:
+                self._verify_here(part.name, text)
+            else:
+                self._verify(keys, text, part.name)
+
+        is_ = part.is_
         if part.constants is not None:
-            yield " or ".join(f"{value} == {number}" for number in part.constants)
-        elif part.is_ is not None:
+            verify(" or ".join(f"{value or path()} == {number}" for number in part.constants))
+            return
+        if is_ is None:
+            return
+
+        def last() -> None:
             try:
-                yield f"{value} == {self._constant(part.is_, part.values)}"
+                self._verify_here(part.name, f"{path()} == {self._constant(is_, part.values)}")
             except CannotSayError as error:
                 self.file.tell(part.at, f"'{part.name}' is not compared: {error.problem.what}", error.problem.todo)
+
+        try:
+            verify(f"{value or path()} == {self._constant(is_, part.values)}")
+        except CannotSayError:
+            self.at_end.append((bits, last))
 
     # ---- bytes ----------------------------------------------------------------------------------------------
 
     def _data(self, segment: Data, after: BytesBehind, following: Segment | None) -> None:
         is_raw = segment.convert is not None or segment.swap
-        path = self.names.new(f"{segment.name}_raw" if is_raw else segment.name)
+        path = self.names.new(f"{segment.name}_raw") if is_raw else self._own(segment.name)
         if segment.size == "rest":
             size = self._rest(segment, after, following, segment.never)
         elif isinstance(segment.size, int):
@@ -558,7 +766,14 @@ class KsyBlock:
             text = self.expressions.number(segment.size, self.scope)
             shown = {"hex_to_ascii": f"{text} * 2", "ascii_to_hex": f"{text} / 2"}.get(segment.convert or "", text)
             size = {"size": shown}
-        self.seq.append({"id": path, **size})
+        keys: Keys = {"id": path, **size}
+        self.seq.append(keys)
+        if segment.least and not isinstance(segment.size, int):
+            least = -(-segment.least // 2) if segment.convert == "ascii_to_hex" else segment.on_wire(segment.least)
+            keys["valid"] = {"expr": f"_.length >= {least}"}
+        if segment.never and segment.never != bytes((size.get("terminator", -1) & 0xFF,)):
+            what = f"the bytes of '{segment.name}' are not looked at"
+            self._tell(segment, what, "Kaitai does not look for bytes that never stand in them")
         why = ""
         if is_raw:
             why = "Kaitai makes no bytes of digits" if segment.convert is not None else "Kaitai turns no bytes round"
@@ -575,17 +790,27 @@ class KsyBlock:
             return {"terminator": following.data[0], "consume": False}
         return {"size": self._room(segment, after)}
 
-    def _value(self, value: Value, condition: str | None) -> None:
+    def _value(self, value: Value) -> bool:
+        """Whether it can be said with what is known here."""
         try:
             said = self.expressions.value(value.read, self.scope)
         except CannotSayError as error:
-            why = error.problem.todo
-            self._tell(value, f"the value '{value.name}' is left out: {error.problem.what}", why)
-            self.scope.entries[value.name] = KsyEntry("", "any", {}, why)
-            return
-        path = self.names.new(value.name)
-        self.instances[path] = {"value": said.text}
+            self.scope.entries[value.name] = KsyEntry("", "any", {}, error.problem.todo)
+            return False
+        path = self._own(value.name)
+        self.instances[path] = {"value": wide(said.text) if said.kind == "int" else said.text}
         self.scope.entries[value.name] = KsyEntry(path, said.kind)
+        return True
+
+    def _last_value(self, value: Value) -> None:
+        """A value that follows from what stands behind it."""
+        try:
+            self.expressions.value(value.read, self.scope)
+        except CannotSayError as error:
+            what = f"the value '{value.name}' is left out: {error.problem.what}"
+            self._tell(value, what, error.problem.todo)
+            return
+        self._value(value)
 
     def _require(self, require: Require) -> None:
         try:
@@ -602,11 +827,12 @@ class KsyBlock:
             raise self._not(repeat, f"the items of '{repeat.name}', which are aligned", "Kaitai fills nothing up")
         region = repeat.times == "rest" and not after.is_nothing
         room = self._room(repeat, after) if region else None
-        path = self.names.new(repeat.name)
+        path = self._own(repeat.name)
         if region:  # a stream of its own, which the items fill
             holder = KsyBlock(self.frame, Scope(self.scope))
+            holder.scope.entries[repeat.name] = _LATER
             holder._items(repeat, "items")
-            type_ = self.frame.names.new(f"{repeat.name}_list")
+            type_ = self.frame.names.new_type(f"{repeat.name}_list")
             self.frame.types[type_] = holder.keys()
             raw = self.names.new(f"{repeat.name}_raw")
             self.seq.append({"id": raw, "size": room, "type": type_})
@@ -633,12 +859,15 @@ class KsyBlock:
         if repeat.times == "rest":
             keys["repeat"] = "eos"
         elif repeat.times is not None:
-            keys |= {"repeat": "expr", "repeat-expr": self._size(repeat.times)}
+            times = self._size(repeat.times)
+            if isinstance(repeat.times, Expression) and not self.expressions.is_natural(repeat.times, self.scope):
+                self._verify_here(f"{repeat.name}_times", f"{times} >= 0")
+            keys |= {"repeat": "expr", "repeat-expr": times}
         else:
             assert repeat.until is not None
             scope = Scope(self.scope, "")
             scope.entries = {name: entry.behind("_") for name, entry in block.scope.entries.items()}
-            scope.entries[INDEX] = KsyEntry("_index", "int")
+            scope.entries[INDEX] = KsyEntry("_index", "int", is_natural=True)
             keys |= {"repeat": "until", "repeat-until": self.expressions.condition(repeat.until, scope)}
         self.seq.append({"id": path, **keys})
         self.scope.entries[repeat.name] = KsyEntry(path, "list", members)
@@ -648,13 +877,16 @@ class KsyBlock:
         on = Said(f"({on.text} ? 1 : 0)", "int") if on.kind == "bool" else on
         path = self.names.new(_name(choose, "choice"))
         cases: Keys = {}
-        for keys, segments in choose.cases:
-            type_, block = self._child(f"case_{'_'.join(map(str, keys[:2]))}", segments, after)
-            self._up(block, f"{path}.as<{type_}>")
+        chosen = object()
+        for number, (keys, segments) in enumerate(choose.cases):
+            part: Presence = chosen, number
+            type_, block = self._child(f"case_{'_'.join(map(str, keys[:2]))}", segments, after, part=part)
+            self._up(block, f"{path}.as<{type_}>", part)
             cases |= {string(one) if isinstance(one, str) else str(one): type_ for one in keys}
         if choose.otherwise is not None:
-            type_, block = self._child("case_else", choose.otherwise, after)
-            self._up(block, f"{path}.as<{type_}>")
+            part = chosen, None
+            type_, block = self._child("case_else", choose.otherwise, after, part=part)
+            self._up(block, f"{path}.as<{type_}>", part)
             cases["_"] = type_
         else:
             cases["_"] = "unexpected"
@@ -663,18 +895,22 @@ class KsyBlock:
     def _optional(self, optional: Optional, after: BytesBehind) -> None:
         room = self._room(optional, after)
         path = self.names.new(_name(optional, "optional"))
-        type_, block = self._child(path, optional.of, after)
+        part: Presence = object(), None
+        type_, block = self._child(path, optional.of, after, part=part)
         self.seq.append({"id": path, "type": type_, "if": f"{room} > 0"})
-        self._up(block, path)
+        self._up(block, path, part)
 
     def _wrap(self, wrap: Wrap, after: BytesBehind, following: Segment | None) -> None:
         path = self.names.new(_name(wrap, "content"))
         never = bytes(sorted(wrap.coding.never))
         size = {"size": self._size(wrap.size)} if wrap.size is not None else self._rest(wrap, after, following, never)
         if isinstance(wrap.coding, Plain):
-            type_, block = self._child(path, wrap.of, NOTHING_BEHIND)
+            type_, block = self._child(path, wrap.of, NOTHING_BEHIND, part=(object(), None))
             self.seq.append({"id": path, **size, "type": type_})
             self._up(block, path)
+            for sign, most in ((">=", wrap.least or None), ("<=", wrap.most)):
+                if most is not None:
+                    self._verify_here(path, f"{path}._io.size {sign} {self._size(most)}")
             return
         self.seq.append({"id": path, **size})
         doc = f"Coded: {wrap.coding.shown}."
@@ -692,30 +928,39 @@ class KsyBlock:
     # ---- frames inside --------------------------------------------------------------------------------------
 
     def _inner(self, inner: Inner, after: BytesBehind) -> None:
-        path = self.names.new(inner.name)
+        path = self._own(inner.name)
         keys: Keys = {"id": path}
         if isinstance(inner.size, (int, Expression)):
             keys["size"] = self._size(inner.size)
         elif not after.is_open:
             keys |= self._rest(inner, after, None)
-        elif any(self._needs_end(name, frozenset()) for name in inner.frames):
-            raise self._not(inner, f"where the frame '{inner.name}' ends", "what stands behind it has no fixed size")
+        else:
+            seen: set[str] = set()
+            if any(self._needs_end(name, seen) for name in inner.frames):
+                why = "what stands behind it has no fixed size"
+                raise self._not(inner, f"where the frame '{inner.name}' ends", why)
+            self.file.without_end |= seen
         frames = in_order(self.file.static, inner.frames)
         if len(frames) == 1:
             keys["type"] = self.file.types[frames[0]]
         else:
             keys["type"] = self._told_apart(inner, path, frames, keys.get("size", _HERE))
+            if len(keys) > 2:  # in a room of its own what is no frame stays bytes
+                keys["type"]["cases"].pop("_", None)
         self.seq.append(keys)
         self.scope.entries[inner.name] = KsyEntry(path, "inner")
 
-    def _needs_end(self, name: str, seen: frozenset[str]) -> bool:
-        """Whether a frame is read up to the end of the stream."""
+    def _needs_end(self, name: str, seen: set[str]) -> bool:
+        """Whether a frame is read up to the end of the stream; `seen`: those that have been asked."""
         if name in seen:
             return False
+        seen.add(name)
         parts = [*everything(self.file.static.segments(self.file.protocol.frames[name]))]
         inside = (one for part in parts for one in part.frames_inside)
-        takes = any(one.takes_rest or isinstance(one, Fill) or getattr(one, "times", 0) == "rest" for one in parts)
-        return takes or any(self._needs_end(one, seen | {name}) for one in inside)
+        takes = any(
+            one.takes_rest or isinstance(one, (Fill, Optional)) or getattr(one, "times", 0) == "rest" for one in parts
+        )
+        return takes or any(self._needs_end(one, seen) for one in inside)
 
     def _told_apart(self, inner: Inner, path: str, frames: tuple[str, ...], room: int | str) -> Keys:
         """Which frame it is, by the bytes at fixed places."""
@@ -723,11 +968,9 @@ class KsyBlock:
         types = {name: self.file.types[name] for name in frames}
         if isinstance(tree, Switch):
             branches = [leaf for _, leaf in tree.cases]
-            if all(isinstance(one, Leaf) and len(one.frames) == 1 for one in branches) and len(tree.others.frames) < 2:
-                peek = self._peek(path, tree.at)
+            if all(isinstance(one, Leaf) and len(one.frames) == 1 for one in branches) and not tree.others.frames:
                 cases: Keys = {str(value): types[leaf.frames[0]] for value, leaf in tree.cases}
-                cases["_"] = types[tree.others.frames[0]] if tree.others.frames else "unexpected"
-                return {"switch-on": peek, "cases": cases}
+                return {"switch-on": self._peek(path, tree.at), "cases": {**cases, "_": "unexpected"}}
         peeks: dict[int, str] = {}
         text = self._which(inner, tree, path, frames, str(room), peeks)
         which = self.names.new(f"{path}_which")
@@ -755,8 +998,8 @@ class KsyBlock:
         for value, branch in tree.cases:
             rows.setdefault(self._which(inner, branch, path, frames, room, peeks), []).append(value)
         for which, values in reversed(rows.items()):
-            text = f"({_one_of(peek, values)} ? {which} : {text})"
-        return f"({_HERE} > {tree.at} ? {text} : -1)"
+            text = f"({_HERE} > {tree.at} and {_one_of(peek, values)} ? {which} : {text})"
+        return text
 
     def _by_size(self, inner: Inner, left: tuple[str, ...], frames: tuple[str, ...], room: str) -> str:
         """Of frames that no byte tells apart, the first whose size fits; not those that exist to be refused."""
@@ -774,6 +1017,28 @@ class KsyBlock:
             number = str(frames.index(name))
             text = number if size is None or len(known) == 1 else f"({room} == {size} ? {number} : {text})"
         return text
+
+
+def _is_short(type_: FieldType, is_changed: bool) -> bool:
+    """Whether a number that is worked out has 32 bits at most."""
+    bounds = type_.bounds
+    return not is_changed and bounds is not None and bounds[0] >= -(1 << 31) and bounds[1] < 1 << 31
+
+
+def _value_text(number: str, plus: int, zero_means: int | None, unit: int) -> str:
+    """The value that a number on the wire stands for."""
+    text = _plus(number, -plus)
+    text = f"({text} * {unit})" if unit != 1 else text
+    return text if zero_means is None else f"({number} == 0 ? {zero_means} : {text})"
+
+
+def _plus(number: str, more: int) -> str:
+    return f"({number} {'+' if more > 0 else '-'} {abs(more)})" if more else number
+
+
+def _is_name(size: object, name: str) -> bool:
+    """Whether a size is just this name."""
+    return isinstance(size, Expression) and isinstance(size.root, Name) and size.root.name == name
 
 
 def _name(segment: Segment, word: str) -> str:
