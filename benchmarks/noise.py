@@ -41,7 +41,16 @@ QUIET_AGAIN = 20_000_000
 BLOCK = 1500
 """So many bytes are bred; they come again and again."""
 
-ADDRESSES = {"modbus": "40001", "ge-rtu": "40001", "mldp": "D100", "df1": "N7:0", "snp": "%R1", "": "R1"}
+ADDRESSES = {
+    "modbus": "40001",
+    "ge-rtu": "40001",
+    "mldp": "D100",
+    "df1": "N7:0",
+    "snp": "%R1",
+    "srtp": "%R1",
+    "ccm": "%R1",
+}
+"""What a client reads, by how its protocol's name begins; the clients of all others only listen."""
 STATIONS: dict[str, Any] = {"snp": ("A", ""), "snp-x": (b"A".ljust(8, b"\0"), bytes(8)), "srtp": (None, None)}
 
 
@@ -83,7 +92,8 @@ class Line:
         self.station, own = STATIONS.get(link.protocol, (3, 1))
         self.engine = Engine(protocol, codec, link.role, own=own, monitor=lambda seen: None)
         self.client = Client(protocol, codec, self.engine)
-        self.asks = link.role in ("client", "master")
+        known = (text for name, text in ADDRESSES.items() if link.protocol.startswith(name))
+        self.address = next(known, "") if link.role in ("client", "master") else ""
         self.silence = QUIET_AGAIN if protocol.receiver.resync == "after_quiet" else 0
         self.now = 1_000_000_000
         self.busy = False
@@ -101,7 +111,7 @@ class Line:
             if self.engine.receiver.broken and start % PIECE == 0:
                 self.engine.closed(self.now, "out of step")
                 self.engine.opened(self.now)
-            if self.asks and not self.busy and not self.engine.receiver.broken:
+            if self.address and not self.busy and not self.engine.receiver.broken:
                 self.ask()
             self.now += pause
             while (due := self.engine.deadline) <= self.now:
@@ -109,9 +119,8 @@ class Line:
             self.engine.receive(data[start : start + piece], self.now)
 
     def ask(self) -> None:
-        address = next(text for name, text in ADDRESSES.items() if self.link.protocol.startswith(name))
         self.busy = True
-        self.client.read(address, station=self.station, now=self.now, on_done=self._over)
+        self.client.read(self.address, station=self.station, now=self.now, on_done=self._over)
         self.engine.sent(self.now)
 
     def _over(self, result: object) -> None:

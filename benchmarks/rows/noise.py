@@ -13,7 +13,7 @@ TARGET = (
     "≤ 3 µs a byte of random noise, ≤ 6 µs of the worst that a search of a few seconds finds, also in small pieces; "
     "a turn ≤ 10 ms"
 )
-SEARCH = 2.0
+SEARCH = 0.5
 """Seconds of search for each role and size of pieces."""
 
 

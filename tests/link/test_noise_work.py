@@ -13,6 +13,7 @@ import pytest
 from shipped import PROTOCOLS
 from spread import spread
 
+from benchmarks.noise import Line, links
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import FrameError
 from framekit.codec.samples import Sampler
@@ -347,3 +348,14 @@ frames:
     hearing.receive(b"\x01\x07\x03\x11\x23" + good, 1_000_000_000)
     hearing.tick(1_020_000_000)
     assert [(one.frame, one.raw) for one in seen if one.kind == "frame"] == [(name, good)]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_benchmark_of_noise_has_a_line_for_every_role(name: str) -> None:
+    data = Random(3).randbytes(400)
+    found = links([name])
+    assert [one.role for one in found] == roles_of(name)
+    for one in found:
+        line = Line(one)
+        line.hear(data, 64)
+        assert line.busy == bool(line.address) or line.engine.receiver.broken
