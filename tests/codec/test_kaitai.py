@@ -67,8 +67,9 @@ frames:
   class:
     doc: "- id: injected\\n  type: u1"
     body:
-      - {field: _io, type: u8, values: {1: "name: x", 2: "a\\"b", 3: class, 4: CLASS}}
+      - {field: _io, type: u8, values: {1: "name: x", 2: "a\\"b", 3: class, 4: CLASS, 5: "*/ x(); /*"}}
       - {field: Self, type: u16, doc: "'''\\u0085: {"}
+      - {data: e, size: 0, doc: "\\"\\"\\" + 1 / 0 + \\"\\"\\" **//\\n\\\\u002a/ ]##"}
       - {field: self, type: u16}
       - {field: t, type: bytes, size: 2, is: "h'22 5C'"}
 """
@@ -81,4 +82,7 @@ def test_names_and_texts_of_a_file_stay_names_and_texts(tmp_path: Path) -> None:
     reader = reader_of(protocol)
     read = reader.read("class", bytes.fromhex("04 0001 0002 225C"), {})
     assert (read.n_io.name, read.self_, read.self_2, read.t) == ("class_2", 1, 2, b'"\\')
-    assert [*yaml.safe_load(reader.file.text)["types"]] == ["class_", "unexpected"]
+    file = yaml.safe_load(reader.file.text)
+    assert [*file["types"]] == ["class_", "unexpected"]
+    assert file["enums"]["n_io"][5]["doc"] == "* / x(); / *"
+    assert file["types"]["class_"]["seq"][2]["doc"] == "''' + 1 / 0 + ''' * * / / /u002a/ ] # #"

@@ -157,6 +157,11 @@ FRAMES: Mapping[str, Row] = {
         "  f: {body: [{field: n, type: u8}, {inner: i, of: g, size: n}]}\n",
         "03000105|03000106|0107",
     ),
+    "bytes left over in a region, and behind a frame inside": (
+        "frames:\n  a: {body: [{const: 01}]}\n"
+        "  f: {body: [{field: n, type: u8}, {wrap: none, size: n, of: [{field: b, type: u16}]},"
+        " {inner: i, of: a, size: n - 1}, {const: 03}]}\n", "0200010103|030001010103|03000101010103",
+    ),
     "a frame inside that is none": (
         "groups: {g: {from: both}}\nframes:\n  a: {group: g, body: [{const: 01}]}\n"
         "  b: {group: g, body: [{const: 02}]}\n"

@@ -15,7 +15,7 @@ from typing import Any
 
 from framekit.codec.kaitai.expressions import TOP_NAMES, KaitaiExpressions, KsyEntry, Presence, Said, Scope
 from framekit.codec.kaitai.forms import KsyForm, form_of, wide
-from framekit.codec.kaitai.source import KsyNames, data, string
+from framekit.codec.kaitai.source import KsyNames, data, prose, string
 from framekit.codec.python.choices import Leaf, Switch, in_order, tree_of
 from framekit.definition.codings import Plain
 from framekit.definition.expression import Expression, Name, Real, Text, names_in
@@ -109,6 +109,8 @@ class _FileWriter:
         self.types = {frame: self.names.new_type(frame) for frame in protocol.frames}
         self.without_end: set[str] = set()
         """Frames that are read from a stream that goes on behind them."""
+        self.inside: set[str] = set()
+        """Frames that fill a stream inside another one."""
 
     def tell(self, at: Position, what: str, why: str) -> None:
         self.problems.setdefault(Problem(at, what, why))
@@ -146,7 +148,7 @@ class _FileWriter:
         top: Keys = {
             "meta": {
                 "id": self.name,
-                "title": f"{protocol.name}: {protocol.about}" if protocol.about else protocol.name,
+                "title": prose(f"{protocol.name}: {protocol.about}" if protocol.about else protocol.name),
                 "ks-version": "0.11",
                 "endian": "le" if protocol.order == "little" else "be",
                 "bit-endian": "be",
@@ -169,18 +171,17 @@ class _FileWriter:
         return KaitaiFile(self.name, text, self.types, tuple(read), asked, tuple(sorted(self.problems)))
 
     def _limit(self, frame: Frame, keys: Keys) -> None:
-        """How long a frame is, if that does not follow from its parts."""
+        """How long a frame is, if that does not follow from its parts, and that it fills its stream."""
         most = self.static.frame(frame.name).most
+        texts = ["_io.eof"] if frame.name in self.inside else []
         if any(isinstance(one, Fill) for one in self.static.segments(frame)):
-            text = f"_io.size == {frame.size}"
+            texts.append(f"_io.size == {frame.size}")
         elif frame.most is not None and (most is None or most > frame.most):
-            text = f"_io.size <= {frame.most}"
-        else:
-            return
-        if frame.name in self.without_end:
+            texts.append(f"_io.size <= {frame.most}")
+        if texts and frame.name in self.without_end:
             self.tell(frame.at, f"the size of '{frame.name}' is not compared", "its end is not that of its stream")
-        else:
-            keys.setdefault("seq", []).append({"size": 0, "valid": {"expr": text}})
+        elif texts:
+            keys.setdefault("seq", []).append({"size": 0, "valid": {"expr": " and ".join(texts)}})
 
     def _content(self) -> Keys:
         cases = {f"frame_kind::{type_}": type_ for type_ in self.types.values()}
@@ -192,7 +193,7 @@ def _members(values: Iterable[tuple[int, str]]) -> dict[int, Any]:
     found: dict[int, Any] = {}
     for number, text in values:
         name = names.new(text)
-        found[number] = name if name == text else {"id": name, "doc": text}
+        found[number] = name if name == text else {"id": name, "doc": prose(text)}
     return found
 
 
@@ -217,7 +218,7 @@ class _FrameWriter:
             what = f"frames that interrupt '{self.frame.name}' are left out"
             self.file.tell(self.frame.at, what, "Kaitai cannot pass over bytes in between")
         block.write(NOTHING_BEHIND)
-        doc = {"doc": self.frame.doc} if self.frame.doc else {}
+        doc = {"doc": prose(self.frame.doc)} if self.frame.doc else {}
         return {**doc, **block.keys(), **({"types": self.types} if self.types else {})}
 
 
@@ -361,7 +362,7 @@ class KsyBlock:
             case _:
                 raise self._not(segment, "a kind of segment of a program's own", "Kaitai has nothing like it")
         if segment.doc and len(self.seq) > first:
-            self.seq[first].setdefault("doc", segment.doc)
+            self.seq[first].setdefault("doc", prose(segment.doc))
 
     # ---- words ----------------------------------------------------------------------------------------------
 
@@ -379,9 +380,11 @@ class KsyBlock:
 
     def _child(
         self, name: str, segments: Segments, behind: BytesBehind, *, apart: bool = False, items: bool = False,
-        part: Presence | None = None,
+        whole: bool = False, part: Presence | None = None,
     ) -> tuple[str, KsyBlock]:  # fmt: skip
         """A type of its own. `apart`: it knows nothing of what is around; `items`: it is told its index, if it asks.
+
+        `whole`: it fills its stream.
 
         `part`: what holds where it is read, if it is a part of this record that may be absent.
         """
@@ -394,6 +397,8 @@ class KsyBlock:
             block.params.append({"id": index, "type": "s4"})
             scope.entries[INDEX] = KsyEntry(index, "int", is_natural=True)
         block.write(behind)
+        if whole:
+            block.seq.append({"size": 0, "valid": {"expr": "_io.eof"}})
         self.frame.types[type_] = block.keys()
         scope.entries.pop(INDEX, None)
         return type_, block
@@ -439,7 +444,7 @@ class KsyBlock:
             values=field.values, default=field.default if field.when is not None else None, condition=condition,
         )  # fmt: skip
         value = "_" if number.value is None else number.value("_")
-        if number.not_said and number.kind != "str":
+        if number.not_said:
             return
         for text in self._valid(field, value):
             self._verify(keys, text, field.name)
@@ -547,8 +552,7 @@ class KsyBlock:
                 keys["enum"] = enum
         bounds = limits or type_.bounds
         is_natural = bounds is not None and bounds[0] >= 0 and (limits is not None or plus <= 0)
-        not_said = form.not_said if form.kind != "str" else ""
-        self.scope.entries[name] = KsyEntry(asked, form.kind, {}, not_said, is_natural)
+        self.scope.entries[name] = KsyEntry(asked, form.kind, {}, form.not_said, is_natural)
         if limits is not None and is_number and not form.not_said:
             low, high = limits
             self._verify(keys, f"{value('_')} >= {low} and {value('_')} <= {high}", name)
@@ -599,8 +603,8 @@ class KsyBlock:
 
     def _counted(self, segment: Length | Count) -> None:
         """Compares a length or count with what it counts, unless that takes its size from it."""
-        number = self.scope.entries[segment.name].path
         try:
+            number = self._known(segment, segment.name)
             text = self._items_of(segment) if isinstance(segment, Count) else self._bytes_of(segment)
         except CannotSayError as error:
             what = f"the {segment.KEY} '{segment.name}' is read and not compared"
@@ -659,8 +663,8 @@ class KsyBlock:
     def _known(self, segment: Segment, name: str) -> str:
         """The path of what was read, if it is always there. Raises CannotSayError."""
         entry = self.scope.entries[name]
-        if not self.scope.is_there(entry):
-            raise self._not(segment, f"'{name}'", "it may be absent")
+        if entry.why_not or not self.scope.is_there(entry):
+            raise self._not(segment, f"'{name}'", entry.why_not or "it may be absent")
         return entry.path
 
     def _bits(self, bits: Bits) -> None:
@@ -679,8 +683,9 @@ class KsyBlock:
         number = path if form.value is None else form.value(path)
         for part in bits.parts:
             name = self._own(part.name)
-            shown = f"(({number} >> {part.low}) & {part.most})"
-            self.instances[name] = {"value": shown if part.most < 1 << 31 else wide(shown)}
+            most = (1 << part.high - part.low + 1) - 1
+            shown = f"(({number} >> {part.low}) & {most})"
+            self.instances[name] = {"value": shown if most < 1 << 31 else wide(shown)}
             self.scope.entries[part.name] = KsyEntry(name, "int", is_natural=True)
             enum = None if part.values is None else self.file.enum(part.name, part.values, part.at)
             if enum is not None:
@@ -771,7 +776,7 @@ class KsyBlock:
         if segment.least and not isinstance(segment.size, int):
             least = -(-segment.least // 2) if segment.convert == "ascii_to_hex" else segment.on_wire(segment.least)
             keys["valid"] = {"expr": f"_.length >= {least}"}
-        if segment.never and segment.never != bytes((size.get("terminator", -1) & 0xFF,)):
+        if segment.never and [*segment.never] != [size.get("terminator")]:
             what = f"the bytes of '{segment.name}' are not looked at"
             self._tell(segment, what, "Kaitai does not look for bytes that never stand in them")
         why = ""
@@ -905,7 +910,7 @@ class KsyBlock:
         never = bytes(sorted(wrap.coding.never))
         size = {"size": self._size(wrap.size)} if wrap.size is not None else self._rest(wrap, after, following, never)
         if isinstance(wrap.coding, Plain):
-            type_, block = self._child(path, wrap.of, NOTHING_BEHIND, part=(object(), None))
+            type_, block = self._child(path, wrap.of, NOTHING_BEHIND, whole=True, part=(object(), None))
             self.seq.append({"id": path, **size, "type": type_})
             self._up(block, path)
             for sign, most in ((">=", wrap.least or None), ("<=", wrap.most)):
@@ -913,9 +918,9 @@ class KsyBlock:
                     self._verify_here(path, f"{path}._io.size {sign} {self._size(most)}")
             return
         self.seq.append({"id": path, **size})
-        doc = f"Coded: {wrap.coding.shown}."
+        doc = f"Coded: {prose(wrap.coding.shown)}."
         try:
-            type_, block = self._child(f"{path}_plain", wrap.of, NOTHING_BEHIND, apart=True)
+            type_, block = self._child(f"{path}_plain", wrap.of, NOTHING_BEHIND, apart=True, whole=True)
             doc += f" The type {type_} reads it when that is undone."
         except CannotSayError as error:
             what = f"the content of {wrap.title} is left out: {error.problem.what}"
@@ -940,12 +945,13 @@ class KsyBlock:
                 why = "what stands behind it has no fixed size"
                 raise self._not(inner, f"where the frame '{inner.name}' ends", why)
             self.file.without_end |= seen
+        self.file.inside |= {*inner.frames} if len(keys) > 1 else set()
         frames = in_order(self.file.static, inner.frames)
         if len(frames) == 1:
             keys["type"] = self.file.types[frames[0]]
         else:
             keys["type"] = self._told_apart(inner, path, frames, keys.get("size", _HERE))
-            if len(keys) > 2:  # in a room of its own what is no frame stays bytes
+            if "size" in keys or "size-eos" in keys:  # in a room of its own what is no frame stays bytes
                 keys["type"]["cases"].pop("_", None)
         self.seq.append(keys)
         self.scope.entries[inner.name] = KsyEntry(path, "inner")
@@ -957,10 +963,7 @@ class KsyBlock:
         seen.add(name)
         parts = [*everything(self.file.static.segments(self.file.protocol.frames[name]))]
         inside = (one for part in parts for one in part.frames_inside)
-        takes = any(
-            one.takes_rest or isinstance(one, (Fill, Optional)) or getattr(one, "times", 0) == "rest" for one in parts
-        )
-        return takes or any(self._needs_end(one, seen) for one in inside)
+        return any(map(_takes_rest, parts)) or any(self._needs_end(one, seen) for one in inside)
 
     def _told_apart(self, inner: Inner, path: str, frames: tuple[str, ...], room: int | str) -> Keys:
         """Which frame it is, by the bytes at fixed places."""
@@ -1039,6 +1042,13 @@ def _plus(number: str, more: int) -> str:
 def _is_name(size: object, name: str) -> bool:
     """Whether a size is just this name."""
     return isinstance(size, Expression) and isinstance(size.root, Name) and size.root.name == name
+
+
+def _takes_rest(segment: Segment) -> bool:
+    """Whether its end is that of the stream."""
+    if isinstance(segment, Inner):
+        return not isinstance(segment.size, (int, Expression))
+    return segment.takes_rest or isinstance(segment, (Fill, Optional)) or getattr(segment, "times", 0) == "rest"
 
 
 def _name(segment: Segment, word: str) -> str:

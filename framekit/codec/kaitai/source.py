@@ -6,6 +6,8 @@ import keyword
 import re
 from collections.abc import Iterable
 
+from framekit.definition.problems import printable
+
 _WORDS = {one.lower() for one in keyword.kwlist} | set(
     re.findall(
         r"\w+",
@@ -65,6 +67,15 @@ class KsyNames:
 
 def _squashed(name: str) -> str:
     return name.replace("_", "")
+
+
+def prose(text: str) -> str:
+    """A text for `doc`, on one line: Kaitai copies it into comments, and does not keep it from ending them."""
+    text = printable(" ".join(text.split())).translate(_PROSE)
+    return re.sub(r"(?<=[*/\]#])(?=[*/#])", " ", text)
+
+
+_PROSE = str.maketrans({'"': "'", "\\": "/"})
 
 
 def string(text: str) -> str:
