@@ -12,7 +12,8 @@ from typing import Any
 
 WIDEST = 118
 """Characters of a line that holds a whole mapping."""
-_PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_()]*([ .-][A-Za-z0-9_()]+)*")
+_PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_()]*([ .-][A-Za-z0-9_()]+)*|[0-9]+ [a-z]+|[0-9A-F]{2}( [0-9A-F]{2})+")
+"""Words, times such as 50 ms, and several bytes in hex digits."""
 _NO_TEXT = frozenset({"true", "false", "yes", "no", "on", "off", "null", "none", "y", "n", "nan", "inf"})
 
 
