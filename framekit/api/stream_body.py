@@ -16,7 +16,7 @@ from functools import cache
 from itertools import pairwise
 from typing import Any, NamedTuple
 
-from framekit.api.stream_file import ESCAPED, Argument, Converter, Element, Literal, Skip, StreamSettings
+from framekit.api.stream_file import ESCAPED, StreamArgument, Converter, Element, Literal, AnyByte, StreamSettings
 from framekit.definition.decimals import DecimalForm
 from framekit.definition.problems import CannotSayError, Position
 from framekit.definition.sources import shipped_folder
@@ -225,16 +225,16 @@ class _BodyMaker:
         self.body.varies = True
         self._mark_begin()
         before = len(self.body.segments)
-        if isinstance(element, Skip):
+        if isinstance(element, AnyByte):
             self.body.segments.append({"skip": 1})
             self._least += 1
-        elif isinstance(element, Argument):
+        elif isinstance(element, StreamArgument):
             self._argument(element)
         else:
             self._converter(element)
         self._is_exact &= not any("end" in segment for segment in self.body.segments[before:])
 
-    def _argument(self, one: Argument) -> None:
+    def _argument(self, one: StreamArgument) -> None:
         ends = self._ends(one.at, f"the argument \\${one.number}")
         name = f"arg_{one.number}"
         keys = {"type": "ascii", "end": ends}
@@ -249,7 +249,7 @@ class _BodyMaker:
         last = self._elements[-1] if self._elements else None
         if not self._ending:
             raise CannotSayError(at, "ExtraInput without a terminator: nothing ends what is passed over", BY_HAND)
-        if isinstance(last, (Converter, Argument)) and not {"size", "check"} & self.body.segments[-1].keys():
+        if isinstance(last, (Converter, StreamArgument)) and not {"size", "check"} & self.body.segments[-1].keys():
             where = last.at
             raise CannotSayError(where, "nothing says where this ends and ExtraInput begins", "write what follows it")
         self.body.varies = True

@@ -67,13 +67,13 @@ class Literal(NamedTuple):
     at: Position
 
 
-class Skip(NamedTuple):
+class AnyByte(NamedTuple):
     """Any byte."""
 
     at: Position
 
 
-class Argument(NamedTuple):
+class StreamArgument(NamedTuple):
     """`\\$1` to `\\$9`: text that whoever uses the protocol gives."""
 
     number: int
@@ -104,7 +104,7 @@ class Converter(NamedTuple):
         return f"%{self.flags}{width}{precision}{self.kind}{closed}"
 
 
-Element = Literal | Skip | Argument | Converter
+Element = Literal | AnyByte | StreamArgument | Converter
 
 ESCAPED = 0xE000
 _ARGUMENT = 0xE100
@@ -179,7 +179,7 @@ class _Raw(NamedTuple):
     tokens: tuple[_Token, ...]
 
 
-class _Value(NamedTuple):
+class _Variable(NamedTuple):
     """What a variable stands for; `spaced`: there is space before its semicolon."""
 
     tokens: tuple[_Token, ...]
@@ -194,7 +194,7 @@ class _Body:
     name: str
     at: Position
     commands: list[_Raw] = field(default_factory=list)
-    variables: dict[str, _Value] = field(default_factory=dict)
+    variables: dict[str, _Variable] = field(default_factory=dict)
     handlers: dict[str, tuple[Position, list[_Raw]]] = field(default_factory=dict)
 
 
@@ -355,7 +355,7 @@ class _StreamReader:
             self.errors.append(told.problem)
             return
         name = token.text.lower()
-        body.variables[name] = _Value(found, token.at, spaced)
+        body.variables[name] = _Variable(found, token.at, spaced)
         if name in _NO_EFFECT:
             self.left_out.append(Problem(token.at, f"the setting {token.text}", _NO_EFFECT[name], warning=True))
 
@@ -373,14 +373,14 @@ class _StreamReader:
 
     # ---- variables ----------------------------------------------------------------------------------------
 
-    def _variable(self, name: str, at: Position, variables: Mapping[str, _Value]) -> _Value:
+    def _variable(self, name: str, at: Position, variables: Mapping[str, _Variable]) -> _Variable:
         name = name.removeprefix("{").removesuffix("}").strip()
         if name.lower() not in variables:
             todo = "set it before, or write ${NAME} where other signs follow"
             raise _ToldError(at, f"there is no variable {name!r}", todo)
         return variables[name.lower()]
 
-    def _expanded(self, tokens: Sequence[_Token], variables: Mapping[str, _Value]) -> Iterator[_Token]:
+    def _expanded(self, tokens: Sequence[_Token], variables: Mapping[str, _Variable]) -> Iterator[_Token]:
         """The tokens with those of variables in their place; those within strings are put into the string."""
         for token in tokens:
             self._count(token.at, signs=1)
@@ -393,7 +393,7 @@ class _StreamReader:
             else:
                 yield token
 
-    def _with_variables(self, token: _Token, variables: Mapping[str, _Value]) -> _Token:
+    def _with_variables(self, token: _Token, variables: Mapping[str, _Variable]) -> _Token:
         """A string with the texts of its variables, quotes included; arguments stay."""
         quote, inside = token.text[0], token.text[1:-1]
         parts, place = [quote], 0
@@ -429,7 +429,7 @@ class _StreamReader:
         self.left_out.append(Problem(one.at, f"{one.what}: {whom} is left out", one.todo))
 
     def _meant(
-        self, commands: Sequence[_Raw], variables: Mapping[str, _Value], whom: str
+        self, commands: Sequence[_Raw], variables: Mapping[str, _Variable], whom: str
     ) -> tuple[StreamCommand, ...] | None:
         """The commands; None: why there are none is told."""
         found: list[StreamCommand] = []
@@ -452,7 +452,7 @@ class _StreamReader:
                 self._tell(told, whom)
         return tuple(found) if len(self.left_out) == told_of else None
 
-    def _settings(self, variables: Mapping[str, _Value], whom: str) -> StreamSettings | None:
+    def _settings(self, variables: Mapping[str, _Variable], whom: str) -> StreamSettings | None:
         """None: why is told."""
 
         def number(name: str, default: int) -> int:
@@ -478,7 +478,7 @@ class _StreamReader:
             self._tell(told, whom)
             return None
 
-    def _terminator(self, value: _Value, variables: Mapping[str, _Value]) -> bytes:
+    def _terminator(self, value: _Variable, variables: Mapping[str, _Variable]) -> bytes:
         found = bytearray()
         for code in self._codes(value.tokens, variables)[0]:
             number = ord(code)
@@ -489,7 +489,7 @@ class _StreamReader:
             found.append(number)
         return bytes(found)
 
-    def _number(self, tokens: Sequence[_Token], at: Position, variables: Mapping[str, _Value]) -> int:
+    def _number(self, tokens: Sequence[_Token], at: Position, variables: Mapping[str, _Variable]) -> int:
         """A number as C writes it: 0x10, 010, 16."""
         text = "".join(one.text for one in self._expanded(tokens, variables))
         match = re.fullmatch(r"(0[xX][0-9a-fA-F]{1,8})|(0[0-7]{0,10})|([1-9][0-9]{0,8})", text)
@@ -500,7 +500,7 @@ class _StreamReader:
 
     # ---- texts --------------------------------------------------------------------------------------------
 
-    def _codes(self, tokens: Sequence[_Token], variables: Mapping[str, _Value]) -> tuple[list[str], list[Position]]:
+    def _codes(self, tokens: Sequence[_Token], variables: Mapping[str, _Variable]) -> tuple[list[str], list[Position]]:
         """A text as a character for each byte, and the places of them.
 
         A character that an escape or a number gives stands from ESCAPED on, an argument from _ARGUMENT on.
@@ -579,7 +579,7 @@ class _StreamReader:
                 sign = match["sign"] or ""
                 add(chr(ESCAPED + (number if number >= 0 else _ESCAPES.get(sign, ord(sign) & 0xFF))), at)
 
-    def _elements(self, tokens: Sequence[_Token], variables: Mapping[str, _Value], reads: bool) -> Iterator[Element]:
+    def _elements(self, tokens: Sequence[_Token], variables: Mapping[str, _Variable], reads: bool) -> Iterator[Element]:
         codes, places = self._codes(tokens, variables)
         text, place, data, since = "".join(codes), 0, bytearray(), 0
 
@@ -611,10 +611,10 @@ class _StreamReader:
                 yield from literal()
                 if not reads:
                     raise _ToldError(places[place], "any byte cannot be sent", "write which")
-                yield Skip(places[place])
+                yield AnyByte(places[place])
             else:
                 yield from literal()
-                yield Argument(number - _ARGUMENT, places[place])
+                yield StreamArgument(number - _ARGUMENT, places[place])
             place += 1
         yield from literal()
 
