@@ -16,7 +16,7 @@ from functools import cache
 from itertools import pairwise
 from typing import Any, NamedTuple
 
-from framekit.api.stream_file import ESCAPED, StreamArgument, Converter, Element, Literal, AnyByte, StreamSettings
+from framekit.api.stream_file import ESCAPED, AnyByte, Converter, Element, Literal, StreamArgument, StreamSettings
 from framekit.definition.decimals import DecimalForm
 from framekit.definition.problems import CannotSayError, Position
 from framekit.definition.sources import shipped_folder
