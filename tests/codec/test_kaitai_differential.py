@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import pytest
+from definition_trial import Trial, damaged
+from drawn_definitions import DrawnDefinition
 from kaitai_world import Compared, Reader, compiled, needs_compiler
 from segment_cases import CASES
 from strategies import base_context
@@ -18,6 +20,7 @@ from framekit.codec.errors import FrameError
 from framekit.codec.kaitai.generate import generate_kaitai
 from framekit.definition.load.protocol import load_protocol_text
 from framekit.definition.model.protocol import Protocol
+from framekit.definition.problems import DefinitionError
 
 Row = tuple[str, str]
 """The body, or a whole file, and the bytes of each frame, parted by `|`: good ones and bad ones."""
@@ -255,7 +258,10 @@ def test_what_is_read_in_another_way_is_told() -> None:
         assert differences(reader, codec, "f", bytes.fromhex(good)) == []
 
 
-CHECKS = ("the check code", "the content of", "is not the value", "stays as it is", "not compared", "not looked at")
+CHECKS = (
+    "the check code", "the content of", "is not the value", "stays as it is", "not compared", "not looked at",
+    "left out", "less exactly",
+)  # fmt: skip
 """Words of what is told where bad bytes may be read."""
 
 
@@ -267,6 +273,28 @@ def test_the_bytes_of_every_kind_of_segment() -> None:
         found = [one for data in case.bad for one in differences(reader, codec, "f", bytes.fromhex(data))]
         told = [one.what for one in reader.file.left_out if any(word in one.what for word in CHECKS)]
         assert told or not found, case.title
+
+
+@needs_compiler
+@pytest.mark.parametrize("first", [0, *(pytest.param(at, marks=pytest.mark.long) for at in range(100, 1500, 100))])
+def test_drawn_definitions(first: int) -> None:
+    """Definitions of every kind of segment and key, with what they read damaged. Frames inside may be unknown."""
+    drawn: list[tuple[Protocol, list[bytes]]] = []
+    for seed in range(first, first + 100):
+        definition_ = DrawnDefinition(seed, more=bool(seed % 2))
+        try:
+            trial = Trial(definition_.text, definition_.values, seed)
+            data = trial.built()
+        except DefinitionError:
+            continue
+        if data is not None:
+            drawn.append((trial.protocol, [data, *(damaged(data, trial.random) for _ in range(8))]))
+    assert len(drawn) > 10
+    for (_, all_data), (reader, codec) in zip(drawn, readers([protocol for protocol, _ in drawn]), strict=True):
+        found = [one for data in all_data for one in differences(reader, codec, "f", data)]
+        told = any(word in one.what for one in reader.file.left_out for word in CHECKS)
+        inside = any(frame.inner or frame.name != "f" for frame in reader.protocol.frames.values())
+        assert told or inside or not found, reader.file.text
 
 
 def test_a_definition_with_many_like_names_is_written_in_one_go() -> None:

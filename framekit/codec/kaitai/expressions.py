@@ -40,7 +40,8 @@ TOP_NAMES = ("frame", "content", "end")
 _BINARY = {"+": "+", "-": "-", "*": "*", "//": "/", "%": "%", "&": "&", "|": "|", "^": "^", "<<": "<<", ">>": ">>"}
 _PARAMETERS = {"number": ("s8", "int"), "flag": ("bool", "bool"), "text": ("str", "str"), "choice": ("str", "str"),
                "bytes": ("bytes", "bytes"), "time": ("s8", "int")}  # fmt: skip
-_MOST = (1 << 63) - 1
+MOST_NUMBER = (1 << 63) - 1
+"""The greatest number that Kaitai has; the least is as far below 0."""
 _FAILS = "(1 / 0)"
 """What has no value: it fails where it is worked out."""
 
@@ -169,7 +170,7 @@ class KaitaiExpressions:
 
     def _said(self, node: Node, scope: Scope) -> Said:
         match node:
-            case Number(value=value) if abs(value) <= _MOST:
+            case Number(value=value) if abs(value) <= MOST_NUMBER:
                 return Said(str(value) if value >= 0 else f"({value})", "int")
             case Text(value=value):
                 return Said(string(value), "str")
