@@ -143,7 +143,7 @@ def turn(link: Link, data: bytes) -> float:
     """The longest turn of a loop (s): as much as it takes at once of bytes that come first, behind other pieces."""
     lines, times = [Line(link) for _ in range(5)], []
     for line in lines:
-        if line.asks:
+        if line.address:
             line.ask()
         begin = time.process_time()
         line.hear(data[: MOST - WORK])

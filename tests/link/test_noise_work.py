@@ -13,7 +13,7 @@ import pytest
 from shipped import PROTOCOLS
 from spread import spread
 
-from benchmarks.noise import Line, links
+from benchmarks import noise as bench
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import FrameError
 from framekit.codec.samples import Sampler
@@ -350,12 +350,13 @@ frames:
     assert [(one.frame, one.raw) for one in seen if one.kind == "frame"] == [(name, good)]
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", spread(NAMES, 8, 5))
 def test_the_benchmark_of_noise_has_a_line_for_every_role(name: str) -> None:
     data = Random(3).randbytes(400)
-    found = links([name])
+    found = bench.links([name])
     assert [one.role for one in found] == roles_of(name)
     for one in found:
-        line = Line(one)
+        line = bench.Line(one)
         line.hear(data, 64)
         assert line.busy == bool(line.address) or line.engine.receiver.broken
+        assert bench.turn(one, data) > 0 and bench.worst(one, 0)[0] > 0
