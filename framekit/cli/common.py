@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import asyncio
 import contextlib
 import gc
-import logging
 import os
 import signal
 import sys
@@ -16,9 +14,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TextIO, TypeVar
 
-from framekit.api.rows import shown_bytes, spaced, what_was_seen
-
 if TYPE_CHECKING:
+    import asyncio
     from types import FrameType
 
     from framekit import Seen
@@ -300,6 +297,8 @@ def period_of(text: str | None) -> int:
 def begin_log(level: str | None) -> None:
     """Sends the log of framekit to standard error; without a level nothing is logged."""
     if level is not None:
+        import logging
+
         handler = logging.StreamHandler(sys.stderr)
         handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)-7s %(name)s: %(message)s"))
         logger = logging.getLogger("framekit")
@@ -312,6 +311,8 @@ def on_signal(name: str, act: Callable[[], object]) -> None:
     number = getattr(signal, name, None)
     if number is None:
         return
+    import asyncio
+
     loop = asyncio.get_running_loop()
 
     def came(number: int, frame: FrameType | None) -> None:
@@ -365,6 +366,8 @@ def without_collecting() -> Iterator[None]:
 
 async def until(duration: int | None, *events: asyncio.Event) -> None:
     """Waits for one of the events, or until the time (ns) is over."""
+    import asyncio
+
     waiting = [asyncio.ensure_future(event.wait()) for event in events]
     try:
         limit = None if duration is None else duration / 1e9
@@ -403,6 +406,8 @@ def tables(*found: tuple[Sequence[Sequence[str]], Sequence[str]]) -> str:
 
 def plain(value: Any) -> Any:
     """Bytes as hex pairs, anything else as it is."""
+    from framekit.api.rows import spaced
+
     return spaced(value) if isinstance(value, bytes) else value
 
 
@@ -441,6 +446,8 @@ def seen_text(
 
     Without a stream it is standard output.
     """
+    from framekit.api.rows import shown_bytes, what_was_seen
+
     arrow = {"in": "←", "out": "→"}.get(seen.direction, " ")
     size = f"{len(seen.raw):4d} " if seen.raw else "     "
     place = "".join(f"{one} " for one in (where, seen.client) if one)
@@ -454,6 +461,8 @@ def seen_text(
 
 def seen_data(seen: Seen, seconds: float, plain: PlainValues, **more: Any) -> dict[str, Any]:
     """The same with the frame's fields, and without what is empty; `more` stands behind the time."""
+    from framekit.api.rows import spaced
+
     line = {
         "event": seen.kind,
         "time": seconds,

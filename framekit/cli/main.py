@@ -18,8 +18,7 @@ from typing import Any, NoReturn
 
 from framekit import __version__
 from framekit.cli.common import VerbError, WordsError, print_json, tell_error, tell_problems
-from framekit.definition.problems import without_library
-from framekit.definition.sources import PATH_VARIABLE
+from framekit.definition import PATH_VARIABLE
 
 VERBS = {
     "check": "check definitions and run files",
@@ -243,6 +242,8 @@ def run_completion(arguments: argparse.Namespace) -> int:
     try:
         import shtab
     except ImportError:
+        from framekit.definition.problems import without_library
+
         raise VerbError(" – ".join(without_library("completion", "shtab"))) from None
     parser = build_parser()
     for action in (action for one in (parser, *parser.verbs.values()) for action in one._actions):

@@ -16,6 +16,7 @@ from types import CodeType, ModuleType
 from typing import TYPE_CHECKING, Literal, NamedTuple
 from typing import Protocol as Interface
 
+from framekit.definition import PATH_VARIABLE
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
 
 if TYPE_CHECKING:
@@ -44,8 +45,6 @@ def known_definitions() -> list[Path]:
     return [found[name] for name in sorted(found)]
 
 
-PATH_VARIABLE = "FRAMEKIT_PATH"
-"""The variable that names more folders with definitions, as PATH does with programs."""
 PACKAGES = "framekit.protocols"
 """The group of entry points by which installed packages bring definitions: each names a package, which holds them."""
 

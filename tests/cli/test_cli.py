@@ -592,3 +592,13 @@ def test_memory_that_is_no_whole_words_is_shown_at_the_end(capsys: pytest.Captur
     assert status == 0 and err.count("store in one place") == 1
     blocks = [line.split()[1:6] for line in out.splitlines() if line[:3] in ("0  ", "1  ", "2  ") and "READ" in line]
     assert "E0      000D" in out and [block[2:4] for block in blocks] == [["1", "1"]] * 3
+
+
+def test_the_version_is_told_without_what_only_other_verbs_need() -> None:
+    script = (
+        "import sys; from contextlib import suppress\nfrom framekit.cli.main import main\n"
+        "with suppress(SystemExit): main(['--version'])\n"
+        "print([name for name in ('asyncio', 'logging', 'dataclasses', 'yaml', 'hashlib') if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[1:] == ["[]"], done.stdout

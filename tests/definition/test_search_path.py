@@ -10,9 +10,10 @@ from pathlib import Path
 import pytest
 
 from framekit.cli.main import main
+from framekit.definition import PATH_VARIABLE
 from framekit.definition.load.protocol import load_protocol
 from framekit.definition.problems import DefinitionError
-from framekit.definition.sources import PATH_VARIABLE, searched_folders
+from framekit.definition.sources import searched_folders
 
 LAMP = "protocol: {name}\nframes: {{SWITCH: {{from: client, body: [{{const: {byte}}}]}}}}\n"
 

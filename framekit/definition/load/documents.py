@@ -14,12 +14,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from typing import TypeVar
 
+from framekit.definition import PATH_VARIABLE
 from framekit.definition.expression import place_of
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar, is_cut, read_nodes, read_text, unread
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
 from framekit.definition.schema import Kind, validate, wrong_kind
-from framekit.definition.sources import PATH_VARIABLE, find_definition, root_of, searched_folders
+from framekit.definition.sources import find_definition, root_of, searched_folders
 
 T = TypeVar("T")
 
