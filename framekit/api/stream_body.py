@@ -37,6 +37,7 @@ _HEX = frozenset(b"0123456789abcdefABCDEF")
 
 NUMBERS = "numbers"
 FIXED = "fixed"
+EXTRA = "extra"
 HEARD: dict[str, tuple[str, str]] = {
     NUMBERS: (
         "numbers are taken as -12 or 1.5; with a plus sign, an exponent, or spaces or zeros in front they are bad",
@@ -45,6 +46,10 @@ HEARD: dict[str, tuple[str, str]] = {
     FIXED: (
         "a width is the exact number of characters: shorter and longer texts are refused",
         "write end: in place of size: if the device's width varies",
+    ),
+    EXTRA: (
+        "nothing says where this ends and ExtraInput begins: with extra input the reply is bad",
+        "write behind it what the device sends there",
     ),
 }
 """What frames do not take of that which StreamDevice takes, and what to do."""
@@ -250,8 +255,8 @@ class _BodyMaker:
         if not self._ending:
             raise CannotSayError(at, "ExtraInput without a terminator: nothing ends what is passed over", BY_HAND)
         if isinstance(last, (Converter, StreamArgument)) and not {"size", "check"} & self.body.segments[-1].keys():
-            where = last.at
-            raise CannotSayError(where, "nothing says where this ends and ExtraInput begins", "write what follows it")
+            self._narrower(EXTRA, last.at)
+            return
         self.body.varies = True
         self.body.values.append(StreamValue("extra", "text", "", False, "''"))
         self.body.segments.append({"field": "extra", "type": "ascii", "end": [self._ending.hex(" ").upper()]})
@@ -431,7 +436,7 @@ class _BodyMaker:
                 raise CannotSayError(one.at, f"{one}: out sends one character by its number", "write %c")
             self._least += 1
             self._field(one, "number", type="u8")
-        elif self._is_last and count > 1 and "!" not in one.flags and self._ending and not self._ignores_extra:
+        elif self._is_last and count > 1 and "!" not in one.flags and self._ending:
             ends = self._ends(one.at, f"a text ({one})")
             name = self._field(one, "text", "''", type="ascii", end=ends)
             self._require(f"len({name}) <= {count}")

@@ -110,11 +110,18 @@ ESCAPED = 0xE000
 _ARGUMENT = 0xE100
 _SKIP = "\ue200"
 _SPACE = "\ue201"
+_IN_NAMES = ("+", "-", "*", "/")
 
 
 def plain_text(text: str) -> str:
-    """Text of a converter with escaped bytes as characters."""
-    return "".join(chr(ord(one) - ESCAPED) if ESCAPED <= ord(one) < ESCAPED + 256 else one for one in text)
+    """Text of a converter with escaped bytes as characters, and arguments as they are written."""
+
+    def shown(code: int) -> str:
+        if _ARGUMENT <= code < _ARGUMENT + 10:
+            return f"\\${code - _ARGUMENT}"
+        return chr(code - ESCAPED) if ESCAPED <= code < ESCAPED + 256 else "?" if code >= ESCAPED else chr(code)
+
+    return "".join(shown(ord(one)) for one in text)
 
 
 @dataclass(frozen=True, slots=True)
@@ -266,8 +273,18 @@ class _StreamReader:
         while self._peek().kind != "end" and self._peek().text not in (";", "}", "{"):
             self._next()
 
+    def _head(self) -> _Token:
+        """What a statement begins with. Names there may have signs in them that end a word elsewhere."""
+        token = self._next()
+        if token.kind != "word":
+            return token
+        parts = [token.text]
+        while not self._peek().spaced and (self._peek().kind == "word" or self._peek().text in _IN_NAMES):
+            parts.append(self._next().text)
+        return token._replace(text="".join(parts))
+
     def read(self) -> None:
-        while (token := self._next()).kind != "end":
+        while (token := self._head()).kind != "end":
             follows = self._peek().text
             if token.text == ";":
                 continue
@@ -313,7 +330,7 @@ class _StreamReader:
 
     def _block(self, body: _Body | None, commands: list[_Raw], name: _Token) -> None:
         """Statements up to the closing brace; without `body` they are those of a handler."""
-        while (token := self._next()).text != "}":
+        while (token := self._head()).text != "}":
             if token.kind == "end":
                 self.errors.append(Problem(name.at, f"{name.text!r} has no end", "write }"))
                 return

@@ -136,14 +136,16 @@ def _plain(subject: Node, derived: dict[str, Node]) -> Node:
 def _note(
     found: dict[str, Hints], derived: dict[str, Node], subject: Node, operator: str, other: Node, evaluate: Evaluate
 ) -> None:
+    value = evaluate(other)
+    if value is None or (operator in ("in", "not in") and not hasattr(value, "__iter__")):
+        return
+    if isinstance(subject, Name) and subject.name in derived:  # it may be given
+        found.setdefault(subject.name, Hints()).add(operator, value)
     subject = _plain(subject, derived)
     place: int | None = None
     if isinstance(subject, Index) and isinstance(subject.index, Number):
         place, subject = subject.index.value, subject.value
     if not isinstance(subject, Name):
-        return
-    value = evaluate(other)
-    if value is None or (operator in ("in", "not in") and not hasattr(value, "__iter__")):
         return
     hints = found.setdefault(subject.name, Hints())
     if place is None:
@@ -401,7 +403,8 @@ class _Record:
             case model.Nested(frame=frame):
                 return self._inner((frame,))[frame]
             case model.Value(build=None, name=name) if name in self.inputs:
-                return self.random.randrange(32)
+                allowed = (hints_of(self.all, self.known).get(name) or Hints()).allowed
+                return self.random.choice(allowed) if allowed else self.random.randrange(32)
         return _LEFT_OUT
 
     def _inside(self, segments: tuple[Segment, ...]) -> dict[str, Any]:

@@ -37,9 +37,12 @@ status    { InTerminator = ETX; OutTerminator = ETX; ReplyTimeout = 2000; out ST
 checked   { OutTerminator = CR; InTerminator = ""; out "A%03d%0<sum8>"; in 0x06; }
 version   { out "VER?"; in "%d.%d.%*d"; }
 loose     { ExtraInput = Ignore; out "L?"; in "L%2c"; }
+rest      { ExtraInput = Ignore; out "R?"; in "R%02x,"; }
 hex       { out "H %04X"; in "H%x"; }
 told      { in "EVENT %d"; }
 both      { current; switch; }
+set-all+1 { out "ALL"; }
+extra     { ExtraInput = Ignore; out "X?"; in "X %f"; }
 degrees   { out "T?"; in "%f" 0xB0 "C"; }
 """
 
@@ -63,7 +66,12 @@ CONVERSATIONS: list[tuple[str, str, Line, str]] = [
     ("status", "", [("send", b"\x02S\x03"), ("receive", b"\x02A500ff\x03")], "value: 165, value_2: 255"),
     ("checked", "value: 7", [("send", b"A007D8\r"), ("receive", b"\x06")], ""),
     ("version", "", [("send", b"VER?\r\n"), ("receive", b"1.20.3\r\n")], "value: 1, value_2: 20"),
-    ("loose", "", [("send", b"L?\r\n"), ("receive", b"LAB and more\r\n")], "value: AB"),
+    ("loose", "", [("send", b"L?\r\n"), ("receive", b"LAB\r\n")], "value: AB"),
+    ("rest", "", [("send", b"R?\r\n"), ("receive", b"R1f,anything, even \xb0C\r\n")], "value: 31"),
+    ("rest", "", [("send", b"R?\r\n"), ("receive", b"R00,\r\n")], "value: 0"),
+    ("loose", "", [("send", b"L?\r\n"), ("receive", b"LA\r\n")], "value: A"),
+    ("set_all_1", "", [("send", b"ALL\r\n")], ""),
+    ("extra", "", [("send", b"X?\r\n"), ("receive", b"X 1.5\r\n")], "value: 1.5"),
     ("hex", "value: 255", [("send", b"H 00FF\r\n"), ("receive", b"H00aB\r\n")], "value_2: 171"),
     ("told", "", [("receive", b"EVENT 5\r\n")], "value: 5"),
     (
@@ -81,6 +89,7 @@ FAILURES: list[tuple[str, str, Line, str]] = [
     ("channel", "arg_1: '7'", [("send", b"CH7?\r\n"), ("receive", b"CH8=1,mV\r\n")], "damaged_reply"),
     ("channel", "arg_1: '7'", [("send", b"CH7?\r\n"), ("receive", b"CH7=1,m V\r\n")], "damaged_reply"),
     ("switch", "", [("send", b"SW?\r\n"), ("receive", b"SW NO\r\n")], "damaged_reply"),
+    ("extra", "", [("send", b"X?\r\n"), ("receive", b"X 1.5 V\r\n")], "damaged_reply"),
     ("hex", "value: 1", [("send", b"H 0001\r\n"), ("receive", b"H0x1\r\n")], "damaged_reply"),
     ("both", "", [("send", b"CURR?\r\n"), ("receive", b"CURR 1 A\r\n"), ("send", b"SW?\r\n")], "no_reply"),
 ]
