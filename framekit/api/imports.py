@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from framekit.api.errors import RequestError
 from framekit.api.streamdevice import from_streamdevice
+from framekit.codec.kaitai.importing import import_kaitai
 from framekit.definition.imported import ImportedDefinition
 from framekit.definition.problems import DefinitionError, Position, Problem
 
@@ -29,6 +30,7 @@ class ImportFormat(NamedTuple):
 
 
 FORMATS: dict[str, ImportFormat] = {
+    ".ksy": ImportFormat("a description of Kaitai Struct", "utf-8", import_kaitai),
     ".proto": ImportFormat("a protocol file of EPICS StreamDevice", "latin-1", from_streamdevice),
 }
 """The formats by the ending of a file, in small letters."""

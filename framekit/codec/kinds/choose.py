@@ -99,6 +99,7 @@ def _headers(writer: FunctionWriter, choose: Choose, on: str) -> Iterator[tuple[
 def _diagnose_case(d: DiagnosisWriter, segment: Choose, case: Segments, scope: Scope, behind: Behind) -> None:
     if absent := d.without((segment,), case):
         d.out.add(absent)
+    d.declare(case, scope)  # a record or list of another case may have the same name
     d.list(case, scope, behind, all_is_read=False)
 
 

@@ -1,0 +1,1317 @@
+"""The segments of one use of a type of a Kaitai Struct file: its attributes in order, and its instances.
+
+A type is written anew for each place where it is used, as what `_parent` and `rest` mean depends on that. The work for
+a file is bounded (`WorkDone`), however often types use each other.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+from typing import Protocol as Interface
+
+from framekit.codec.kaitai.description import KsyAttribute, KsyEnum, KsyType, scalar, whole
+from framekit.codec.kaitai.language import parse
+from framekit.codec.kaitai.translation import (
+    INDEX,
+    IT,
+    UNKNOWN,
+    Entry,
+    Kind,
+    Scope,
+    Translated,
+    Translation,
+    bytes_text,
+    constant,
+    own_name,
+    quoted,
+)
+from framekit.definition.expression import (
+    ATOM,
+    NOT,
+    Attribute,
+    Binary,
+    Compare,
+    ExpressionError,
+    Logic,
+    Name,
+    Node,
+    Number,
+    Unary,
+    parse_expression,
+    walk,
+)
+from framekit.definition.nodes import Mapping as MappingNode
+from framekit.definition.nodes import Node as YamlNode
+from framekit.definition.nodes import Scalar, Sequence
+from framekit.definition.problems import CannotSayError, Position
+from framekit.definition.wire_types import ANY, NOTHING, Sizes, bounds_of_bits, either, exactly
+
+Keys = dict[str, Any]
+MOST_SEGMENTS = 4000
+"""Segments of a frame, with those of everything in it."""
+MOST_WORK = 100_000
+"""Segments and parts of expressions of all frames together."""
+DEEPEST = 24
+"""Types that use each other."""
+MOST_BYTES = 1 << 20
+_NUMBER = re.compile(r"([us])([1248])(le|be)?")
+_FLOAT = re.compile(r"f([48])(le|be)?")
+_BITS = re.compile(r"b([1-9][0-9]?)(le|be)?")
+_USER = re.compile(r"(?:::)?([a-z][a-z0-9_]*(?:::[a-z][a-z0-9_]*)*)")
+_CASE = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+_OF_ALL = frozenset({"id", "doc", "doc-ref", "if", "repeat", "repeat-expr", "repeat-until", "type", "valid"})
+_OF_TEXTS = frozenset({"size", "size-eos", "terminator", "include", "consume", "eos-error", "pad-right", "encoding"})
+_OF_BYTES = _OF_TEXTS - {"encoding"} | {"process"}
+_LATIN_1 = ("iso88591", "latin1")
+_ASCII = ("ascii", "usascii")
+_LIKE_ASCII = re.compile(r"utf8|iso8859\d+|windows125\d|cp(?:125\d|437|85\d|866)|ibm(?:437|85\d|866)|koi8[ru]|macroman")
+_REST_IS = "what stands behind it has no fixed size"
+
+
+class LeftOutError(Exception):
+    """Something cannot be taken over; why has been told."""
+
+
+class WorkDone:
+    """Counts what has been written. Raises CannotSayError when that is too much."""
+
+    def __init__(self) -> None:
+        self.all = 0
+        self._begun = 0
+
+    def begin(self) -> None:
+        """A frame begins."""
+        self._begun = self.all
+
+    def add(self, at: Position, number: int) -> None:
+        self.all += number
+        if self.all > MOST_WORK:
+            raise CannotSayError(at, "the file says too much in all", f"{MOST_WORK} parts are taken over; divide it")
+        if self.all - self._begun > 8 * MOST_SEGMENTS:
+            raise CannotSayError(at, "a type of too many parts in all", "divide it")
+
+
+@dataclass(slots=True, eq=False)
+class Region:
+    """A stream: the whole one, or one of an attribute with a size.
+
+    `is_taken`: something has taken all that was left. `counts_back`: something has taken what was left less what
+    stands behind. `is_exact`: the description itself says that it ends.
+    """
+
+    is_taken: bool = False
+    counts_back: bool = False
+    is_exact: bool = False
+
+    @property
+    def is_used_up(self) -> bool:
+        return self.is_taken or self.counts_back or self.is_exact
+
+
+@dataclass(slots=True)
+class Part:
+    """Segments, and the bytes that they take."""
+
+    segments: list[Keys]
+    sizes: Sizes = NOTHING
+
+
+def is_end(attribute: KsyAttribute) -> bool:
+    """Whether an attribute takes no bytes, and says that the stream ends there."""
+    size, valid = attribute.keys.get("size"), attribute.keys.get("valid")
+    said = valid.value("expr") if isinstance(valid, MappingNode) and len(valid.entries) == 1 else None
+    if not isinstance(size, Scalar) or whole(size.text) != 0 or not isinstance(said, Scalar):
+        return False
+    return said.text.strip() == "_io.eof" and attribute.keys.keys() <= {"id", "size", "valid", "doc"}
+
+
+def _with(attribute: KsyAttribute, **changes: YamlNode | None) -> KsyAttribute:
+    """An attribute with other keys; None takes one out."""
+    keys = {key: node for key, node in attribute.keys.items() if key not in changes}
+    return KsyAttribute(attribute.at, attribute.name, keys | {k: v for k, v in changes.items() if v is not None})
+
+
+def _single(attribute: KsyAttribute) -> KsyAttribute:
+    """An attribute without its condition and repetition."""
+    out = {"if", "repeat", "repeat-expr", "repeat-until"}
+    keys = {key: node for key, node in attribute.keys.items() if key not in out}
+    return KsyAttribute(attribute.at, attribute.name, keys)
+
+
+class StaticTypes:
+    """Sizes of types that need no values, each found once."""
+
+    def __init__(self) -> None:
+        self._known: dict[KsyType, int | None] = {}
+        self._depth = 0
+
+    def of_type(self, type_: KsyType) -> int | None:
+        if type_ not in self._known:
+            self._known[type_] = None  # for a type that stands in itself
+            self._depth += 1
+            if self._depth <= DEEPEST:
+                self._known[type_] = self.behind(type_)[-1]
+            self._depth -= 1
+        return self._known[type_]
+
+    def behind(self, type_: KsyType) -> list[int | None]:
+        """The bytes behind each attribute of a type, and as the last one those of all of it."""
+        units: list[tuple[int, int | None]] = []  # attributes that share bytes, and their size
+        bits = 0
+        for attribute in type_.seq:
+            width = _bits_of(attribute, type_)
+            if width is None:
+                bits = 0
+                units.append((1, self.of_attribute(attribute, type_)))
+                continue
+            number = units.pop()[0] if bits else 0
+            bits += width[0]
+            units.append((number + 1, -(-bits // 8)))
+            bits = 0 if bits % 8 == 0 else bits
+        found: list[int | None] = []
+        after: int | None = 0
+        for number, size in reversed(units):
+            found += [after] * number
+            after = None if after is None or size is None else after + size
+        return [*reversed(found), after]
+
+    def of_attribute(self, attribute: KsyAttribute, type_: KsyType) -> int | None:
+        keys = attribute.keys
+        size = keys.get("size")
+        number = whole(size.text) if isinstance(size, Scalar) else None
+        if number == 0 and "repeat" not in keys:
+            return 0
+        if "if" in keys or "repeat" in keys:
+            return None
+        if "contents" in keys:
+            try:
+                return len(_contents(keys["contents"]))
+            except CannotSayError:
+                return None
+        if size is not None or "size-eos" in keys or "terminator" in keys:
+            return number
+        said = keys.get("type")
+        text = said.text if isinstance(said, Scalar) else ""
+        if (match := _NUMBER.fullmatch(text)) is not None:
+            return int(match[2])
+        if (match := _FLOAT.fullmatch(text)) is not None:
+            return int(match[1])
+        found = type_.find_type(text.partition("(")[0]) if text not in ("", "str", "strz") else None
+        return None if found is None else self.of_type(found)
+
+
+class FileParts(Interface):
+    """What types ask of the file that is being written."""
+
+    work: WorkDone
+    order: str
+    static: StaticTypes
+
+    def tell(self, at: Position, what: str, todo: str) -> None:
+        """Notes what is left out."""
+
+    def table(self, enum: KsyEnum) -> str:
+        """The name of the table of an enumeration."""
+
+    def layout(self, type_: KsyType, segments: list[Keys]) -> str:
+        """The name of the layout of these segments."""
+
+    def letters(self) -> str:
+        """The name of a parameter that holds the characters of ASCII."""
+
+
+def _bits_of(attribute: KsyAttribute, type_: KsyType) -> tuple[int, str] | None:
+    """How many bits an attribute has, and from which end they are counted; None where it is no field of bits."""
+    said = attribute.keys.get("type")
+    match = _BITS.fullmatch(said.text) if isinstance(said, Scalar) else None
+    if match is None or not 1 <= int(match[1]) <= 64:
+        return None
+    return int(match[1]), match[2] or type_.bit_endian
+
+
+def _contents(node: YamlNode) -> bytes:
+    """Raises CannotSayError."""
+    if isinstance(node, Scalar) and (node.quoted or whole(node.text) is None):
+        try:
+            return node.text.encode("utf-8")
+        except UnicodeEncodeError:
+            raise CannotSayError(node.at, "contents: of half a character", "write its bytes") from None
+    data = bytearray()
+    for item in node.items if isinstance(node, Sequence) else (node,):
+        number = whole(item.text) if isinstance(item, Scalar) and not item.quoted else None
+        if number is not None and 0 <= number <= 255:
+            data.append(number)
+        elif isinstance(item, Scalar) and isinstance(node, Sequence) and number is None:
+            data += _contents(Scalar(item.text, item.at, True))
+        else:
+            raise CannotSayError(item.at, "contents: of what is no byte and no text", "write numbers up to 255")
+    return bytes(data)
+
+
+def _left(node: Node) -> int | None:
+    """N of `_io.size - _io.pos - N`, the bytes that are left less N; None for everything else."""
+    match node:
+        case Binary(
+            operator="-",
+            left=Attribute(value=Name(name="_io"), name="size"),
+            right=Attribute(value=Name(name="_io"), name="pos"),
+        ):
+            return 0
+        case Binary(operator="-", left=left, right=Number(value=value)):
+            before = _left(left)
+            return None if before is None else before + value
+    return None
+
+
+def _left_more(node: Node) -> int | None:
+    """N of a condition that more than N bytes are left; None for everything else."""
+    match node:
+        case Unary(operator="not", operand=Attribute(value=Name(name="_io"), name="eof")):
+            return 0
+        case Compare(first=first, rest=((">", Number(value=value)),)):
+            before = _left(first)
+            return None if before is None else before + value
+    return None
+
+
+class TypeWriter:
+    """Writes one use of a type.
+
+    `behind`: how many bytes stand behind it in its region, None where that is not known. `alone`: its region ends with
+    it. `using`: the types around it, and itself.
+    """
+
+    def __init__(
+        self, file: FileParts, scope: Scope, region: Region, behind: int | None, *,
+        alone: bool, using: tuple[KsyType, ...],
+    ) -> None:  # fmt: skip
+        self.file, self.scope, self.region, self.behind = file, scope, region, behind
+        self.alone, self.using = alone, using
+        self.out: list[Keys] = []
+        self.sizes = NOTHING
+        self._bits: list[tuple[KsyAttribute, int, str]] = []
+        self._under_way: set[str] = set()
+        self._failed = False
+        self._needs: list[str] = []
+        self._find_outside = scope.find
+        scope.find = self._find
+
+    def write(self) -> tuple[list[Keys], Sizes]:
+        """The segments and their sizes. Raises LeftOutError where the type cannot be read."""
+        type_ = self.scope.type
+        behind = [self._all_behind(one) for one in self.file.static.behind(type_)[:-1]]
+        chain = self._optional_chain()
+        for place, attribute in enumerate(type_.seq):
+            if place == chain:
+                self._try(attribute, partial(self._optionals, type_.seq[chain:]))
+                break
+            self._try(attribute, partial(self._next, attribute, behind[place]))
+        if self._bits:
+            self._try(self._bits[-1][0], self._end_bits)
+        for name, instance in type_.instances.items():
+            if name not in self.scope.entries:
+                try:
+                    self._find(name, instance.at)
+                except CannotSayError as error:
+                    self._tell(error)
+                    self.scope.entries[name] = Entry("", "lost")
+        if self._failed:
+            raise LeftOutError
+        return self.out, self.sizes
+
+    def _all_behind(self, inside: int | None) -> int | None:
+        return None if inside is None or self.behind is None else inside + self.behind
+
+    def _try(self, attribute: KsyAttribute, write: Callable[[], None]) -> None:
+        """Writes an attribute; where it cannot be said, what is behind it is looked at all the same."""
+        try:
+            write()
+        except CannotSayError as error:
+            self._tell(error)
+            self._lose(attribute)
+            self._failed = True
+        except LeftOutError:
+            self._lose(attribute)
+            self._failed = True
+
+    def _tell(self, error: CannotSayError) -> None:
+        self.file.tell(error.problem.at, error.problem.what, error.problem.todo)
+
+    def _lose(self, attribute: KsyAttribute) -> None:
+        self.scope.entries[attribute.name] = Entry("", "lost")
+
+    def _put(self, part: Part) -> None:
+        self.out += part.segments
+        self.sizes += part.sizes
+
+    def _count(self, at: Position, number: int = 1) -> None:
+        self.file.work.add(at, number)
+
+    # ---- one attribute ------------------------------------------------------------------------------------
+
+    def _next(self, attribute: KsyAttribute, behind: int | None) -> None:
+        self._known_keys(attribute)
+        bits = _bits_of(attribute, self.scope.type)
+        if bits is not None and (self._bits or bits[0] % 8):
+            self._next_bits(attribute, *bits)
+            return
+        self._next_whole(attribute, behind)
+
+    def _known_keys(self, attribute: KsyAttribute) -> None:
+        self._count(attribute.at)
+        for key in attribute.keys:
+            if key not in _OF_ALL | _OF_TEXTS | _OF_BYTES | {"contents", "enum"}:
+                if not key.startswith("-"):
+                    raise CannotSayError(
+                        attribute.keys[key].at, f"the key {key!r} of '{attribute.name}'", "leave it out"
+                    )
+                self.file.tell(attribute.keys[key].at, f"the key {key!r} is left out", "Kaitai passes over it too")
+
+    def _next_whole(self, attribute: KsyAttribute, behind: int | None) -> None:
+        """An attribute that begins with a byte."""
+        if self._bits:
+            is_open = sum(one[1] for one in self._bits) % 8 != 0
+            self._flush_bits()
+            if is_open and not self._begins_with_byte(attribute, self.scope.type, DEEPEST):
+                what = f"'{attribute.name}' may go on within a byte of which bits have been read"
+                raise CannotSayError(attribute.at, what, "fill the byte up before it")
+        if is_end(attribute):
+            if behind != 0:
+                raise CannotSayError(attribute.at, "a condition that the stream ends", _REST_IS)
+            self.region.is_exact = True
+            self.scope.entries[attribute.name] = _constant_entry(constant(b""))
+            return
+        condition = attribute.keys.get("if")
+        if condition is None:
+            self._needs.clear()
+            part = self._whole(attribute, behind)
+            self._require_needs()
+            self._put(part)
+            return
+        asked = self._parsed(scalar(condition, "if"))
+        left = _left_more(asked)
+        if left is not None:
+            self._put(self._optional(attribute, left, behind))
+            return
+        self._needs.clear()
+        said = self._say(asked, condition.at, "bool")
+        self._require_needs()
+        self._put(self._under(attribute, said, behind))
+
+    def _require_needs(self) -> None:
+        """What has been asked for has to be there, as Kaitai reads on only then."""
+        self.out += [{"require": one} for one in dict.fromkeys(self._needs)]
+        self._needs.clear()
+
+    def _begins_with_byte(self, attribute: KsyAttribute, type_: KsyType, most: int) -> bool:
+        """Whether an attribute always reads whole bytes first, so that what is left of a byte is passed over."""
+        keys = attribute.keys
+        if most == 0 or keys.keys() & {"if", "repeat"} or is_end(attribute):
+            return False
+        if keys.keys() & {"contents", "size", "size-eos", "terminator"}:
+            return True
+        said = keys.get("type")
+        text = said.text.strip() if isinstance(said, Scalar) else ""
+        if _is_built_in(text):
+            return _BITS.fullmatch(text) is None
+        found = type_.find_type(text.partition("(")[0])
+        return found is not None and bool(found.seq) and self._begins_with_byte(found.seq[0], found, most - 1)
+
+    def _under(self, attribute: KsyAttribute, condition: Translated, behind: int | None) -> Part:
+        """What is there under a condition; where it cannot be said, a frame with it is refused."""
+        try:
+            part = self._whole(attribute, behind)
+        except (CannotSayError, LeftOutError) as error:
+            if isinstance(error, CannotSayError):
+                self._tell(error)
+            self.file.tell(
+                attribute.at, f"a frame in which '{attribute.name}' is there is refused", "see what is told of it"
+            )
+            self._lose(attribute)
+            return Part([{"require": f"not {condition.at_level(NOT)}"}])
+        for one in dict.fromkeys(self._needs):
+            if one not in (condition.text, *condition.parts):
+                part.segments.insert(0, {"require": one})
+        self._needs.clear()
+        for segment in part.segments:
+            own = segment.get("when")
+            segment["when"] = condition.text if own is None else f"({condition.text}) and ({own})"
+        entry = self.scope.entries[attribute.name]
+        self.scope.entries[attribute.name] = replace(entry, when=condition.text, asked=condition.names)
+        return Part(part.segments, Sizes(0, part.sizes.most))
+
+    def _whole(self, attribute: KsyAttribute, behind: int | None) -> Part:
+        """An attribute without its condition. Raises CannotSayError, LeftOutError."""
+        repeat = attribute.text("repeat")
+        if repeat is None:
+            for key in ("repeat-expr", "repeat-until"):
+                if key in attribute.keys:
+                    raise CannotSayError(attribute.keys[key].at, f"{key}: without repeat:", "add repeat:")
+            part = self._value(_single(attribute), own_name(attribute.name), self.scope, behind)
+        else:
+            part = self._list(attribute, repeat, behind)
+        if part.sizes.most != 0 and self.region.is_taken and not self._takes_all:
+            raise CannotSayError(
+                attribute.at, f"'{attribute.name}' stands behind what takes all that is left", "give it a size"
+            )
+        self._takes_all = False
+        if attribute.doc and part.segments:
+            part.segments[0].setdefault("doc", attribute.doc)
+        return part
+
+    _takes_all = False
+    """Whether the attribute that is being written is what takes all that is left."""
+
+    def _take_all(self, at: Position, behind: int | None, what: str) -> None:
+        """Something takes all that is left of the region; nothing may stand behind. Raises CannotSayError."""
+        if self.region.is_used_up:
+            raise CannotSayError(at, f"{what} takes what is left, as another part does", "give one of them a size")
+        if behind != 0:
+            raise CannotSayError(
+                at, f"{what} takes all that is left, and something may stand behind it", "give it a size"
+            )
+        self.region.is_taken = True
+        self._takes_all = True
+
+    # ---- expressions --------------------------------------------------------------------------------------
+
+    def _parsed(self, text: Scalar) -> Node:
+        node = parse(text.text, text.at)
+        self._count(text.at, sum(1 for _ in walk(node)))
+        return node
+
+    def _say(
+        self,
+        node: Node,
+        at: Position,
+        kind: Kind | None = None,
+        *,
+        it: Translated | None = None,
+        item: Scope | None = None,
+        lazily: bool = False,
+    ) -> Translated:
+        """An expression in our language. `item`: it stands in an item of a list, which has these names.
+
+        What has to be there for it is noted, unless it is worked out `lazily`.
+
+        Raises CannotSayError.
+        """
+        translation = Translation(self.scope, at, it, item is not None)
+        made = translation.of(node)
+        if kind is not None and made.kind != kind:
+            raise CannotSayError(at, "an expression of another kind than is asked for", "correct it")
+        if item is not None:
+            hidden = (made.names - INDEX) & item.names
+            if hidden:
+                what = f"'{min(hidden)}', which an item of the list has too, is asked for in it"
+                raise CannotSayError(at, what, "give one of them another name")
+        try:
+            parse_expression(made.text, at)
+        except ExpressionError as error:
+            raise CannotSayError(at, f"an expression is left out: {error.problem.what[:200]}", "divide it") from None
+        for what, todo in translation.told:
+            self.file.tell(at, what, todo)
+        if made.needs and not lazily:
+            if item is not None or UNKNOWN in made.needs:
+                raise CannotSayError(at, "an expression asks for what may not be there", "ask first whether it is")
+            self._needs += made.needs
+        return made
+
+    def _size(self, attribute: KsyAttribute, behind: int | None, item: Scope | None) -> int | str:
+        """A number of bytes, an expression, or `rest`. Raises CannotSayError."""
+        text = scalar(attribute.keys["size"], "size")
+        node = self._parsed(text)
+        left = _left(node)
+        if left is not None:
+            if behind is None or left != behind:
+                raise CannotSayError(text.at, f"where '{attribute.name}' ends", _REST_IS)
+            if self.region.is_used_up:
+                raise CannotSayError(
+                    text.at, f"'{attribute.name}' takes what is left, as another part does", "give it a size"
+                )
+            self.region.counts_back = True
+            return "rest"
+        made = self._say(node, text.at, "int", item=item)
+        if not made.names and made.span is not None and made.span[0] == made.span[1]:
+            size = made.span[0]
+            if not 0 <= size <= MOST_BYTES:
+                raise CannotSayError(text.at, f"a size of {size} bytes", f"0 to {MOST_BYTES} are possible")
+            return size
+        return made.text
+
+    def _unused(self, name: str) -> str:
+        """A name that no value of this type has."""
+        made = _not_in(name, self.scope.names)
+        self.scope.names.add(made)
+        return made
+
+    # ---- bits ---------------------------------------------------------------------------------------------
+
+    def _next_bits(self, attribute: KsyAttribute, width: int, order: str) -> None:
+        if attribute.keys.keys() & {"if", "repeat"}:
+            raise CannotSayError(
+                attribute.at, f"bits '{attribute.name}' that may not be there, or are several,", "take bytes"
+            )
+        if self._bits and self._bits[-1][2] != order:
+            self._bits.clear()
+            raise CannotSayError(
+                attribute.at, f"'{attribute.name}' begins in a byte whose bits are counted otherwise", "take one order"
+            )
+        self._only(attribute, frozenset({"enum"}))
+        self._bits.append((attribute, width, order))
+        if sum(one[1] for one in self._bits) % 8 == 0:
+            self._flush_bits()
+
+    def _end_bits(self) -> None:
+        if not self.alone:
+            at = self._bits[-1][0].at
+            raise CannotSayError(at, f"the type '{self.scope.type.name}' ends within a byte", "fill the byte up")
+        self._flush_bits()
+
+    def _flush_bits(self) -> None:
+        """The bits that have come are a number, whose last byte need not be full."""
+        taken, self._bits = self._bits, []
+        width = sum(one[1] for one in taken)
+        size = -(-width // 8)
+        places: Keys = {}
+        values: Keys = {}
+        more: list[Keys] = []
+        little = taken[0][2] == "le"
+        before = 0
+        if size > 256:
+            raise CannotSayError(taken[0][0].at, "more than 256 bytes of bits in a row", "take bytes")
+        segment: Keys = {"bits": places, "of": f"u{8 * size}" if size <= 8 else "uint"}
+        if size > 8:
+            segment["size"] = size
+        if size > 1 and (little != (self.file.order == "little")):
+            segment["order"] = "little" if little else "big"
+        for attribute, bits, _ in taken:
+            low = before if little else 8 * size - before - bits
+            before += bits
+            name = own_name(attribute.name)
+            places[name] = str(low) if bits == 1 else f"{low}-{low + bits - 1}"
+            enum = self._enum(attribute)
+            if enum is not None and all(0 <= one < 1 << bits for one in enum.members.values()):
+                values[name] = self.file.table(enum)
+            kind: Kind = "bool" if bits == 1 and enum is None else "int"
+            self.scope.entries[attribute.name] = Entry(name, kind, bounds_of_bits(bits, False))
+            more += self._valid(attribute, None, self.scope.entries[attribute.name], self.scope, None)
+            if attribute.doc:
+                segment["doc"] = (
+                    f"{segment['doc']}; {name}: {attribute.doc}" if "doc" in segment else f"{name}: {attribute.doc}"
+                )
+        if values:
+            segment["values"] = values
+        if self.region.is_taken:
+            raise CannotSayError(taken[0][0].at, "bits stand behind what takes all that is left", "give that a size")
+        self._put(Part([segment, *more], exactly(size)))
+
+    # ---- values -------------------------------------------------------------------------------------------
+
+    def _only(self, attribute: KsyAttribute, more: frozenset[str]) -> None:
+        """Raises CannotSayError for keys that mean nothing beside this type."""
+        for key in attribute.keys:
+            if key not in _OF_ALL | more and not key.startswith("-"):
+                raise CannotSayError(
+                    attribute.keys[key].at, f"{key}: of '{attribute.name}' beside its type", "leave it out"
+                )
+
+    def _enum(self, attribute: KsyAttribute) -> KsyEnum | None:
+        """The enumeration of an attribute, if it has members. Raises CannotSayError."""
+        node = attribute.keys.get("enum")
+        if node is None:
+            return None
+        name = scalar(node, "enum").text
+        found = self.scope.type.find_enum(tuple(name.removeprefix("::").split("::")))
+        if found is None:
+            raise CannotSayError(
+                node.at, f"there is no enumeration '{name[:60]}' here", "correct it, or write it into this file"
+            )
+        return found if found.members else None
+
+    def _value(
+        self, attribute: KsyAttribute, name: str, into: Scope, behind: int | None, item: Scope | None = None
+    ) -> Part:
+        """One value, called `name` in the scope `into`. Raises CannotSayError, LeftOutError."""
+        self._count(attribute.at)
+        said = attribute.keys.get("type")
+        if "contents" in attribute.keys:
+            self._only(attribute, frozenset({"contents", "size"}))
+            return self._constant(attribute, name, into)
+        if isinstance(said, MappingNode):
+            return self._switch(attribute, said, name, into, behind, item)
+        text = "" if said is None else scalar(said, "type").text.strip()
+        bits = _bits_of(attribute, self.scope.type)
+        if (match := _NUMBER.fullmatch(text)) is not None:
+            size, signed = int(match[2]), match[1] == "s"
+            return self._number(attribute, name, into, size, match[3], signed, item)
+        if bits is not None:
+            if bits[0] % 8:
+                raise CannotSayError(attribute.at, f"bits '{attribute.name}' that fill no bytes", "take bytes")
+            return self._number(attribute, name, into, bits[0] // 8, bits[1], False, item)
+        if (match := _FLOAT.fullmatch(text)) is not None:
+            self._only(attribute, frozenset())
+            segment: Keys = {"field": name, "type": f"f{8 * int(match[1])}", **self._order(attribute, match[2])}
+            into.entries[attribute.name] = Entry(name, "float")
+            more = self._valid(attribute, None, into.entries[attribute.name], into, item)
+            return Part([segment, *more], exactly(int(match[1])))
+        if text in ("str", "strz"):
+            return self._or_raw(attribute, name, into, behind, item, self._text)
+        if not text:
+            return self._or_raw(attribute, name, into, behind, item, self._bytes)
+        return self._or_raw(attribute, name, into, behind, item, self._of_type)
+
+    def _or_raw(
+        self, attribute: KsyAttribute, name: str, into: Scope, behind: int | None, item: Scope | None,
+        write: Callable[[KsyAttribute, str, Scope, int | None, Scope | None], Part],
+    ) -> Part:  # fmt: skip
+        """A value, or, where it cannot be said and has a size, its bytes under another name."""
+        before = replace(self.region)
+        keys = attribute.keys
+        try:
+            return write(attribute, name, into, behind, item)
+        except (CannotSayError, LeftOutError) as error:
+            sized = "size" in keys or ("size-eos" in keys and attribute.flag("size-eos", False))
+            if not sized or "valid" in keys or item is not None:
+                raise
+            self.region.is_taken, self.region.counts_back = before.is_taken, before.counts_back
+            self._takes_all = False
+            raw = self._unused(f"{name}_raw")
+            plain = KsyAttribute(
+                attribute.at, attribute.name, {k: v for k, v in keys.items() if k in ("size", "size-eos")}
+            )
+            part = self._bytes(plain, raw, into, behind, item)
+            if isinstance(error, CannotSayError):
+                self._tell(error)
+            self.file.tell(
+                attribute.at,
+                f"the bytes of '{attribute.name}' stay as they are, as '{raw}'",
+                "write by hand what is in them",
+            )
+            self._lose(attribute)
+            return part
+
+    def _order(self, attribute: KsyAttribute, said: str | None) -> Keys:
+        order = said or self.scope.type.endian
+        if order is None:
+            raise CannotSayError(
+                attribute.at, f"the byte order of '{attribute.name}'", "write le or be behind its type"
+            )
+        word = "little" if order == "le" else "big"
+        return {} if word == self.file.order else {"order": word}
+
+    def _number(
+        self,
+        attribute: KsyAttribute,
+        name: str,
+        into: Scope,
+        size: int,
+        order: str | None,
+        signed: bool,
+        item: Scope | None,
+    ) -> Part:
+        self._only(attribute, frozenset({"enum"}))
+        segment: Keys = {"field": name, "type": f"{'i' if signed else 'u'}{8 * size}"}
+        if size > 1:
+            segment |= self._order(attribute, order)
+        span = bounds_of_bits(8 * size, signed)
+        enum = self._enum(attribute)
+        if enum is not None:
+            if all(span[0] <= one <= span[1] for one in enum.members.values()):
+                segment["values"] = self.file.table(enum)
+            else:
+                at = attribute.keys["enum"].at
+                self.file.tell(at, f"the names of '{attribute.name}' are left out", "some of its numbers do not fit")
+        into.entries[attribute.name] = Entry(name, "int", span)
+        more = self._valid(attribute, segment, into.entries[attribute.name], into, item)
+        return Part([segment, *more], exactly(size))
+
+    def _constant(self, attribute: KsyAttribute, name: str, into: Scope) -> Part:
+        data = _contents(attribute.keys["contents"])
+        into.entries[attribute.name] = _constant_entry(constant(data))
+        if "valid" in attribute.keys:
+            raise CannotSayError(attribute.keys["valid"].at, "valid: of contents:", "leave it out")
+        if not data:
+            return Part([])
+        if self.region.counts_back:  # a constant would end what is before it, wherever it comes
+            segment: Keys = {"field": name, "type": "bytes", "size": len(data), "is": bytes_text(data)}
+        else:
+            segment = {"const": data.hex(" ").upper()}
+        return Part([segment], exactly(len(data)))
+
+    def _text(self, attribute: KsyAttribute, name: str, into: Scope, behind: int | None, item: Scope | None) -> Part:
+        self._only(attribute, _OF_TEXTS)
+        keys = attribute.keys
+        terminated = scalar(keys["type"], "type").text.strip() == "strz"
+        end = attribute.byte("terminator")
+        end = 0 if end is None and terminated else end
+        pad = attribute.byte("pad-right")
+        if attribute.flag("include", False):
+            raise CannotSayError(
+                keys["include"].at, f"the text '{attribute.name}' with its terminator", "leave include out"
+            )
+        more = self._letters(attribute, name)
+        segment: Keys = {"field": name, "type": "ascii"}
+        sizes = ANY
+        if "size" in keys:
+            size = self._size(attribute, behind, item)
+            if size == "rest":
+                raise CannotSayError(
+                    keys["size"].at, f"the text '{attribute.name}', which takes what is left,", "give it a size"
+                )
+            if size == 0:
+                into.entries[attribute.name] = _constant_entry(constant(""))
+                return Part(
+                    [
+                        {"value": name, "read": "''"},
+                        *self._valid(attribute, None, into.entries[attribute.name], into, item),
+                    ]
+                )
+            segment["size"] = size
+            if pad is not None and end is not None and pad != end:
+                raise CannotSayError(
+                    keys["pad-right"].at, f"'{attribute.name}' has a filling and a terminator", "leave one out"
+                )
+            if end is not None:
+                segment["end"] = f"{end:02X}"
+            elif pad is not None:
+                segment["pad"] = f"{pad:02X}"
+            sizes = exactly(size) if isinstance(size, int) else ANY
+        elif attribute.flag("size-eos", False) or end is None:
+            raise CannotSayError(
+                attribute.at, f"where the text '{attribute.name}' ends", "give it a size or a terminator"
+            )
+        else:
+            if pad is not None:
+                raise CannotSayError(
+                    keys["pad-right"].at, f"the filling of '{attribute.name}', which has no size,", "leave it out"
+                )
+            if not attribute.flag("eos-error", True):
+                raise CannotSayError(
+                    keys["eos-error"].at, f"'{attribute.name}' may lack its terminator", "leave eos-error out"
+                )
+            consumed = attribute.flag("consume", True)
+            segment["end"] = f"{end:02X}" if consumed else [f"{end:02X}"]
+            sizes = Sizes(int(consumed), None)
+        into.entries[attribute.name] = Entry(name, "str")
+        more += self._valid(attribute, segment, into.entries[attribute.name], into, item)
+        return Part([segment, *more], sizes)
+
+    def _letters(self, attribute: KsyAttribute, name: str) -> list[Keys]:
+        """What texts of an encoding may hold; framekit has a character for each byte. Raises CannotSayError."""
+        written = attribute.text("encoding") or self.scope.type.encoding
+        if written is None:
+            raise CannotSayError(attribute.at, f"the encoding of '{attribute.name}'", "write encoding: ASCII")
+        encoding = re.sub(r"[-_ ]", "", written.lower())
+        if encoding in _LATIN_1:
+            return []
+        if encoding not in _ASCII:
+            if not _LIKE_ASCII.fullmatch(encoding):
+                raise CannotSayError(attribute.at, f"a text in {written[:30]}", "take its bytes")
+            what = f"characters of '{attribute.name}' that are not in ASCII are refused"
+            self.file.tell(attribute.at, what, "framekit has a character for each byte; take data: for such texts")
+        return [{"require": f"only({name}, {self.file.letters()})"}]
+
+    def _bytes(self, attribute: KsyAttribute, name: str, into: Scope, behind: int | None, item: Scope | None) -> Part:
+        self._only(attribute, _OF_BYTES)
+        keys = attribute.keys
+        if "process" in keys:
+            raise CannotSayError(keys["process"].at, f"how '{attribute.name}' is coded", "a wrap: may say it")
+        end, pad = attribute.byte("terminator"), attribute.byte("pad-right")
+        if attribute.flag("include", False) and end is not None:
+            raise CannotSayError(keys["include"].at, f"'{attribute.name}' with its terminator", "leave include out")
+        into.entries[attribute.name] = Entry(name, "bytes")
+        if "size" in keys or attribute.flag("size-eos", False):
+            if end is not None or pad is not None:
+                at = keys["terminator" if end is not None else "pad-right"].at
+                raise CannotSayError(at, f"the filling or terminator of '{attribute.name}'", "take all of its bytes")
+            if "size" in keys:
+                size = self._size(attribute, behind, item)
+            else:
+                self._take_all(attribute.at, behind, f"'{attribute.name}'")
+                size = "rest"
+            if size == 0:
+                into.entries[attribute.name] = _constant_entry(constant(b""))
+                return Part(self._valid(attribute, None, into.entries[attribute.name], into, item))
+            more = self._valid(attribute, None, into.entries[attribute.name], into, item)
+            return Part([{"data": name, "size": size}, *more], exactly(size) if isinstance(size, int) else ANY)
+        if end is None or pad is not None:
+            raise CannotSayError(attribute.at, f"where '{attribute.name}' ends", "give it a size or a terminator")
+        if (
+            not attribute.flag("eos-error", True)
+            or not attribute.flag("consume", True)
+            or self.region.counts_back
+            or item
+        ):
+            raise CannotSayError(attribute.at, f"how '{attribute.name}' ends", "let its terminator belong to it")
+        byte = f"{end:02X}"
+        more = self._valid(attribute, None, into.entries[attribute.name], into, item)
+        return Part([{"data": name, "size": "rest", "never": [byte]}, {"const": byte}, *more], Sizes(1, None))
+
+    # ---- what must hold -----------------------------------------------------------------------------------
+
+    def _valid(
+        self, attribute: KsyAttribute, field_: Keys | None, entry: Entry, into: Scope, item: Scope | None
+    ) -> list[Keys]:
+        """What `valid` says: keys of the field, or conditions behind it. Raises CannotSayError."""
+        node = attribute.keys.get("valid")
+        if node is None:
+            return []
+        it = Translated(entry.text, ATOM, entry.kind, entry.span, IT, item=entry.item)
+        at = node.at
+        this = Name(at, "_")
+        conditions: list[Node] = []
+        limits: dict[str, int] = {}
+        if isinstance(node, Scalar):
+            given: Mapping[str, YamlNode] = {"eq": node}
+        elif isinstance(node, MappingNode):
+            given = {one.key.text: one.value for one in node.entries}
+        else:
+            raise CannotSayError(at, "valid: with a list", "write valid: {any-of: […]}")
+        for key, one in given.items():
+            if key == "expr":
+                conditions.append(self._parsed(scalar(one, key)))
+            elif key in ("eq", "min", "max"):
+                value = self._parsed(scalar(one, key))
+                said = self._say(value, one.at, it=it, item=item, lazily=True)
+                if field_ is not None and not said.names and said.kind == entry.kind:
+                    if key == "eq" and entry.kind in ("int", "str"):
+                        field_["is"] = said.text
+                        continue
+                    if entry.kind == "int" and said.span is not None:
+                        limits[key] = said.span[0]
+                        continue
+                operator = {"eq": "==", "min": ">=", "max": "<="}[key]
+                conditions.append(Compare(at, this, ((operator, value),)))
+            elif key == "any-of" and isinstance(one, Sequence) and one.items:
+                options = (self._parsed(scalar(part, key)) for part in one.items)
+                compared = tuple(Compare(at, this, (("==", part),)) for part in options)
+                conditions.append(compared[0] if len(compared) == 1 else Logic(at, "or", compared))
+            elif key == "in-enum" and scalar(one, key).text == "true" and field_ is not None and "values" in field_:
+                field_["only"] = "values"
+            else:
+                raise CannotSayError(one.at, f"valid: with {key!r}", "write valid: {expr: …}")
+        if limits and field_ is not None and entry.span is not None:
+            low, high = (
+                max(limits.get("min", entry.span[0]), entry.span[0]),
+                min(limits.get("max", entry.span[1]), entry.span[1]),
+            )
+            if low > high:
+                raise CannotSayError(at, "limits that no value keeps", "correct them")
+            field_["range"] = f"{low}..{high}"
+        required: list[str] = []
+        for condition in conditions:
+            said = self._say(condition, at, "bool", it=it, item=item, lazily=True)
+            if UNKNOWN in said.needs:
+                raise CannotSayError(at, "a condition asks for what may not be there", "ask first whether it is")
+            required += [*said.needs, said.text]
+        return [{"require": one} for one in dict.fromkeys(required)]
+
+    # ---- types and choices --------------------------------------------------------------------------------
+
+    def _used(self, attribute: KsyAttribute, text: str, item: Scope | None) -> tuple[KsyType, Scope]:
+        """The type that a text names, and a scope for it with its parameters. Raises CannotSayError."""
+        at = attribute.keys["type"].at
+        name, _, arguments = text.partition("(")
+        match = _USER.fullmatch(name.strip())
+        type_ = None if match is None else self.scope.type.find_type(match[1])
+        if type_ is None:
+            what = f"the type '{text[:60]}', which is not in this file,"
+            raise CannotSayError(at, what, "write it into this file")
+        if type_ in self.using:
+            raise CannotSayError(
+                at, f"the type '{type_.name}', which stands in itself,", "a layout with depth: may say it"
+            )
+        if len(self.using) >= DEEPEST:
+            raise CannotSayError(at, f"types that use each other deeper than {DEEPEST}", "put them together")
+        scope = Scope(type_, self.scope, ("index",) if item is not None else (), item)
+        given: tuple[Node, ...] = ()
+        if arguments:
+            made = self._parsed(Scalar(f"x.call({arguments}", at))
+            given = getattr(made, "arguments", ())
+        if len(given) != len(type_.params):
+            raise CannotSayError(
+                at, f"'{type_.name}' takes {len(type_.params)} parameters, {len(given)} are given", "correct it"
+            )
+        for param, node in zip(type_.params, given, strict=True):
+            said = self._say(node, at, item=item)
+            words = said.names
+            if words & (scope.names - INDEX):
+                what = f"a parameter of '{type_.name}', which has a name that is asked for in it,"
+                raise CannotSayError(at, what, "give one of them another name")
+            text_ = said.at_level(ATOM)
+            scope.entries[param] = Entry(text_, said.kind, said.span, said.scope, said.item, said.cases, words=words)
+        return type_, scope
+
+    def _inside(self, scope: Scope, region: Region, behind: int | None, alone: bool) -> Part:
+        writer = TypeWriter(self.file, scope, region, behind, alone=alone, using=(*self.using, scope.type))
+        return Part(*writer.write())
+
+    def _of_type(self, attribute: KsyAttribute, name: str, into: Scope, behind: int | None, item: Scope | None) -> Part:
+        """A value of a type of the file: a record, unless `name` is '': then its values belong to an item."""
+        self._only(
+            attribute, frozenset({"size", "size-eos", "process", "terminator", "pad-right", "include", "consume"})
+        )
+        keys = attribute.keys
+        for key in ("process", "terminator", "pad-right", "valid"):
+            if key in keys:
+                raise CannotSayError(
+                    keys[key].at, f"{key}: of '{attribute.name}', which has a type,", "write by hand what it means"
+                )
+        type_, scope = self._used(attribute, scalar(keys["type"], "type").text.strip(), item)
+        if "size" in keys or attribute.flag("size-eos", False):
+            size: int | str = "rest"
+            if "size" in keys:
+                size = self._size(attribute, behind, item if name else scope)
+            else:
+                self._take_all(attribute.at, behind, f"'{attribute.name}'")
+            part = self._region(type_, scope, name, size)
+        else:
+            before = self.region.is_taken
+            part = self._inside(scope, self.region, behind, False)
+            if self.region.is_taken and not before:
+                self._takes_all = True
+            part = Part(self._record(type_, part.segments, name), part.sizes)
+        into.entries[attribute.name] = Entry(name, "record", scope=scope)
+        return part
+
+    def _region(self, type_: KsyType, scope: Scope, name: str, size: int | str) -> Part:
+        """A type in a region of its own, with what it leaves of that."""
+        region = Region()
+        part = self._inside(scope, region, 0, True)
+        sizes = exactly(size) if isinstance(size, int) else ANY
+        if isinstance(size, int) and part.sizes.least > size:
+            raise CannotSayError(type_.at, f"'{type_.name}' takes more bytes than the {size} there are", "correct size")
+        of = self._record(type_, part.segments, name)
+        if not region.is_used_up and part.sizes.fixed != size:
+            rest = self._unused(f"{name}_rest") if name else _not_in("rest", scope.names)
+            of = [*of, {"data": rest, "size": "rest" if of or size == "rest" else size}]
+            if len(of) == 1:
+                return Part(of, sizes)
+        return Part(of if size == "rest" or not of else [{"wrap": "none", "size": size, "of": of}], sizes)
+
+    def _record(self, type_: KsyType, segments: list[Keys], name: str) -> list[Keys]:
+        """The values of a type as a record, or as they are where they belong to an item."""
+        if not segments or not name:
+            return segments
+        return [{"include": self.file.layout(type_, segments), "as": name}]
+
+    def _switch(
+        self, attribute: KsyAttribute, said: MappingNode, name: str, into: Scope, behind: int | None, item: Scope | None
+    ) -> Part:
+        on, cases = said.value("switch-on"), said.value("cases")
+        if on is None or not isinstance(cases, MappingNode) or len(said.entries) != 2:
+            raise CannotSayError(said.at, f"the type of '{attribute.name}'", "write switch-on: and cases:")
+        if "valid" in attribute.keys:
+            raise CannotSayError(
+                attribute.keys["valid"].at,
+                f"valid: of '{attribute.name}', which is a choice,",
+                "write it into its types",
+            )
+        chosen = self._say(self._parsed(scalar(on, "switch-on")), on.at, item=item)
+        if chosen.kind not in ("int", "bool", "str"):
+            raise CannotSayError(on.at, "a choice by what is no number and no text", "choose by a number")
+        found: list[tuple[int | str, Part]] = []
+        otherwise: Part | None = None
+        entries: list[tuple[str, Entry]] = []
+        before, after = replace(self.region), [replace(self.region)]
+        takes_all = False
+        for case in cases.entries:
+            key = None if case.key.text == "_" else self._case(case.key, chosen.kind)
+            if key is not None and any(key == one for one, _ in found):
+                raise CannotSayError(case.key.at, f"the case {case.key.text[:40]!r} stands twice", "leave one out")
+            self.region.is_taken, self.region.counts_back = before.is_taken, before.counts_back
+            self._takes_all = False
+            try:
+                part = self._value(_with(attribute, type=case.value), name, into, behind, item)
+                if part.sizes.most != 0 and before.is_taken:
+                    raise CannotSayError(
+                        case.value.at, f"'{attribute.name}' stands behind what takes all that is left", "give it a size"
+                    )
+            except (CannotSayError, LeftOutError) as error:
+                if isinstance(error, CannotSayError):
+                    self._tell(error)
+                what = f"a frame with the case {case.key.text[:40]!r} of '{attribute.name}' is refused"
+                self.file.tell(case.value.at, what, "see what is told of it")
+                part = Part([{"require": "false"}])
+            else:
+                type_ = case.value.text if isinstance(case.value, Scalar) else ""
+                entries.append((type_.partition("(")[0].strip(), into.entries[attribute.name]))
+            takes_all = takes_all or self._takes_all
+            after.append(replace(self.region))
+            if key is None:
+                otherwise = part
+            else:
+                found.append((key, part))
+        self.region.is_taken, self.region.counts_back = before.is_taken, before.counts_back
+        said_otherwise = otherwise is not None
+        if otherwise is None:
+            otherwise = Part([])
+            if attribute.keys.keys() & {"size", "size-eos"}:
+                otherwise = self._value(_with(attribute, type=None), name, into, behind, item)
+                entries.append(("", into.entries[attribute.name]))
+                takes_all = takes_all or self._takes_all
+                after.append(replace(self.region))
+        self.region.is_taken = any(one.is_taken for one in after)
+        self.region.counts_back = any(one.counts_back for one in after)
+        self._takes_all = takes_all
+        always = said_otherwise or ({key for key, _ in found} == {0, 1} and chosen.kind == "bool")
+        into.entries[attribute.name] = _entry_of_cases(name, entries, always)
+        return Part([_choose(chosen, found, otherwise)], either(one.sizes for _, one in [*found, ("", otherwise)]))
+
+    def _case(self, key: Scalar, kind: Kind) -> int | str:
+        """Raises CannotSayError."""
+        said = self._say(self._parsed(key), key.at)
+        node = parse(key.text, key.at)
+        if said.kind == kind and said.span is not None and said.span[0] == said.span[1] and not said.names:
+            return said.span[0]
+        value = getattr(node, "value", None)
+        if kind == said.kind == "str" and isinstance(value, str) and not said.names:
+            return value
+        raise CannotSayError(
+            key.at, f"the case {key.text[:40]!r}, which is no constant,", "write a number, a text or a member"
+        )
+
+    # ---- lists --------------------------------------------------------------------------------------------
+
+    def _list(self, attribute: KsyAttribute, repeat: str, behind: int | None) -> Part:
+        keys, at = attribute.keys, attribute.at
+        name = own_name(attribute.name)
+        single = _single(attribute)
+        before = replace(self.region)
+        said = keys.get("type")
+        is_type = isinstance(said, Scalar) and not _is_built_in(said.text.strip())
+        plain = not keys.keys() & {"enum", "valid", "contents"} and repeat != "until" and isinstance(said, Scalar)
+        of: Keys
+        if isinstance(said, Scalar) and plain and (_NUMBER.fullmatch(said.text) or _FLOAT.fullmatch(said.text)):
+            item = Scope(KsyType("item", at, None), self.scope)
+            part = self._value(single, "value", item, None)
+            of = {"of" if key == "type" else key: one for key, one in part.segments[0].items() if key != "field"}
+            entry = Entry(name, "list", item=item.entries[attribute.name].kind)
+            it = Translated("", ATOM, "int", names=IT)
+        elif is_type:
+            taker, around = Scope(self.scope.type, self.scope), Scope(KsyType("item", at, None), self.scope, ("index",))
+            part = self._value(single, "", taker, None, around)
+            item = taker.entries[attribute.name].scope or around
+            it = Translated("", ATOM, "record", names=IT, scope=item, above=True)
+            entry = Entry(name, "list", scope=item, item="record")
+            of = {"of": part.segments}
+        else:
+            item = Scope(KsyType("item", at, None), self.scope, ("value", "index"))
+            part = self._value(single, "value", item, None, item)
+            made = item.entries[attribute.name]
+            it = Translated(
+                made.text, ATOM, made.kind, made.span, IT, scope=made.scope, item=made.item, cases=made.cases
+            )
+            entry = Entry(name, "list", scope=made.scope, item=made.kind, cases=made.cases, suffix=".value")
+            of = {"of": part.segments}
+        if (self.region.is_taken, self.region.counts_back) != (before.is_taken, before.counts_back):
+            raise CannotSayError(at, f"an item of '{attribute.name}' takes all that is left", "give it a size")
+        if not part.segments:
+            raise CannotSayError(at, f"items of '{attribute.name}' that take no bytes", "leave them out")
+        segment: Keys = {"repeat": name}
+        sizes = ANY
+        match repeat:
+            case "eos":
+                self._take_all(at, behind, f"the list '{attribute.name}'")
+                segment["times"] = "rest"
+            case "expr" if "repeat-expr" in keys:
+                node = scalar(keys["repeat-expr"], "repeat-expr")
+                times = self._say(self._parsed(node), node.at, "int")
+                if not times.names and times.span is not None and times.span[0] == times.span[1]:
+                    if not 1 <= times.span[0] <= MOST_BYTES:
+                        raise CannotSayError(node.at, f"a list of {times.span[0]} items", "leave it out")
+                    segment["times"] = times.span[0]
+                    sizes = part.sizes.times(times.span[0], times.span[0])
+                else:
+                    safe = times.span is not None and times.span[0] >= 0
+                    segment["times"] = times.text if safe else f"max({times.text}, 0)"
+            case "until" if "repeat-until" in keys:
+                node = scalar(keys["repeat-until"], "repeat-until")
+                asked = self._parsed(node)
+                segment["until"] = self._say(asked, node.at, "bool", it=it, item=item).text
+                sizes = Sizes(part.sizes.least, None)
+            case _:
+                raise CannotSayError(
+                    at, f"repeat: {repeat[:30]!r}", "write expr, eos or until, with what belongs to it"
+                )
+        if not isinstance(segment.get("times"), int) and part.sizes.least == 0 and "until" not in segment:
+            raise CannotSayError(at, f"an item of '{attribute.name}' may take no bytes", "give its items a size")
+        self.scope.entries[attribute.name] = entry
+        return Part([segment | of], sizes)
+
+    # ---- what may be left ---------------------------------------------------------------------------------
+
+    def _optional(self, attribute: KsyAttribute, left: int, behind: int | None) -> Part:
+        """What is there if more bytes are left than stand behind it."""
+        if behind is None or left != behind:
+            raise CannotSayError(attribute.at, f"whether '{attribute.name}' is there", _REST_IS)
+        if self.region.is_used_up:
+            raise CannotSayError(
+                attribute.at, f"'{attribute.name}' asks what is left, as another part does", "give one a size"
+            )
+        part = self._whole(_with(attribute, **{"if": None}), behind)
+        self.region.is_taken = self.region.is_taken or behind == 0
+        self.region.counts_back = True
+        self.scope.entries[attribute.name] = replace(self.scope.entries[attribute.name], when=UNKNOWN)
+        if part.sizes.least == 0:
+            raise CannotSayError(
+                attribute.at, f"'{attribute.name}' may take no bytes where some are left", "give it a size"
+            )
+        return Part([{"optional": part.segments}], Sizes(0, part.sizes.most))
+
+    def _optional_chain(self) -> int:
+        """From which attribute on each is there if bytes are left; -1 for none, or for one alone."""
+        seq = self.scope.type.seq
+        first = len(seq)
+        while first > 0 and self.behind == 0:
+            condition = seq[first - 1].keys.get("if")
+            try:
+                asked = parse(condition.text, condition.at) if isinstance(condition, Scalar) else None
+            except CannotSayError:
+                asked = None
+            if asked is None or _left_more(asked) != 0:
+                break
+            first -= 1
+        return first if len(seq) - first > 1 else -1
+
+    def _optionals(self, attributes: list[KsyAttribute]) -> None:
+        """Attributes of which each is there if bytes are left: each stands in the one before it."""
+        if self._bits:
+            self._flush_bits()
+        if self.region.is_used_up:
+            raise CannotSayError(
+                attributes[0].at, f"'{attributes[0].name}' asks what is left, as another part does", "give one a size"
+            )
+        outer: list[Keys] = self.out
+        for attribute in attributes:
+            kept, self.out = self.out, []
+            try:
+                self._known_keys(attribute)
+                if self.region.is_taken:
+                    raise CannotSayError(
+                        attribute.at,
+                        f"'{attribute.name}' stands behind what takes all that is left",
+                        "give that a size",
+                    )
+                last = attribute is attributes[-1]
+                part = self._whole(_with(attribute, **{"if": None}), 0 if last else None)
+                if part.sizes.least == 0:
+                    raise CannotSayError(
+                        attribute.at, f"'{attribute.name}' may take no bytes where some are left", "give it a size"
+                    )
+                inside = [*self.out, *part.segments]
+            finally:
+                self.out = kept
+            self.scope.entries[attribute.name] = replace(self.scope.entries[attribute.name], when=UNKNOWN)
+            outer.append({"optional": inside})
+            outer = inside
+        self.region.is_taken = True
+        self.sizes = Sizes(self.sizes.least, None)
+
+    # ---- instances ----------------------------------------------------------------------------------------
+
+    def _find(self, name: str, at: Position) -> Entry | None:
+        """The entry of an instance, whose value is put here; None where there is no such one, or not yet."""
+        instance = self.scope.type.instances.get(name)
+        if instance is None or name in self._under_way:
+            return self._find_outside(name, at)
+        self._under_way.add(name)
+        try:
+            entry = self._instance(instance)
+        finally:
+            self._under_way.discard(name)
+        self.scope.entries[name] = entry
+        return entry
+
+    def _instance(self, instance: KsyAttribute) -> Entry:
+        keys = instance.keys
+        if "value" not in keys:
+            what = f"the instance '{instance.name}' is left out: it stands at a place of its own"
+            raise CannotSayError(instance.at, what, "a definition reads bytes in their order")
+        for key in keys:
+            if key not in ("value", "if", "enum", "doc", "doc-ref") and not key.startswith("-"):
+                raise CannotSayError(keys[key].at, f"{key}: of the instance '{instance.name}'", "leave it out")
+        self._count(instance.at)
+        text = scalar(keys["value"], "value")
+        said = self._say(self._parsed(text), text.at, lazily=True)
+        needs = [*dict.fromkeys(said.needs)]
+        condition: Translated | None = None
+        if "if" in keys:
+            condition = self._say(self._parsed(scalar(keys["if"], "if")), keys["if"].at, "bool", lazily=True)
+            known = [
+                one for one in needs if one not in (UNKNOWN, *condition.parts)
+            ]  # the file says itself when it is there
+            needs = [*dict.fromkeys((*condition.needs, condition.text, *known))]
+        if UNKNOWN in needs:
+            what = f"the instance '{instance.name}' asks for what may not be there"
+            raise CannotSayError(text.at, what, "write it by hand")
+        when = needs[0] if len(needs) == 1 else " and ".join(f"({one})" for one in needs)
+        asked = said.names if condition is None else said.names | condition.names
+        if said.kind in ("record", "choice"):
+            if said.above:
+                raise CannotSayError(
+                    text.at, f"the instance '{instance.name}' is left out: it is what stands around", ""
+                )
+            return Entry(said.text, said.kind, None, said.scope, said.item, said.cases, when, asked, words=said.names)
+        if "enum" in keys:
+            self.file.tell(
+                keys["enum"].at, f"the names of '{instance.name}' are left out", "framekit names numbers that are read"
+            )
+        name = own_name(instance.name)
+        segment: Keys = {"value": name, "read": said.text}
+        if when:
+            segment["when"] = when
+        if instance.doc:
+            segment["doc"] = instance.doc
+        self.out.append(segment)
+        return Entry(name, said.kind, said.span, said.scope, said.item, when=when, asked=asked)
+
+
+def _constant_entry(value: Translated) -> Entry:
+    return Entry(value.text, value.kind, value.span, words=frozenset())
+
+
+def _entry_of_cases(name: str, entries: list[tuple[str, Entry]], always: bool) -> Entry:
+    """What the name of a choice stands for: a record of one of several types, or numbers of one kind.
+
+    `always`: one of the cases is always there.
+    """
+    kinds = {entry.kind for _, entry in entries}
+    if kinds == {"record"} or (kinds == {"record", "bytes"}):
+        scopes = {type_: entry.scope for type_, entry in entries if entry.scope is not None}
+        return Entry(name, "choice", cases=scopes)
+    if len(kinds) == 1 and kinds <= {"int", "str", "bytes"}:
+        spans = [entry.span for _, entry in entries if entry.span is not None]
+        span = (min(one[0] for one in spans), max(one[1] for one in spans)) if spans else None
+        return Entry(name, next(iter(kinds)), span, when="" if always else UNKNOWN)
+    return Entry("", "lost", why="which may be of several kinds")
+
+
+def _choose(on: Translated, cases: list[tuple[int | str, Part]], otherwise: Part) -> Keys:
+    """A choice; texts that YAML or our language would take for something else are numbered."""
+    if all(isinstance(key, int) or _CASE.fullmatch(key) for key, _ in cases):
+        segment: Keys = {"choose": on.text, "cases": {key: part.segments for key, part in cases}}
+    else:
+        text = "0"
+        for number, (key, _) in reversed([*enumerate(cases, 1)]):
+            text = f"{number} if {on.at_level(ATOM)} == {quoted(str(key))} else {text}"
+        segment = {"choose": text, "cases": {number: part.segments for number, (_, part) in enumerate(cases, 1)}}
+    if not cases:
+        segment["cases"] = {0: otherwise.segments}
+    return {**segment, "else": otherwise.segments}
+
+
+def _not_in(name: str, taken: set[str]) -> str:
+    made, number = name, 2
+    while made in taken:
+        made, number = f"{name}_{number}", number + 1
+    return made
+
+
+def _is_built_in(text: str) -> bool:
+    return text in ("str", "strz") or any(one.fullmatch(text) for one in (_NUMBER, _FLOAT, _BITS))
