@@ -25,7 +25,8 @@ SECTIONS: dict[str, list[str]] = {
     "Start": ["docs/first-protocol.md", "examples/README.md"],
     "How to": [
         "docs/howto/log-values.md", "docs/howto/simulate-a-device.md", "docs/howto/unknown-check.md",
-        "docs/howto/listen-between.md", "docs/howto/import-streamdevice.md", "docs/howto/run-as-a-service.md",
+        "docs/howto/listen-between.md", "docs/howto/import-streamdevice.md", "docs/howto/import-kaitai.md",
+        "docs/howto/run-as-a-service.md",
         "docs/generate-c.md", "docs/wireshark.md", "docs/kaitai.md",
     ],
     "Devices and lines": [

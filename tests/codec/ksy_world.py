@@ -102,13 +102,17 @@ class Trial:
 
 @dataclass
 class Description:
-    """A file of `ksy/`: what its top type takes, the frame that this means, and the parameters of that."""
+    """A file of `ksy/`: what its top type takes, the frame that this means, and the parameters of that.
+
+    `seed`: a frame in hex, where none can be built of chosen values.
+    """
 
     name: str
     frame: str
     without: tuple[str, ...] = ()
     arguments: tuple[tuple[str, str] | int | bool, ...] = ()
     context: Mapping[str, Any] = field(default_factory=dict)
+    seed: str = ""
 
     def trial(self, folder: Path, count: int) -> Trial:
         path = KSY / f"{self.name}.ksy"
@@ -118,7 +122,8 @@ class Description:
         context = base_context(codec.protocol) | dict(self.context)
         given = [getattr(getattr(top, one[0]), one[1]) if isinstance(one, tuple) else one for one in self.arguments]
         found = Trial()
-        for data in mutated([one.data for one in Sampler(codec, context).samples(self.frame, 40, 400)], count):
+        samples = [one.data for one in Sampler(codec, context).samples(self.frame, 40, 400)]
+        for data in mutated([*samples, *([bytes.fromhex(self.seed)] if self.seed else [])], count):
             stream = KaitaiStream(BytesIO(data))
             try:
                 kaitai: Any = plain(top(*given, stream))

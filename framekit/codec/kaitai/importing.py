@@ -183,8 +183,10 @@ class _FileWriter:
         name = _unused(type_.name, self.frames, type_.name)
         self.work.begin()
         try:
-            writer = TypeWriter(self, scope, Region(), 0, alone=True, using=(type_,))
-            segments, sizes = writer.write()
+            region = Region()
+            segments, sizes = TypeWriter(self, scope, region, 0, alone=True, using=(type_,)).write()
+            if region.most is not None and sizes.least > region.most:
+                raise CannotSayError(type_.at, f"the type '{type_.name}' takes more bytes than it may", "correct it")
             if sizes.most == 0:
                 raise CannotSayError(type_.at, f"the type '{type_.name}', which takes no bytes, is no frame", "")
         except CannotSayError as error:
@@ -195,7 +197,9 @@ class _FileWriter:
             self._is_left_out(type_, name)
             return
         self.places[name] = type_.at
-        self.frames[name] = {**({"doc": type_.doc} if type_.doc else {}), "body": segments}
+        doc = {"doc": type_.doc} if type_.doc else {}
+        most = {} if region.most is None or sizes.fixed is not None else {"max": region.most}
+        self.frames[name] = {**doc, **most, "body": segments}
 
     def _is_left_out(self, type_: KsyType, name: str) -> None:
         what = f"the frame '{name}' is left out"

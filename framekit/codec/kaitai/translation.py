@@ -6,6 +6,7 @@ nothing between the two has that name. What has no form, or might mean something
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -40,6 +41,7 @@ from framekit.definition.expression import (
     Unary,
 )
 from framekit.definition.problems import CannotSayError, Position
+from framekit.definition.wire_types import bounds_of_bits
 
 Kind = Literal["int", "bool", "float", "str", "bytes", "record", "list", "choice", "lost"]
 _LEVELS = {
@@ -47,6 +49,7 @@ _LEVELS = {
     "%": PRODUCT,
 }  # fmt: skip
 MOST_SHIFT = 255
+_INTEGER = re.compile(r"([us])([1248])(?:le|be)?")
 _TODO = "write what it means by hand"
 _RESERVED = frozenset({"if", "else", "or", "and", "not", "in", "true", "false", "never"})
 INDEX = frozenset({"index"})
@@ -339,6 +342,11 @@ class Translation:
     def _cast(self, value: Translated, type_: str) -> Translated:
         if value.kind == "choice" and type_ in value.cases:
             return replace(value, kind="record", scope=value.cases[type_], cases={})
+        if value.kind == "int" and (match := _INTEGER.fullmatch(type_)) is not None:
+            bits = 8 * int(match[2])
+            low, high = bounds_of_bits(bits, match[1] == "s")
+            if bits == 64 or (value.span is not None and low <= value.span[0] and value.span[1] <= high):
+                return value
         if (value.kind == "bytes" and type_ == "bytes") or (value.kind == "str" and type_ == "str"):
             return value
         if value.kind == "record" and value.scope is not None and value.scope.type.name == type_.split("::")[-1]:

@@ -7,7 +7,7 @@ a file is bounded (`WorkDone`), however often types use each other.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -62,6 +62,7 @@ _NUMBER = re.compile(r"([us])([1248])(le|be)?")
 _FLOAT = re.compile(r"f([48])(le|be)?")
 _BITS = re.compile(r"b([1-9][0-9]?)(le|be)?")
 _USER = re.compile(r"(?:::)?([a-z][a-z0-9_]*(?:::[a-z][a-z0-9_]*)*)")
+_GREATEST = re.compile(r"_io\.size <= ([0-9]{1,7})")
 _CASE = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _OF_ALL = frozenset({"id", "doc", "doc-ref", "if", "repeat", "repeat-expr", "repeat-until", "type", "valid"})
 _OF_TEXTS = frozenset({"size", "size-eos", "terminator", "include", "consume", "eos-error", "pad-right", "encoding"})
@@ -100,12 +101,13 @@ class Region:
     """A stream: the whole one, or one of an attribute with a size.
 
     `is_taken`: something has taken all that was left. `counts_back`: something has taken what was left less what
-    stands behind. `is_exact`: the description itself says that it ends.
+    stands behind. `is_exact`: the description itself says that it ends. `most`: how long it may be.
     """
 
     is_taken: bool = False
     counts_back: bool = False
     is_exact: bool = False
+    most: int | None = None
 
     @property
     def is_used_up(self) -> bool:
@@ -127,6 +129,16 @@ def is_end(attribute: KsyAttribute) -> bool:
     if not isinstance(size, Scalar) or whole(size.text) != 0 or not isinstance(said, Scalar):
         return False
     return said.text.strip() == "_io.eof" and attribute.keys.keys() <= {"id", "size", "valid", "doc"}
+
+
+def _greatest(attribute: KsyAttribute) -> int | None:
+    """The greatest size of its stream, where that is all that an attribute says."""
+    size, valid = attribute.keys.get("size"), attribute.keys.get("valid")
+    said = valid.value("expr") if isinstance(valid, MappingNode) and len(valid.entries) == 1 else None
+    if not isinstance(size, Scalar) or whole(size.text) != 0 or not isinstance(said, Scalar):
+        return None
+    match = _GREATEST.fullmatch(said.text.strip())
+    return int(match[1]) if match is not None and attribute.keys.keys() <= {"size", "valid", "doc"} else None
 
 
 def _with(attribute: KsyAttribute, **changes: YamlNode | None) -> KsyAttribute:
@@ -296,6 +308,7 @@ class TypeWriter:
         self._bits: list[tuple[KsyAttribute, int, str]] = []
         self._under_way: set[str] = set()
         self._failed = False
+        self._unused_names: dict[str, str] = {}
         self._needs: list[str] = []
         self._find_outside = scope.find
         scope.find = self._find
@@ -321,7 +334,30 @@ class TypeWriter:
                     self.scope.entries[name] = Entry("", "lost")
         if self._failed:
             raise LeftOutError
-        return self.out, self.sizes
+        return self._with_lengths(), self.sizes
+
+    def _with_lengths(self) -> list[Keys]:
+        """The segments, with numbers that are the size or the count of one of them as lengths and counts."""
+        found: list[Keys] = []
+        sized: dict[str, list[tuple[str, Keys]]] = {}
+        for segment in self.out:
+            for key, name in _sizes_of(segment):
+                sized.setdefault(name, []).append((key, segment))
+        for segment in self.out:
+            name = segment.get("field", "")
+            asked = sized.get(name, []) if segment.keys() <= {"field", "type", "order", "range", "doc"} else []
+            if len(asked) != 1 or "when" in asked[0][1] or segment["type"][0] != "u":
+                found.append(segment)
+                continue
+            key, of = asked[0]
+            if key == "count":
+                counted: str | list[str] = of["repeat"]
+            else:
+                named = of.get("data") or of.get("field") or of.setdefault("name", self._unused(f"{name}_part"))
+                counted = [named]
+            others = {key: one for key, one in segment.items() if key != "field"}
+            found.append({key: name, **others, "of": counted})
+        return found
 
     def _all_behind(self, inside: int | None) -> int | None:
         return None if inside is None or self.behind is None else inside + self.behind
@@ -363,6 +399,8 @@ class TypeWriter:
 
     def _known_keys(self, attribute: KsyAttribute) -> None:
         self._count(attribute.at)
+        if "" in attribute.keys:  # it is no attribute, which has been told
+            raise LeftOutError
         for key in attribute.keys:
             if key not in _OF_ALL | _OF_TEXTS | _OF_BYTES | {"contents", "enum"}:
                 if not key.startswith("-"):
@@ -384,6 +422,10 @@ class TypeWriter:
                 raise CannotSayError(attribute.at, "a condition that the stream ends", _REST_IS)
             self.region.is_exact = True
             self.scope.entries[attribute.name] = _constant_entry(constant(b""))
+            return
+        most = _greatest(attribute)
+        if most is not None and len(self.using) == 1 and self.alone:
+            self.region.most = most
             return
         condition = attribute.keys.get("if")
         if condition is None:
@@ -544,10 +586,11 @@ class TypeWriter:
         return made.text
 
     def _unused(self, name: str) -> str:
-        """A name that no value of this type has."""
-        made = _not_in(name, self.scope.names)
-        self.scope.names.add(made)
-        return made
+        """A name that no value of this type has; the same one in all cases of a choice."""
+        if name not in self._unused_names:
+            self._unused_names[name] = _not_in(name, self.scope.names)
+            self.scope.names.add(self._unused_names[name])
+        return self._unused_names[name]
 
     # ---- bits ---------------------------------------------------------------------------------------------
 
@@ -1270,6 +1313,14 @@ class TypeWriter:
             segment["doc"] = instance.doc
         self.out.append(segment)
         return Entry(name, said.kind, said.span, said.scope, said.item, when=when, asked=asked)
+
+
+def _sizes_of(segment: Keys) -> Iterator[tuple[str, str]]:
+    """The names that are the whole size of a segment, or the count of a list, each with the key that says so."""
+    if isinstance(segment.get("times"), str):
+        yield "count", segment["times"]
+    elif isinstance(segment.get("size"), str) and "repeat" not in segment:
+        yield "length", segment["size"]
 
 
 def _constant_entry(value: Translated) -> Entry:
