@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from functools import cache
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 import pytest
 from test_two_compilers import Pair, built, read, same_fault
 
-from framekit.definition.load.protocol import load_protocol_text
+from framekit.codec.codec import compile_protocol
+from framekit.codec.lua.generate import generate_dissector
+from framekit.definition.load.protocol import load_protocol, load_protocol_text
 
 ADDRESSES = """
 protocol: addresses
@@ -84,3 +87,51 @@ def test_damaged_bytes_have_the_same_fault() -> None:
     for kind, data in product(("short", "long", "name"), ("", "07", "FF", "07 01", "01 FF 2C", "00 08 01", "00 00 00")):
         same_fault(both(), "f", bytes.fromhex(data), {"kind": kind})
     assert isinstance(read(lambda: both().reference.decode("f", b"\x04", {"kind": "short"})), tuple)
+
+
+SAME_NAMES = """
+protocol: same
+layouts: {one: [{field: x, type: u8}], two: [{field: y, type: u16}]}
+frames:
+  f:
+    body:
+      - {field: kind, type: u8}
+      - choose: kind
+        cases:
+          1: [{include: one, as: part}]
+          2: [{include: two, as: part}]
+          3: [{data: part, size: 1}]
+          4: [{repeat: parts, times: 2, of: [{field: a, type: u8}]}]
+          5: [{repeat: parts, times: 2, of: [{field: b, type: u8}, {field: a, type: u8, when: b > 1}]}]
+      - {value: z, read: part.x, when: kind == 1}
+"""
+
+
+@pytest.mark.parametrize(
+    ("data", "values"),
+    [
+        ("01 07", {"kind": 1, "part": {"x": 7}, "z": 7}),
+        ("02 01 00", {"kind": 2, "part": {"y": 256}}),
+        ("03 09", {"kind": 3, "part": b"\x09"}),
+        ("04 01 02", {"kind": 4, "parts": [{"a": 1}, {"a": 2}]}),
+        ("05 01 02 03", {"kind": 5, "parts": [{"b": 1}, {"b": 2, "a": 3}]}),
+    ],
+)
+def test_records_and_lists_of_one_name_differ_from_case_to_case(
+    data: str, values: dict[str, Any], tmp_path: Path
+) -> None:
+    path = tmp_path / "same.yaml"
+    path.write_text(SAME_NAMES, "utf-8")
+    frame = compile_protocol(load_protocol(path)).frames["f"]
+    assert frame.decode(bytes.fromhex(data), {}) == values
+    if "parts" not in values:
+        assert frame.encode(values, {}) == bytes.fromhex(data)
+    with pytest.raises(ValueError, match="short"):
+        frame.decode(bytes.fromhex(data)[:-1], {})
+
+
+def test_a_dissector_has_records_and_lists_of_one_name(tmp_path: Path) -> None:
+    path = tmp_path / "same.yaml"
+    path.write_text(SAME_NAMES, "utf-8")
+    made = generate_dissector(load_protocol(path))
+    assert made.left_out == () and all(f'"{name}"' in made.source for name in "xyab")

@@ -135,14 +135,14 @@ instances:
 def test_what_cannot_be_said_is_told_with_its_place(tmp_path: Path) -> None:
     assert told(UNSAYABLE, tmp_path) == [
         "1:38: what imports: names is left out – put its types into this file",
-        "1:47: meta/license is left out – a definition has no place for it",
+        "1:47: warning: meta/license is left out – a definition has no place for it",
         "4:5: the bytes of 'packed' stay as they are, as 'packed_raw' – write by hand what is in them",
         "6:14: how 'packed' is coded – a wrap: may say it",
         "7:5: a frame in which 'opaque' is there is refused – see what is told of it",
         "7:24: the type 'elsewhere', which is not in this file, – write it into this file",
         "8:5: the bytes of 'body' stay as they are, as 'body_raw' – write by hand what is in them",
-        "10:56: the type 'unknown', which is not in this file, – write it into this file",
-        "11:35: the key '-orig-id' is left out – Kaitai passes over it too",
+        "10:50: the type 'unknown', which is not in this file, – write it into this file",
+        "11:36: warning: the key '-orig-id' is left out – Kaitai passes over it too",
         "15:9: the instance 'late' is left out: it stands at a place of its own"
         " – a definition reads bytes in their order",
         "16:17: a number with a fraction is left out – write what it means by hand",

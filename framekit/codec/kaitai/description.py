@@ -7,8 +7,9 @@ Source: the user guide of Kaitai Struct and the reference of the KSY format.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import Protocol as Interface
 
 from framekit.definition.nodes import Mapping, Node, Scalar, Sequence
 from framekit.definition.problems import CannotSayError, Position
@@ -142,7 +143,10 @@ class Description:
     source: str
 
 
-Tell = Callable[[Position, str, str], None]
+class Tell(Interface):
+    """Notes what is left out, or, as a warning, what is taken over with a difference or says nothing of bytes."""
+
+    def __call__(self, at: Position, what: str, todo: str, *, warning: bool = False) -> None: ...
 
 
 def scalar(node: Node, key: str) -> Scalar:
@@ -176,7 +180,7 @@ def read_description(root: Node, tell: Tell) -> Description | None:
     if not isinstance(root, Mapping):
         tell(root.at, "this is no description of Kaitai Struct", "begin with meta:")
         return None
-    reader = _Reader(tell)
+    reader = _KsyReader(tell)
     meta = root.value("meta")
     name = "frame"
     titles: list[str] = []
@@ -189,7 +193,7 @@ def read_description(root: Node, tell: Tell) -> Description | None:
     return Description(top, " ".join(titles), ", ".join(sources))
 
 
-class _Reader:
+class _KsyReader:
     def __init__(self, tell: Tell) -> None:
         self.tell = tell
 
@@ -248,7 +252,7 @@ class _Reader:
             elif key == "encoding" and text:
                 into.encoding = text
             elif key in _META_SAYS_NOTHING:
-                self.tell(entry.key.at, f"meta/{key} is left out", _NOT_OF_BYTES)
+                self.tell(entry.key.at, f"meta/{key} is left out", _NOT_OF_BYTES, warning=True)
             elif key not in ("id", "title"):
                 self.tell(entry.key.at, f"the key meta/{key} is left out", "correct it, or leave it out")
 

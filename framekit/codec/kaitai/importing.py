@@ -19,7 +19,7 @@ from framekit.codec.ambiguity import check_matrices
 from framekit.codec.codec import compile_protocol
 from framekit.codec.kaitai.description import Description, KsyEnum, KsyType, read_description
 from framekit.codec.kaitai.language import parse
-from framekit.codec.kaitai.translation import Entry, Kind, Scope
+from framekit.codec.kaitai.translation import Kind, KsyMeaning, KsyScope
 from framekit.codec.kaitai.type_writer import Keys, LeftOutError, Region, StaticTypes, TypeWriter, WorkDone, is_end
 from framekit.definition.expression import Name
 from framekit.definition.imported import ImportedDefinition
@@ -52,13 +52,13 @@ def import_kaitai(text: str, file: str, name: str) -> ImportedDefinition:
     """The definition `name` of a file's text. Raises DefinitionError where nothing can be taken over."""
     problems: dict[Problem, None] = {}
 
-    def tell(at: Position, what: str, todo: str) -> None:
-        problems.setdefault(Problem(at, what, todo))
+    def tell(at: Position, what: str, todo: str, *, warning: bool = False) -> None:
+        problems.setdefault(Problem(at, what, todo, warning))
 
     found = read_description(read_text(text, file), tell)
     if found is None:
         raise DefinitionError(problems)
-    writer = _FileWriter(found, file, name, problems)
+    writer = _DefinitionWriter(found, file, name, problems)
     writer.write()
     made = writer.accepted()
     if not writer.frames:
@@ -69,7 +69,7 @@ def import_kaitai(text: str, file: str, name: str) -> ImportedDefinition:
     return ImportedDefinition(made, tuple(sorted(problems)))
 
 
-class _FileWriter:
+class _DefinitionWriter:
     """What the frames of a file have together: tables, layouts, parameters, and what is told."""
 
     def __init__(self, found: Description, file: str, name: str, problems: dict[Problem, None]) -> None:
@@ -90,8 +90,8 @@ class _FileWriter:
 
     # ---- what types ask for -------------------------------------------------------------------------------
 
-    def tell(self, at: Position, what: str, todo: str) -> None:
-        self.problems.setdefault(Problem(at, what, todo))
+    def tell(self, at: Position, what: str, todo: str, *, warning: bool = False) -> None:
+        self.problems.setdefault(Problem(at, what, todo, warning))
 
     def table(self, enum: KsyEnum) -> str:
         """The name of the table of an enumeration, which has members."""
@@ -123,12 +123,12 @@ class _FileWriter:
 
     def write(self) -> None:
         top = self.found.top
-        scope = Scope(top, None)
+        scope = KsyScope(top, None)
         scope.find = lambda name, at: self._param(name)
         cases = self._cases(scope)
         if cases is not None:
             for type_ in cases:
-                self._frame(type_, Scope(type_, scope))
+                self._frame(type_, KsyScope(type_, scope))
         elif top.seq:
             self._frame(top, scope)
         else:
@@ -136,9 +136,9 @@ class _FileWriter:
                 if type_.params:
                     self.tell(type_.at, f"the type '{type_.name}', which is told parameters, is no frame", "")
                 else:
-                    self._frame(type_, Scope(type_, None))
+                    self._frame(type_, KsyScope(type_, None))
 
-    def _cases(self, scope: Scope) -> list[KsyType] | None:
+    def _cases(self, scope: KsyScope) -> list[KsyType] | None:
         """The types of the cases, where the file's type only switches on a parameter."""
         top = self.found.top
         first = top.seq[0] if top.seq else None
@@ -154,7 +154,7 @@ class _FileWriter:
             return None
         if not all(is_end(one) for one in top.seq[1:]) or top.instances:
             return None
-        scope.entries[asked.name] = Entry("", "lost", why="which says which frame it is")
+        scope.entries[asked.name] = KsyMeaning("", "lost", why="which says which frame it is")
         found: dict[KsyType, None] = {}
         for entry in cases.entries:
             name = entry.value.text if isinstance(entry.value, Scalar) else ""
@@ -165,7 +165,7 @@ class _FileWriter:
                 found.setdefault(one)
         return [*found]
 
-    def _param(self, name: str) -> Entry | None:
+    def _param(self, name: str) -> KsyMeaning | None:
         """A parameter of the file's type, which becomes one of the protocol."""
         param = self.found.top.params.get(name)
         if param is None:
@@ -173,13 +173,13 @@ class _FileWriter:
         said = param.keys.get("type")
         word = said.text if isinstance(said, Scalar) else "bytes" if said is None else ""
         if word not in _PARAMS or not param.keys.keys() <= {"id", "type", "doc", "doc-ref", "enum"}:
-            return Entry("", "lost", why="a parameter of such a type")
+            return KsyMeaning("", "lost", why="a parameter of such a type")
         type_, kind = _PARAMS[word]
         own = f"{name}_" if name in _NOT_PARAMS else name
         self.params.setdefault(own, {"type": type_, **({"doc": param.doc} if param.doc else {})})
-        return Entry(own, kind)
+        return KsyMeaning(own, kind)
 
-    def _frame(self, type_: KsyType, scope: Scope) -> None:
+    def _frame(self, type_: KsyType, scope: KsyScope) -> None:
         name = _unused(type_.name, self.frames, type_.name)
         self.work.begin()
         try:
@@ -227,7 +227,7 @@ class _FileWriter:
             for name in alike:
                 frame = self.frames.pop(name)
                 what = f"the frame '{name}' is read only where it is named, as no bytes tell it from another one"
-                self.tell(self.places[name], what, "give it a constant, or from: with its side")
+                self.tell(self.places[name], what, "give it a constant, or from: with its side", warning=True)
                 self.frames[name] = {"from": "none", **frame}
             alike = _refused(self._text(self.frames))[1]
         return self._text(self.frames)

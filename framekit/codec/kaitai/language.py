@@ -84,10 +84,10 @@ def parse(text: str, at: Position) -> Node:
     """The tree of an expression; all of its nodes stand at `at`. Raises CannotSayError."""
     if len(text) > LONGEST:
         raise CannotSayError(at, f"an expression of more than {LONGEST} characters", "divide it")
-    return _Parser(text, at).whole()
+    return _KsyParser(text, at).whole()
 
 
-class _Parser:
+class _KsyParser:
     def __init__(self, text: str, at: Position) -> None:
         self.text, self.at = text, at
         self.tokens = self._cut()

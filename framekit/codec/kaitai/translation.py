@@ -67,7 +67,7 @@ def own_name(name: str) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class KsyMeaning:
     """What a name of a type stands for.
 
     `text`: how it is written where it stands, mostly a word. `span`: the least and greatest number. `scope`: the names
@@ -80,9 +80,9 @@ class Entry:
     text: str
     kind: Kind
     span: tuple[int, int] | None = None
-    scope: Scope | None = None
+    scope: KsyScope | None = None
     item: Kind = "int"
-    cases: Mapping[str, Scope] = field(default_factory=dict)
+    cases: Mapping[str, KsyScope] = field(default_factory=dict)
     when: str = ""
     asked: frozenset[str] = frozenset()
     words: frozenset[str] | None = None
@@ -90,7 +90,7 @@ class Entry:
     why: str = ""
 
 
-class Scope:
+class KsyScope:
     """The names of one use of a type. `parent` and `root` are what `_parent` and `_root` mean in it.
 
     `around`: the scope of the record that it stands in, if that is another one. `names`: every name that it will have,
@@ -99,13 +99,13 @@ class Scope:
     """
 
     def __init__(
-        self, type_: KsyType, parent: Scope | None, names: Iterable[str] = (), around: Scope | None = None
+        self, type_: KsyType, parent: KsyScope | None, names: Iterable[str] = (), around: KsyScope | None = None
     ) -> None:
         self.type, self.parent, self.around = type_, parent, around or parent
-        self.root: Scope = self if parent is None else parent.root
+        self.root: KsyScope = self if parent is None else parent.root
         self.names = {own_name(one) for one in (*type_.names, *names)}
-        self.entries: dict[str, Entry] = {}
-        self.find: Callable[[str, Position], Entry | None] = lambda name, at: None
+        self.entries: dict[str, KsyMeaning] = {}
+        self.find: Callable[[str, Position], KsyMeaning | None] = lambda name, at: None
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,9 +123,9 @@ class Translated:
     span: tuple[int, int] | None = None
     names: frozenset[str] = frozenset()
     needs: tuple[str, ...] = ()
-    scope: Scope | None = None
+    scope: KsyScope | None = None
     item: Kind = "int"
-    cases: Mapping[str, Scope] = field(default_factory=dict)
+    cases: Mapping[str, KsyScope] = field(default_factory=dict)
     suffix: str = ""
     above: bool = False
     parts: tuple[str, ...] = ()
@@ -163,7 +163,7 @@ class Translation:
     `told`: what a reader of the result should know, told where it is used.
     """
 
-    scope: Scope
+    scope: KsyScope
     at: Position
     it: Translated | None = None
     index: bool = False
@@ -259,16 +259,16 @@ class Translation:
 
     def _has_index(self) -> bool:
         """Whether a value has the name that counts items."""
-        here: Scope | None = self.scope
+        here: KsyScope | None = self.scope
         while here is not None and "index" not in here.type.names:
             here = here.around
         return here is not None
 
     @staticmethod
-    def _above(scope: Scope) -> Translated:
+    def _above(scope: KsyScope) -> Translated:
         return Translated("", ATOM, "record", scope=scope, above=True)
 
-    def _entry(self, scope: Scope, name: str, path: str, names: frozenset[str] = frozenset()) -> Translated:
+    def _entry(self, scope: KsyScope, name: str, path: str, names: frozenset[str] = frozenset()) -> Translated:
         """A name of a scope; `path` leads to it, with a dot behind, if it is no scope around."""
         entry = scope.entries.get(name) or scope.find(name, self.at)
         if entry is None or entry.kind == "lost":
@@ -292,15 +292,15 @@ class Translation:
         self._not_hidden(words | entry.asked, scope)
         return replace(made, names=words, needs=needs)
 
-    def _is_around(self, scope: Scope) -> bool:
-        here: Scope | None = self.scope
+    def _is_around(self, scope: KsyScope) -> bool:
+        here: KsyScope | None = self.scope
         while here is not None and here is not scope:
             here = here.around
         return here is not None
 
-    def _not_hidden(self, words: frozenset[str], scope: Scope) -> None:
+    def _not_hidden(self, words: frozenset[str], scope: KsyScope) -> None:
         """Words have to mean the same in the scope of the expression as in that around. Raises CannotSayError."""
-        here: Scope | None = self.scope
+        here: KsyScope | None = self.scope
         while here is not None and here is not scope:
             for word in words & here.names:
                 what = f"'{word}' of '{scope.type.name}', which '{here.type.name}' has a value of its own for,"

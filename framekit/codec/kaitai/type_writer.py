@@ -19,9 +19,9 @@ from framekit.codec.kaitai.translation import (
     INDEX,
     IT,
     UNKNOWN,
-    Entry,
     Kind,
-    Scope,
+    KsyMeaning,
+    KsyScope,
     Translated,
     Translation,
     bytes_text,
@@ -115,7 +115,7 @@ class Region:
 
 
 @dataclass(slots=True)
-class Part:
+class KsyPart:
     """Segments, and the bytes that they take."""
 
     segments: list[Keys]
@@ -223,8 +223,8 @@ class FileParts(Interface):
     order: str
     static: StaticTypes
 
-    def tell(self, at: Position, what: str, todo: str) -> None:
-        """Notes what is left out."""
+    def tell(self, at: Position, what: str, todo: str, *, warning: bool = False) -> None:
+        """Notes what is left out, or, as a warning, what is taken over with a difference."""
 
     def table(self, enum: KsyEnum) -> str:
         """The name of the table of an enumeration."""
@@ -298,7 +298,7 @@ class TypeWriter:
     """
 
     def __init__(
-        self, file: FileParts, scope: Scope, region: Region, behind: int | None, *,
+        self, file: FileParts, scope: KsyScope, region: Region, behind: int | None, *,
         alone: bool, using: tuple[KsyType, ...],
     ) -> None:  # fmt: skip
         self.file, self.scope, self.region, self.behind = file, scope, region, behind
@@ -331,7 +331,7 @@ class TypeWriter:
                     self._find(name, instance.at)
                 except CannotSayError as error:
                     self._tell(error)
-                    self.scope.entries[name] = Entry("", "lost")
+                    self.scope.entries[name] = KsyMeaning("", "lost")
         if self._failed:
             raise LeftOutError
         return self._with_lengths(), self.sizes
@@ -378,9 +378,9 @@ class TypeWriter:
         self.file.tell(error.problem.at, error.problem.what, error.problem.todo)
 
     def _lose(self, attribute: KsyAttribute) -> None:
-        self.scope.entries[attribute.name] = Entry("", "lost")
+        self.scope.entries[attribute.name] = KsyMeaning("", "lost")
 
-    def _put(self, part: Part) -> None:
+    def _put(self, part: KsyPart) -> None:
         self.out += part.segments
         self.sizes += part.sizes
 
@@ -407,7 +407,9 @@ class TypeWriter:
                     raise CannotSayError(
                         attribute.keys[key].at, f"the key {key!r} of '{attribute.name}'", "leave it out"
                     )
-                self.file.tell(attribute.keys[key].at, f"the key {key!r} is left out", "Kaitai passes over it too")
+                self.file.tell(
+                    attribute.keys[key].at, f"the key {key!r} is left out", "Kaitai passes over it too", warning=True
+                )
 
     def _next_whole(self, attribute: KsyAttribute, behind: int | None) -> None:
         """An attribute that begins with a byte."""
@@ -463,7 +465,7 @@ class TypeWriter:
         found = type_.find_type(text.partition("(")[0])
         return found is not None and bool(found.seq) and self._begins_with_byte(found.seq[0], found, most - 1)
 
-    def _under(self, attribute: KsyAttribute, condition: Translated, behind: int | None) -> Part:
+    def _under(self, attribute: KsyAttribute, condition: Translated, behind: int | None) -> KsyPart:
         """What is there under a condition; where it cannot be said, a frame with it is refused."""
         try:
             part = self._whole(attribute, behind)
@@ -474,7 +476,7 @@ class TypeWriter:
                 attribute.at, f"a frame in which '{attribute.name}' is there is refused", "see what is told of it"
             )
             self._lose(attribute)
-            return Part([{"require": f"not {condition.at_level(NOT)}"}])
+            return KsyPart([{"require": f"not {condition.at_level(NOT)}"}])
         for one in dict.fromkeys(self._needs):
             if one not in (condition.text, *condition.parts):
                 part.segments.insert(0, {"require": one})
@@ -484,9 +486,9 @@ class TypeWriter:
             segment["when"] = condition.text if own is None else f"({condition.text}) and ({own})"
         entry = self.scope.entries[attribute.name]
         self.scope.entries[attribute.name] = replace(entry, when=condition.text, asked=condition.names)
-        return Part(part.segments, Sizes(0, part.sizes.most))
+        return KsyPart(part.segments, Sizes(0, part.sizes.most))
 
-    def _whole(self, attribute: KsyAttribute, behind: int | None) -> Part:
+    def _whole(self, attribute: KsyAttribute, behind: int | None) -> KsyPart:
         """An attribute without its condition. Raises CannotSayError, LeftOutError."""
         repeat = attribute.text("repeat")
         if repeat is None:
@@ -533,7 +535,7 @@ class TypeWriter:
         kind: Kind | None = None,
         *,
         it: Translated | None = None,
-        item: Scope | None = None,
+        item: KsyScope | None = None,
         lazily: bool = False,
     ) -> Translated:
         """An expression in our language. `item`: it stands in an item of a list, which has these names.
@@ -556,14 +558,14 @@ class TypeWriter:
         except ExpressionError as error:
             raise CannotSayError(at, f"an expression is left out: {error.problem.what[:200]}", "divide it") from None
         for what, todo in translation.told:
-            self.file.tell(at, what, todo)
+            self.file.tell(at, what, todo, warning=True)
         if made.needs and not lazily:
             if item is not None or UNKNOWN in made.needs:
                 raise CannotSayError(at, "an expression asks for what may not be there", "ask first whether it is")
             self._needs += made.needs
         return made
 
-    def _size(self, attribute: KsyAttribute, behind: int | None, item: Scope | None) -> int | str:
+    def _size(self, attribute: KsyAttribute, behind: int | None, item: KsyScope | None) -> int | str:
         """A number of bytes, an expression, or `rest`. Raises CannotSayError."""
         text = scalar(attribute.keys["size"], "size")
         node = self._parsed(text)
@@ -641,7 +643,7 @@ class TypeWriter:
             if enum is not None and all(0 <= one < 1 << bits for one in enum.members.values()):
                 values[name] = self.file.table(enum)
             kind: Kind = "bool" if bits == 1 and enum is None else "int"
-            self.scope.entries[attribute.name] = Entry(name, kind, bounds_of_bits(bits, False))
+            self.scope.entries[attribute.name] = KsyMeaning(name, kind, bounds_of_bits(bits, False))
             more += self._valid(attribute, None, self.scope.entries[attribute.name], self.scope, None)
             if attribute.doc:
                 segment["doc"] = (
@@ -651,7 +653,7 @@ class TypeWriter:
             segment["values"] = values
         if self.region.is_taken:
             raise CannotSayError(taken[0][0].at, "bits stand behind what takes all that is left", "give that a size")
-        self._put(Part([segment, *more], exactly(size)))
+        self._put(KsyPart([segment, *more], exactly(size)))
 
     # ---- values -------------------------------------------------------------------------------------------
 
@@ -677,14 +679,16 @@ class TypeWriter:
         return found if found.members else None
 
     def _value(
-        self, attribute: KsyAttribute, name: str, into: Scope, behind: int | None, item: Scope | None = None
-    ) -> Part:
+        self, attribute: KsyAttribute, name: str, into: KsyScope, behind: int | None, item: KsyScope | None = None
+    ) -> KsyPart:
         """One value, called `name` in the scope `into`. Raises CannotSayError, LeftOutError."""
         self._count(attribute.at)
         said = attribute.keys.get("type")
         if "contents" in attribute.keys:
             self._only(attribute, frozenset({"contents", "size"}))
             return self._constant(attribute, name, into)
+        if isinstance(said, MappingNode) and "size" in attribute.keys:
+            return self._sized_switch(attribute, said, name, into, behind, item)
         if isinstance(said, MappingNode):
             return self._switch(attribute, said, name, into, behind, item)
         text = "" if said is None else scalar(said, "type").text.strip()
@@ -699,9 +703,9 @@ class TypeWriter:
         if (match := _FLOAT.fullmatch(text)) is not None:
             self._only(attribute, frozenset())
             segment: Keys = {"field": name, "type": f"f{8 * int(match[1])}", **self._order(attribute, match[2])}
-            into.entries[attribute.name] = Entry(name, "float")
+            into.entries[attribute.name] = KsyMeaning(name, "float")
             more = self._valid(attribute, None, into.entries[attribute.name], into, item)
-            return Part([segment, *more], exactly(int(match[1])))
+            return KsyPart([segment, *more], exactly(int(match[1])))
         if text in ("str", "strz"):
             return self._or_raw(attribute, name, into, behind, item, self._text)
         if not text:
@@ -709,9 +713,9 @@ class TypeWriter:
         return self._or_raw(attribute, name, into, behind, item, self._of_type)
 
     def _or_raw(
-        self, attribute: KsyAttribute, name: str, into: Scope, behind: int | None, item: Scope | None,
-        write: Callable[[KsyAttribute, str, Scope, int | None, Scope | None], Part],
-    ) -> Part:  # fmt: skip
+        self, attribute: KsyAttribute, name: str, into: KsyScope, behind: int | None, item: KsyScope | None,
+        write: Callable[[KsyAttribute, str, KsyScope, int | None, KsyScope | None], KsyPart],
+    ) -> KsyPart:  # fmt: skip
         """A value, or, where it cannot be said and has a size, its bytes under another name."""
         before = replace(self.region)
         keys = attribute.keys
@@ -751,12 +755,12 @@ class TypeWriter:
         self,
         attribute: KsyAttribute,
         name: str,
-        into: Scope,
+        into: KsyScope,
         size: int,
         order: str | None,
         signed: bool,
-        item: Scope | None,
-    ) -> Part:
+        item: KsyScope | None,
+    ) -> KsyPart:
         self._only(attribute, frozenset({"enum"}))
         segment: Keys = {"field": name, "type": f"{'i' if signed else 'u'}{8 * size}"}
         if size > 1:
@@ -768,25 +772,29 @@ class TypeWriter:
                 segment["values"] = self.file.table(enum)
             else:
                 at = attribute.keys["enum"].at
-                self.file.tell(at, f"the names of '{attribute.name}' are left out", "some of its numbers do not fit")
-        into.entries[attribute.name] = Entry(name, "int", span)
+                self.file.tell(
+                    at, f"the names of '{attribute.name}' are left out", "some of its numbers do not fit", warning=True
+                )
+        into.entries[attribute.name] = KsyMeaning(name, "int", span)
         more = self._valid(attribute, segment, into.entries[attribute.name], into, item)
-        return Part([segment, *more], exactly(size))
+        return KsyPart([segment, *more], exactly(size))
 
-    def _constant(self, attribute: KsyAttribute, name: str, into: Scope) -> Part:
+    def _constant(self, attribute: KsyAttribute, name: str, into: KsyScope) -> KsyPart:
         data = _contents(attribute.keys["contents"])
         into.entries[attribute.name] = _constant_entry(constant(data))
         if "valid" in attribute.keys:
             raise CannotSayError(attribute.keys["valid"].at, "valid: of contents:", "leave it out")
         if not data:
-            return Part([])
+            return KsyPart([])
         if self.region.counts_back:  # a constant would end what is before it, wherever it comes
             segment: Keys = {"field": name, "type": "bytes", "size": len(data), "is": bytes_text(data)}
         else:
             segment = {"const": data.hex(" ").upper()}
-        return Part([segment], exactly(len(data)))
+        return KsyPart([segment], exactly(len(data)))
 
-    def _text(self, attribute: KsyAttribute, name: str, into: Scope, behind: int | None, item: Scope | None) -> Part:
+    def _text(
+        self, attribute: KsyAttribute, name: str, into: KsyScope, behind: int | None, item: KsyScope | None
+    ) -> KsyPart:
         self._only(attribute, _OF_TEXTS)
         keys = attribute.keys
         terminated = scalar(keys["type"], "type").text.strip() == "strz"
@@ -808,7 +816,7 @@ class TypeWriter:
                 )
             if size == 0:
                 into.entries[attribute.name] = _constant_entry(constant(""))
-                return Part(
+                return KsyPart(
                     [
                         {"value": name, "read": "''"},
                         *self._valid(attribute, None, into.entries[attribute.name], into, item),
@@ -840,9 +848,9 @@ class TypeWriter:
             consumed = attribute.flag("consume", True)
             segment["end"] = f"{end:02X}" if consumed else [f"{end:02X}"]
             sizes = Sizes(int(consumed), None)
-        into.entries[attribute.name] = Entry(name, "str")
+        into.entries[attribute.name] = KsyMeaning(name, "str")
         more += self._valid(attribute, segment, into.entries[attribute.name], into, item)
-        return Part([segment, *more], sizes)
+        return KsyPart([segment, *more], sizes)
 
     def _letters(self, attribute: KsyAttribute, name: str) -> list[Keys]:
         """What texts of an encoding may hold; framekit has a character for each byte. Raises CannotSayError."""
@@ -856,10 +864,14 @@ class TypeWriter:
             if not _LIKE_ASCII.fullmatch(encoding):
                 raise CannotSayError(attribute.at, f"a text in {written[:30]}", "take its bytes")
             what = f"characters of '{attribute.name}' that are not in ASCII are refused"
-            self.file.tell(attribute.at, what, "framekit has a character for each byte; take data: for such texts")
+            self.file.tell(
+                attribute.at, what, "framekit has a character for each byte; take data: for such texts", warning=True
+            )
         return [{"require": f"only({name}, {self.file.letters()})"}]
 
-    def _bytes(self, attribute: KsyAttribute, name: str, into: Scope, behind: int | None, item: Scope | None) -> Part:
+    def _bytes(
+        self, attribute: KsyAttribute, name: str, into: KsyScope, behind: int | None, item: KsyScope | None
+    ) -> KsyPart:
         self._only(attribute, _OF_BYTES)
         keys = attribute.keys
         if "process" in keys:
@@ -867,7 +879,7 @@ class TypeWriter:
         end, pad = attribute.byte("terminator"), attribute.byte("pad-right")
         if attribute.flag("include", False) and end is not None:
             raise CannotSayError(keys["include"].at, f"'{attribute.name}' with its terminator", "leave include out")
-        into.entries[attribute.name] = Entry(name, "bytes")
+        into.entries[attribute.name] = KsyMeaning(name, "bytes")
         if "size" in keys or attribute.flag("size-eos", False):
             if end is not None or pad is not None:
                 at = keys["terminator" if end is not None else "pad-right"].at
@@ -879,9 +891,9 @@ class TypeWriter:
                 size = "rest"
             if size == 0:
                 into.entries[attribute.name] = _constant_entry(constant(b""))
-                return Part(self._valid(attribute, None, into.entries[attribute.name], into, item))
+                return KsyPart(self._valid(attribute, None, into.entries[attribute.name], into, item))
             more = self._valid(attribute, None, into.entries[attribute.name], into, item)
-            return Part([{"data": name, "size": size}, *more], exactly(size) if isinstance(size, int) else ANY)
+            return KsyPart([{"data": name, "size": size}, *more], exactly(size) if isinstance(size, int) else ANY)
         if end is None or pad is not None:
             raise CannotSayError(attribute.at, f"where '{attribute.name}' ends", "give it a size or a terminator")
         if (
@@ -893,12 +905,12 @@ class TypeWriter:
             raise CannotSayError(attribute.at, f"how '{attribute.name}' ends", "let its terminator belong to it")
         byte = f"{end:02X}"
         more = self._valid(attribute, None, into.entries[attribute.name], into, item)
-        return Part([{"data": name, "size": "rest", "never": [byte]}, {"const": byte}, *more], Sizes(1, None))
+        return KsyPart([{"data": name, "size": "rest", "never": [byte]}, {"const": byte}, *more], Sizes(1, None))
 
     # ---- what must hold -----------------------------------------------------------------------------------
 
     def _valid(
-        self, attribute: KsyAttribute, field_: Keys | None, entry: Entry, into: Scope, item: Scope | None
+        self, attribute: KsyAttribute, field_: Keys | None, entry: KsyMeaning, into: KsyScope, item: KsyScope | None
     ) -> list[Keys]:
         """What `valid` says: keys of the field, or conditions behind it. Raises CannotSayError."""
         node = attribute.keys.get("valid")
@@ -956,7 +968,7 @@ class TypeWriter:
 
     # ---- types and choices --------------------------------------------------------------------------------
 
-    def _used(self, attribute: KsyAttribute, text: str, item: Scope | None) -> tuple[KsyType, Scope]:
+    def _used(self, attribute: KsyAttribute, text: str, item: KsyScope | None) -> tuple[KsyType, KsyScope]:
         """The type that a text names, and a scope for it with its parameters. Raises CannotSayError."""
         at = attribute.keys["type"].at
         name, _, arguments = text.partition("(")
@@ -971,7 +983,7 @@ class TypeWriter:
             )
         if len(self.using) >= DEEPEST:
             raise CannotSayError(at, f"types that use each other deeper than {DEEPEST}", "put them together")
-        scope = Scope(type_, self.scope, ("index",) if item is not None else (), item)
+        scope = KsyScope(type_, self.scope, ("index",) if item is not None else (), item)
         given: tuple[Node, ...] = ()
         if arguments:
             made = self._parsed(Scalar(f"x.call({arguments}", at))
@@ -987,14 +999,18 @@ class TypeWriter:
                 what = f"a parameter of '{type_.name}', which has a name that is asked for in it,"
                 raise CannotSayError(at, what, "give one of them another name")
             text_ = said.at_level(ATOM)
-            scope.entries[param] = Entry(text_, said.kind, said.span, said.scope, said.item, said.cases, words=words)
+            scope.entries[param] = KsyMeaning(
+                text_, said.kind, said.span, said.scope, said.item, said.cases, words=words
+            )
         return type_, scope
 
-    def _inside(self, scope: Scope, region: Region, behind: int | None, alone: bool) -> Part:
+    def _inside(self, scope: KsyScope, region: Region, behind: int | None, alone: bool) -> KsyPart:
         writer = TypeWriter(self.file, scope, region, behind, alone=alone, using=(*self.using, scope.type))
-        return Part(*writer.write())
+        return KsyPart(*writer.write())
 
-    def _of_type(self, attribute: KsyAttribute, name: str, into: Scope, behind: int | None, item: Scope | None) -> Part:
+    def _of_type(
+        self, attribute: KsyAttribute, name: str, into: KsyScope, behind: int | None, item: KsyScope | None
+    ) -> KsyPart:
         """A value of a type of the file: a record, unless `name` is '': then its values belong to an item."""
         self._only(
             attribute, frozenset({"size", "size-eos", "process", "terminator", "pad-right", "include", "consume"})
@@ -1018,11 +1034,11 @@ class TypeWriter:
             part = self._inside(scope, self.region, behind, False)
             if self.region.is_taken and not before:
                 self._takes_all = True
-            part = Part(self._record(type_, part.segments, name), part.sizes)
-        into.entries[attribute.name] = Entry(name, "record", scope=scope)
+            part = KsyPart(self._record(type_, part.segments, name), part.sizes)
+        into.entries[attribute.name] = KsyMeaning(name, "record", scope=scope)
         return part
 
-    def _region(self, type_: KsyType, scope: Scope, name: str, size: int | str) -> Part:
+    def _region(self, type_: KsyType, scope: KsyScope, name: str, size: int | str) -> KsyPart:
         """A type in a region of its own, with what it leaves of that."""
         region = Region()
         part = self._inside(scope, region, 0, True)
@@ -1034,8 +1050,8 @@ class TypeWriter:
             rest = self._unused(f"{name}_rest") if name else _not_in("rest", scope.names)
             of = [*of, {"data": rest, "size": "rest" if of or size == "rest" else size}]
             if len(of) == 1:
-                return Part(of, sizes)
-        return Part(of if size == "rest" or not of else [{"wrap": "none", "size": size, "of": of}], sizes)
+                return KsyPart(of, sizes)
+        return KsyPart(of if size == "rest" or not of else [{"wrap": "none", "size": size, "of": of}], sizes)
 
     def _record(self, type_: KsyType, segments: list[Keys], name: str) -> list[Keys]:
         """The values of a type as a record, or as they are where they belong to an item."""
@@ -1044,8 +1060,14 @@ class TypeWriter:
         return [{"include": self.file.layout(type_, segments), "as": name}]
 
     def _switch(
-        self, attribute: KsyAttribute, said: MappingNode, name: str, into: Scope, behind: int | None, item: Scope | None
-    ) -> Part:
+        self,
+        attribute: KsyAttribute,
+        said: MappingNode,
+        name: str,
+        into: KsyScope,
+        behind: int | None,
+        item: KsyScope | None,
+    ) -> KsyPart:
         on, cases = said.value("switch-on"), said.value("cases")
         if on is None or not isinstance(cases, MappingNode) or len(said.entries) != 2:
             raise CannotSayError(said.at, f"the type of '{attribute.name}'", "write switch-on: and cases:")
@@ -1058,14 +1080,14 @@ class TypeWriter:
         chosen = self._say(self._parsed(scalar(on, "switch-on")), on.at, item=item)
         if chosen.kind not in ("int", "bool", "str"):
             raise CannotSayError(on.at, "a choice by what is no number and no text", "choose by a number")
-        found: list[tuple[int | str, Part]] = []
-        otherwise: Part | None = None
-        entries: list[tuple[str, Entry]] = []
+        found: dict[int | str, KsyPart] = {}
+        otherwise: KsyPart | None = None
+        entries: list[tuple[str, KsyMeaning]] = []
         before, after = replace(self.region), [replace(self.region)]
         takes_all = False
         for case in cases.entries:
             key = None if case.key.text == "_" else self._case(case.key, chosen.kind)
-            if key is not None and any(key == one for one, _ in found):
+            if key in found:
                 raise CannotSayError(case.key.at, f"the case {case.key.text[:40]!r} stands twice", "leave one out")
             self.region.is_taken, self.region.counts_back = before.is_taken, before.counts_back
             self._takes_all = False
@@ -1080,7 +1102,7 @@ class TypeWriter:
                     self._tell(error)
                 what = f"a frame with the case {case.key.text[:40]!r} of '{attribute.name}' is refused"
                 self.file.tell(case.value.at, what, "see what is told of it")
-                part = Part([{"require": "false"}])
+                part = KsyPart([{"require": "false"}])
             else:
                 type_ = case.value.text if isinstance(case.value, Scalar) else ""
                 entries.append((type_.partition("(")[0].strip(), into.entries[attribute.name]))
@@ -1089,11 +1111,11 @@ class TypeWriter:
             if key is None:
                 otherwise = part
             else:
-                found.append((key, part))
+                found[key] = part
         self.region.is_taken, self.region.counts_back = before.is_taken, before.counts_back
         said_otherwise = otherwise is not None
         if otherwise is None:
-            otherwise = Part([])
+            otherwise = KsyPart([])
             if attribute.keys.keys() & {"size", "size-eos"}:
                 otherwise = self._value(_with(attribute, type=None), name, into, behind, item)
                 entries.append(("", into.entries[attribute.name]))
@@ -1102,9 +1124,31 @@ class TypeWriter:
         self.region.is_taken = any(one.is_taken for one in after)
         self.region.counts_back = any(one.counts_back for one in after)
         self._takes_all = takes_all
-        always = said_otherwise or ({key for key, _ in found} == {0, 1} and chosen.kind == "bool")
+        always = said_otherwise or (found.keys() == {0, 1} and chosen.kind == "bool")
         into.entries[attribute.name] = _entry_of_cases(name, entries, always)
-        return Part([_choose(chosen, found, otherwise)], either(one.sizes for _, one in [*found, ("", otherwise)]))
+        return KsyPart([_choose(chosen, found, otherwise)], either(one.sizes for one in (*found.values(), otherwise)))
+
+    def _sized_switch(
+        self,
+        attribute: KsyAttribute,
+        said: MappingNode,
+        name: str,
+        into: KsyScope,
+        behind: int | None,
+        item: KsyScope | None,
+    ) -> KsyPart:
+        """A choice in a region of its own: each case takes all of that."""
+        size = self._size(attribute, behind, item)
+        outer, self.region = self.region, Region()
+        whole = _with(attribute, size=None, **{"size-eos": Scalar("true", attribute.at)})
+        try:
+            part = self._switch(whole, said, name, into, 0, item)
+        finally:
+            self.region, self._takes_all = outer, False
+        if size == "rest":
+            return KsyPart(part.segments, ANY)
+        segment = {"wrap": "none", "size": size, "of": part.segments}
+        return KsyPart([segment], exactly(size) if isinstance(size, int) else ANY)
 
     def _case(self, key: Scalar, kind: Kind) -> int | str:
         """Raises CannotSayError."""
@@ -1121,7 +1165,7 @@ class TypeWriter:
 
     # ---- lists --------------------------------------------------------------------------------------------
 
-    def _list(self, attribute: KsyAttribute, repeat: str, behind: int | None) -> Part:
+    def _list(self, attribute: KsyAttribute, repeat: str, behind: int | None) -> KsyPart:
         keys, at = attribute.keys, attribute.at
         name = own_name(attribute.name)
         single = _single(attribute)
@@ -1131,26 +1175,29 @@ class TypeWriter:
         plain = not keys.keys() & {"enum", "valid", "contents"} and repeat != "until" and isinstance(said, Scalar)
         of: Keys
         if isinstance(said, Scalar) and plain and (_NUMBER.fullmatch(said.text) or _FLOAT.fullmatch(said.text)):
-            item = Scope(KsyType("item", at, None), self.scope)
+            item = KsyScope(KsyType("item", at, None), self.scope)
             part = self._value(single, "value", item, None)
             of = {"of" if key == "type" else key: one for key, one in part.segments[0].items() if key != "field"}
-            entry = Entry(name, "list", item=item.entries[attribute.name].kind)
+            entry = KsyMeaning(name, "list", item=item.entries[attribute.name].kind)
             it = Translated("", ATOM, "int", names=IT)
         elif is_type:
-            taker, around = Scope(self.scope.type, self.scope), Scope(KsyType("item", at, None), self.scope, ("index",))
+            taker, around = (
+                KsyScope(self.scope.type, self.scope),
+                KsyScope(KsyType("item", at, None), self.scope, ("index",)),
+            )
             part = self._value(single, "", taker, None, around)
             item = taker.entries[attribute.name].scope or around
             it = Translated("", ATOM, "record", names=IT, scope=item, above=True)
-            entry = Entry(name, "list", scope=item, item="record")
+            entry = KsyMeaning(name, "list", scope=item, item="record")
             of = {"of": part.segments}
         else:
-            item = Scope(KsyType("item", at, None), self.scope, ("value", "index"))
+            item = KsyScope(KsyType("item", at, None), self.scope, ("value", "index"))
             part = self._value(single, "value", item, None, item)
             made = item.entries[attribute.name]
             it = Translated(
                 made.text, ATOM, made.kind, made.span, IT, scope=made.scope, item=made.item, cases=made.cases
             )
-            entry = Entry(name, "list", scope=made.scope, item=made.kind, cases=made.cases, suffix=".value")
+            entry = KsyMeaning(name, "list", scope=made.scope, item=made.kind, cases=made.cases, suffix=".value")
             of = {"of": part.segments}
         if (self.region.is_taken, self.region.counts_back) != (before.is_taken, before.counts_back):
             raise CannotSayError(at, f"an item of '{attribute.name}' takes all that is left", "give it a size")
@@ -1185,11 +1232,11 @@ class TypeWriter:
         if not isinstance(segment.get("times"), int) and part.sizes.least == 0 and "until" not in segment:
             raise CannotSayError(at, f"an item of '{attribute.name}' may take no bytes", "give its items a size")
         self.scope.entries[attribute.name] = entry
-        return Part([segment | of], sizes)
+        return KsyPart([segment | of], sizes)
 
     # ---- what may be left ---------------------------------------------------------------------------------
 
-    def _optional(self, attribute: KsyAttribute, left: int, behind: int | None) -> Part:
+    def _optional(self, attribute: KsyAttribute, left: int, behind: int | None) -> KsyPart:
         """What is there if more bytes are left than stand behind it."""
         if behind is None or left != behind:
             raise CannotSayError(attribute.at, f"whether '{attribute.name}' is there", _REST_IS)
@@ -1205,7 +1252,7 @@ class TypeWriter:
             raise CannotSayError(
                 attribute.at, f"'{attribute.name}' may take no bytes where some are left", "give it a size"
             )
-        return Part([{"optional": part.segments}], Sizes(0, part.sizes.most))
+        return KsyPart([{"optional": part.segments}], Sizes(0, part.sizes.most))
 
     def _optional_chain(self) -> int:
         """From which attribute on each is there if bytes are left; -1 for none, or for one alone."""
@@ -1258,7 +1305,7 @@ class TypeWriter:
 
     # ---- instances ----------------------------------------------------------------------------------------
 
-    def _find(self, name: str, at: Position) -> Entry | None:
+    def _find(self, name: str, at: Position) -> KsyMeaning | None:
         """The entry of an instance, whose value is put here; None where there is no such one, or not yet."""
         instance = self.scope.type.instances.get(name)
         if instance is None or name in self._under_way:
@@ -1271,7 +1318,7 @@ class TypeWriter:
         self.scope.entries[name] = entry
         return entry
 
-    def _instance(self, instance: KsyAttribute) -> Entry:
+    def _instance(self, instance: KsyAttribute) -> KsyMeaning:
         keys = instance.keys
         if "value" not in keys:
             what = f"the instance '{instance.name}' is left out: it stands at a place of its own"
@@ -1300,11 +1347,12 @@ class TypeWriter:
                 raise CannotSayError(
                     text.at, f"the instance '{instance.name}' is left out: it is what stands around", ""
                 )
-            return Entry(said.text, said.kind, None, said.scope, said.item, said.cases, when, asked, words=said.names)
-        if "enum" in keys:
-            self.file.tell(
-                keys["enum"].at, f"the names of '{instance.name}' are left out", "framekit names numbers that are read"
+            return KsyMeaning(
+                said.text, said.kind, None, said.scope, said.item, said.cases, when, asked, words=said.names
             )
+        if "enum" in keys:
+            what = f"the names of '{instance.name}' are left out"
+            self.file.tell(keys["enum"].at, what, "framekit names numbers that are read", warning=True)
         name = own_name(instance.name)
         segment: Keys = {"value": name, "read": said.text}
         if when:
@@ -1312,7 +1360,7 @@ class TypeWriter:
         if instance.doc:
             segment["doc"] = instance.doc
         self.out.append(segment)
-        return Entry(name, said.kind, said.span, said.scope, said.item, when=when, asked=asked)
+        return KsyMeaning(name, said.kind, said.span, said.scope, said.item, when=when, asked=asked)
 
 
 def _sizes_of(segment: Keys) -> Iterator[tuple[str, str]]:
@@ -1323,11 +1371,11 @@ def _sizes_of(segment: Keys) -> Iterator[tuple[str, str]]:
         yield "length", segment["size"]
 
 
-def _constant_entry(value: Translated) -> Entry:
-    return Entry(value.text, value.kind, value.span, words=frozenset())
+def _constant_entry(value: Translated) -> KsyMeaning:
+    return KsyMeaning(value.text, value.kind, value.span, words=frozenset())
 
 
-def _entry_of_cases(name: str, entries: list[tuple[str, Entry]], always: bool) -> Entry:
+def _entry_of_cases(name: str, entries: list[tuple[str, KsyMeaning]], always: bool) -> KsyMeaning:
     """What the name of a choice stands for: a record of one of several types, or numbers of one kind.
 
     `always`: one of the cases is always there.
@@ -1335,23 +1383,23 @@ def _entry_of_cases(name: str, entries: list[tuple[str, Entry]], always: bool) -
     kinds = {entry.kind for _, entry in entries}
     if kinds == {"record"} or (kinds == {"record", "bytes"}):
         scopes = {type_: entry.scope for type_, entry in entries if entry.scope is not None}
-        return Entry(name, "choice", cases=scopes)
+        return KsyMeaning(name, "choice", cases=scopes)
     if len(kinds) == 1 and kinds <= {"int", "str", "bytes"}:
         spans = [entry.span for _, entry in entries if entry.span is not None]
         span = (min(one[0] for one in spans), max(one[1] for one in spans)) if spans else None
-        return Entry(name, next(iter(kinds)), span, when="" if always else UNKNOWN)
-    return Entry("", "lost", why="which may be of several kinds")
+        return KsyMeaning(name, next(iter(kinds)), span, when="" if always else UNKNOWN)
+    return KsyMeaning("", "lost", why="which may be of several kinds")
 
 
-def _choose(on: Translated, cases: list[tuple[int | str, Part]], otherwise: Part) -> Keys:
+def _choose(on: Translated, cases: Mapping[int | str, KsyPart], otherwise: KsyPart) -> Keys:
     """A choice; texts that YAML or our language would take for something else are numbered."""
-    if all(isinstance(key, int) or _CASE.fullmatch(key) for key, _ in cases):
-        segment: Keys = {"choose": on.text, "cases": {key: part.segments for key, part in cases}}
+    if all(isinstance(key, int) or _CASE.fullmatch(key) for key in cases):
+        segment: Keys = {"choose": on.text, "cases": {key: part.segments for key, part in cases.items()}}
     else:
         text = "0"
-        for number, (key, _) in reversed([*enumerate(cases, 1)]):
+        for number, key in reversed([*enumerate(cases, 1)]):
             text = f"{number} if {on.at_level(ATOM)} == {quoted(str(key))} else {text}"
-        segment = {"choose": text, "cases": {number: part.segments for number, (_, part) in enumerate(cases, 1)}}
+        segment = {"choose": text, "cases": {number: part.segments for number, part in enumerate(cases.values(), 1)}}
     if not cases:
         segment["cases"] = {0: otherwise.segments}
     return {**segment, "else": otherwise.segments}

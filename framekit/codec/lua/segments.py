@@ -477,13 +477,16 @@ def _choose(w: SegmentWriter, s: Choose, scope: Scope) -> Entries:
     field = w.diagnosis.by_name.get(str(s.on).strip())
     names = field.values if isinstance(field, Field) and field.values is not None else {}
     numbers: dict[object, Any] = {name: value for value, name in names.items()}
+    on = w._value(s.on, scope)
     cases = []
     for keys, segments in s.cases:
+        w.diagnosis.declare(segments, scope)  # a record or list of another case may have the same name
         values = (numbers.get(key, key) if isinstance(key, str) else key for key in keys)
         cases.append(table({"keys": listed(constant(one, s.at) for one in values), "of": w.listed(segments, scope)}))
+    w.diagnosis.declare(s.otherwise or (), scope)
     without, nowhere = w._left_out((s,)), w._nowhere(s)
     return {
-        "kind": '"choose"', "on": w._value(s.on, scope), "cases": listed(cases),
+        "kind": '"choose"', "on": on, "cases": listed(cases),
         "otherwise": None if s.otherwise is None else w.listed(s.otherwise, scope),
         "without": w._texts(without) if without else None, "nowhere": w._texts(nowhere) if nowhere else None,
     }  # fmt: skip
