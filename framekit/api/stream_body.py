@@ -31,13 +31,22 @@ MOST_WORDS = 2_000
 """Characters that all words of an enumeration have together."""
 
 BY_HAND = "write its frames by hand"
+
+
+def quoted(text: str) -> str:
+    """A text as expressions have it."""
+    return "'" + text.replace("\\", "\\\\").replace("'", "\\'") + "'"
+
+
 _SPACES = " \t\n\v\f\r"
+_NUL = quoted("\0")
 _DIGITS = frozenset(b"0123456789")
 _HEX = frozenset(b"0123456789abcdefABCDEF")
 
 NUMBERS = "numbers"
 FIXED = "fixed"
 EXTRA = "extra"
+SILENCE = "silence"
 HEARD: dict[str, tuple[str, str]] = {
     NUMBERS: (
         "numbers are taken as -12 or 1.5; with a plus sign, an exponent, or spaces or zeros in front they are bad",
@@ -50,6 +59,10 @@ HEARD: dict[str, tuple[str, str]] = {
     EXTRA: (
         "nothing says where this ends and ExtraInput begins: with extra input the reply is bad",
         "write behind it what the device sends there",
+    ),
+    SILENCE: (
+        "only silence ends what is read: bytes behind it are noise here, a mismatch there",
+        "set InTerminator, or MaxInput to its size",
     ),
 }
 """What frames do not take of that which StreamDevice takes, and what to do."""
@@ -89,11 +102,6 @@ def body_of(elements: Sequence[Element], settings: StreamSettings, reads: bool, 
     return _BodyMaker(elements, settings, reads, at).body
 
 
-def quoted(text: str) -> str:
-    """A text as expressions have it."""
-    return "'" + text.replace("\\", "\\\\").replace("'", "\\'") + "'"
-
-
 def constants(data: bytes) -> Iterator[Segment]:
     """Runs of printable bytes as text, others in hex."""
     for run in re.findall(rb"[ -~]+|[^ -~]+", data):
@@ -120,6 +128,11 @@ class _BodyMaker:
             self._add(element)
         if self._ignores_extra:
             self._pass_over_the_rest(at)
+        if reads and settings.most_input and self._least > settings.most_input:
+            what = f"MaxInput {settings.most_input} ends it before its {self._least} bytes"
+            raise CannotSayError(at, what, "correct one of them")
+        if reads and settings.in_terminator == b"" and self._least != settings.most_input:
+            self._narrower(SILENCE, at)
         self._constant(self._ending)
         if not self.body.segments:
             raise CannotSayError(at, "there are no bytes in it", "write what is sent, or the terminator")
@@ -423,9 +436,11 @@ class _BodyMaker:
             if not self._is_last:
                 self._require(f"{name} != ''")
         if "#" not in one.flags:
-            self._require(" and ".join(f"{quoted(sign)} not in {name}" for sign in _SPACES))
+            self._require(" and ".join(f"{quoted(sign)} not in {name}" for sign in f"{_SPACES}\0"))
         elif " " not in one.flags:
-            self._require(f"{name}[0:1] not in [{', '.join(map(quoted, _SPACES))}]")
+            self._require(f"{_NUL} not in {name} and {name}[0:1] not in [{', '.join(map(quoted, _SPACES))}]")
+        else:
+            self._require(f"{_NUL} not in {name}")
 
     def _characters(self, one: Converter) -> None:
         count = one.width or 1
@@ -439,10 +454,11 @@ class _BodyMaker:
         elif self._is_last and count > 1 and "!" not in one.flags and self._ending:
             ends = self._ends(one.at, f"a text ({one})")
             name = self._field(one, "text", "''", type="ascii", end=ends)
-            self._require(f"len({name}) <= {count}")
+            self._require(f"len({name}) <= {count} and {_NUL} not in {name}")
         else:
             self._least += _size(one)
-            self._field(one, "text", quoted(" " * count), type="ascii", size=count)
+            name = self._field(one, "text", quoted(" " * count), type="ascii", size=count)
+            self._require(f"{_NUL} not in {name}")
 
     def _of_a_set(self, one: Converter) -> None:
         if not self._reads or set(one.flags) & set("-+ 0#"):
@@ -455,7 +471,7 @@ class _BodyMaker:
         name = self._field(one, "text", "''", type="ascii", end=self._ends(one.at, f"a text ({one})"))
         if one.width:
             self._require(f"len({name}) {'==' if '!' in one.flags else '<='} {one.width}")
-        refused = frozenset(range(1, 256)) - allowed
+        refused = frozenset(range(256)) - allowed
         if mark:
             refused -= frozenset(mark[:1] if len(mark) == 1 else b"")
         if len(refused) <= 8:

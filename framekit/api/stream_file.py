@@ -13,13 +13,15 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from framekit.definition.problems import DefinitionError, Position, Problem
+from framekit.definition.problems import DefinitionError, Position, Problem, is_nearly
 
 MOST_PIECES = 20_000
 """So many commands and pieces of their texts all protocols may have together, with those that they take."""
 MOST_SIGNS = 4_000_000
 """So many signs and words all values may have together, wherever a variable puts them."""
 
+BYTE_ORDER_MARK = "\xef\xbb\xbf"
+"""Some editors begin a file with these bytes."""
 _WORD = r"""[^\s,;{}=()$'"+\-*/#]+"""
 _TOKEN = re.compile(
     rf"""(?P<blank>(?:\s+|\#[^\n]*)+)|(?P<string>"(?:\\.|[^"\\\n])*"|'(?:\\.|[^'\\\n])*')"""
@@ -41,6 +43,9 @@ _NO_EFFECT = {
     "writetimeout": "a run has its own time limits",
     "pollperiod": "say in a run how often a value is read",
 }
+_SETTINGS = (
+    "terminator", "interminator", "outterminator", "replytimeout", "readtimeout", "maxinput", "extrainput", *_NO_EFFECT,
+)  # fmt: skip
 _ESCAPES = {"a": 7, "b": 8, "t": 9, "n": 10, "r": 13, "e": 27}
 _NAMES = [
     "nul", "soh", "stx", "etx", "eot", "enq", "ack", "bel", "bs", "ht", "lf", "vt", "ff", "cr", "so", "si",
@@ -101,7 +106,7 @@ class Converter(NamedTuple):
         closed = (
             f"{about if len(about) < 20 else about[:20] + '…'}{_CLOSED_BY.get(self.kind, '')}" if self.about else ""
         )
-        return f"%{self.flags}{width}{precision}{self.kind}{closed}"
+        return f"%{self.flags[:8]}{width}{precision}{self.kind}{closed}"
 
 
 Element = Literal | AnyByte | StreamArgument | Converter
@@ -110,7 +115,13 @@ ESCAPED = 0xE000
 _ARGUMENT = 0xE100
 _SKIP = "\ue200"
 _SPACE = "\ue201"
+_LONGEST = 40
 _IN_NAMES = ("+", "-", "*", "/")
+
+
+def named(text: str) -> str:
+    """A name in a message: long ones are cut, so that messages stay short however often they name it."""
+    return repr(text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…")
 
 
 def plain_text(text: str) -> str:
@@ -168,7 +179,7 @@ class StreamFile:
 
 def read_stream_file(text: str, file: str) -> StreamFile:
     """The protocols of a file. Raises DefinitionError, with every error, for a text that is no such file."""
-    reader = _StreamReader(text, file)
+    reader = _StreamReader(text.removeprefix(BYTE_ORDER_MARK), file)
     try:
         reader.read()
     except DefinitionError as error:
@@ -231,6 +242,8 @@ class _StreamReader:
         self._pieces = 0
         self._signs = 0
         self._whole = _Body("", Position(file, 1, 1))
+        self._set: list[tuple[str, Position]] = []  # variables of the file's own
+        self._used: set[str] = set()
         self._commands: dict[str, list[_Raw]] = {}
 
     def _cut(self, text: str) -> Iterator[_Token]:
@@ -240,7 +253,7 @@ class _StreamReader:
             at = Position(self._file, line, match.start() - begin + 1)
             if kind == "wrong":
                 todo = "close the string on its line" if found in "\"'" else "remove it"
-                self.errors.append(Problem(at, f"{found!r} begins nothing", todo))
+                self.errors.append(Problem(at, f"{named(found)} begins nothing", todo))
             elif kind != "blank":
                 yield _Token(kind, found, at, spaced)
             spaced = kind == "blank"
@@ -289,7 +302,9 @@ class _StreamReader:
             if token.text == ";":
                 continue
             if token.kind != "word" or follows not in ("=", "{"):
-                self._wrong(token.at, f"{token.text!r} is no protocol and no setting", "write NAME { … } or NAME = …;")
+                self._wrong(
+                    token.at, f"{named(token.text)} is no protocol and no setting", "write NAME { … } or NAME = …;"
+                )
                 if self._peek().text == "{":  # what this was the head of
                     self._next()
                     self._block(_Body("", token.at), [], token)
@@ -301,15 +316,22 @@ class _StreamReader:
                     self._handler(token, self._whole)
                 else:
                     self._protocol(token)
+        for name, at in self._set:
+            if name not in self._used:
+                near = [one for one in _SETTINGS if is_nearly(name[:_LONGEST], one)] if len(self._set) < 100 else []
+                todo = f"did you mean {near[0]}?" if near else "use it, or remove it"
+                self.left_out.append(Problem(at, f"nothing uses the variable {named(name)}", todo, warning=True))
         if not self._commands and not self.errors:
             self.errors.append(Problem(Position(self._file, 1, 1), "no protocol is in this file", "write NAME { … }"))
 
     def _protocol(self, name: _Token) -> None:
         body = _Body(name.text, name.at)
         if not name.text[0].isalpha():
-            self.errors.append(Problem(name.at, f"{name.text!r} is no name of a protocol", "begin it with a letter"))
+            self.errors.append(
+                Problem(name.at, f"{named(name.text)} is no name of a protocol", "begin it with a letter")
+            )
         if name.text.lower() in self._commands:
-            self.errors.append(Problem(name.at, f"there are two protocols {name.text!r}", "give one another name"))
+            self.errors.append(Problem(name.at, f"there are two protocols {named(name.text)}", "give one another name"))
         self._block(body, body.commands, name)
         self._commands[name.text.lower()] = body.commands
         self._make(body)
@@ -319,7 +341,7 @@ class _StreamReader:
         body.handlers[name.text.lower()] = name.at, commands
         self._block(None, commands, name)
         if name.text.lower() not in HANDLERS:
-            what = f"there is no handler {name.text!r}"
+            what = f"there is no handler {named(name.text)}"
             self.errors.append(Problem(name.at, what, f"known: {', '.join(HANDLERS)}"))
         elif name.text.lower() != "@init":
             self.left_out.append(
@@ -332,23 +354,25 @@ class _StreamReader:
         """Statements up to the closing brace; without `body` they are those of a handler."""
         while (token := self._head()).text != "}":
             if token.kind == "end":
-                self.errors.append(Problem(name.at, f"{name.text!r} has no end", "write }"))
+                self.errors.append(Problem(name.at, f"{named(name.text)} has no end", "write }"))
                 return
             follows = self._peek().text
             if token.text == ";":
                 continue
             if token.text == "{":
-                self.errors.append(Problem(token.at, "a block has no name here", f"end {name.text!r} with }} before"))
+                self.errors.append(
+                    Problem(token.at, "a block has no name here", f"end {named(name.text)} with }} before")
+                )
                 self._block(body, [], token)
             elif token.kind != "word" or not (token.text[0].isalpha() or token.text[0] == "@"):
-                self._wrong(token.at, f"{token.text!r} is no command", f"known: {', '.join(COMMANDS)}")
+                self._wrong(token.at, f"{named(token.text)} is no command", f"known: {', '.join(COMMANDS)}")
             elif follows == "=" and body is not None and token.text[0] != "@":
                 self._assignment(token, body)
             elif token.text[0] == "@" and follows == "{" and body is not None:
                 self._next()
                 self._handler(token, body)
             elif follows in ("=", "{") or token.text[0] == "@":
-                self._wrong(token.at, f"{token.text!r} has no place here", "write a command")
+                self._wrong(token.at, f"{named(token.text)} has no place here", "write a command")
             else:
                 self._command(token, commands)
 
@@ -373,7 +397,9 @@ class _StreamReader:
             return
         name = token.text.lower()
         body.variables[name] = _Variable(found, token.at, spaced)
-        if name in _NO_EFFECT:
+        if name not in _SETTINGS:
+            self._set.append((name, token.at))
+        elif name in _NO_EFFECT:
             self.left_out.append(Problem(token.at, f"the setting {token.text}", _NO_EFFECT[name], warning=True))
 
     def _values(self) -> tuple[tuple[_Token, ...], bool]:
@@ -381,7 +407,7 @@ class _StreamReader:
         begin = self._place
         while (token := self._peek()).text not in (";", "}") and token.kind != "end":
             if token.text in ("{", "="):
-                self._wrong(token.at, f"{token.text!r} has no place here", "end the statement before with ;")
+                self._wrong(token.at, f"{named(token.text)} has no place here", "end the statement before with ;")
                 break
             self._next()
         if token.kind == "end":
@@ -392,9 +418,10 @@ class _StreamReader:
 
     def _variable(self, name: str, at: Position, variables: Mapping[str, _Variable]) -> _Variable:
         name = name.removeprefix("{").removesuffix("}").strip()
+        self._used.add(name.lower())
         if name.lower() not in variables:
             todo = "set it before, or write ${NAME} where other signs follow"
-            raise _ToldError(at, f"there is no variable {name!r}", todo)
+            raise _ToldError(at, f"there is no variable {named(name)}", todo)
         return variables[name.lower()]
 
     def _expanded(self, tokens: Sequence[_Token], variables: Mapping[str, _Variable]) -> Iterator[_Token]:
@@ -432,13 +459,13 @@ class _StreamReader:
     def _make(self, body: _Body) -> None:
         variables = ChainMap(body.variables, self._whole.variables)
         handlers = ChainMap(body.handlers, self._whole.handlers)
-        whom = f"protocol {body.name!r}"
+        whom = f"protocol {named(body.name)}"
         settings = self._settings(variables, whom)
         commands = self._meant(body.commands, variables, whom)
         if settings is None or commands is None:
             return
         init_at, raw = handlers.get("@init", (None, []))
-        init = self._meant(raw, variables, f"the handler @init of {body.name!r}")
+        init = self._meant(raw, variables, f"the handler @init of {named(body.name)}")
         self.made.append(StreamProtocol(body.name, body.at, settings, commands, init or (), init_at))
 
     def _tell(self, told: _ToldError, whom: str) -> None:
@@ -464,7 +491,7 @@ class _StreamReader:
                     raise _ToldError(raw.at, what, "write what the device needs by hand")
                 else:
                     known = f"known: {', '.join(COMMANDS)}, and the protocols before"
-                    raise _ToldError(raw.at, f"there is no command or protocol {raw.word!r}", known)
+                    raise _ToldError(raw.at, f"there is no command or protocol {named(raw.word)}", known)
             except _ToldError as told:
                 self._tell(told, whom)
         return tuple(found) if len(self.left_out) == told_of else None
@@ -486,7 +513,9 @@ class _StreamReader:
             if "extrainput" in variables:
                 extra = "".join(one.text.lower() for one in variables["extrainput"].tokens)
                 if extra not in ("error", "ignore"):
-                    raise _ToldError(variables["extrainput"].at, f"{extra!r} is no ExtraInput", "write Error or Ignore")
+                    raise _ToldError(
+                        variables["extrainput"].at, f"{named(extra)} is no ExtraInput", "write Error or Ignore"
+                    )
             return StreamSettings(
                 terminator("interminator"), terminator("outterminator"), number("replytimeout", 1000),
                 number("readtimeout", 100), number("maxinput", 0), extra == "ignore",
@@ -511,8 +540,7 @@ class _StreamReader:
         text = "".join(one.text for one in self._expanded(tokens, variables))
         match = re.fullmatch(r"(0[xX][0-9a-fA-F]{1,8})|(0[0-7]{0,10})|([1-9][0-9]{0,8})", text)
         if match is None:
-            shown = text if len(text) < 30 else f"{text[:30]}…"
-            raise _ToldError(at, f"{shown!r} is no number of milliseconds or bytes", "write such a number")
+            raise _ToldError(at, f"{named(text)} is no number of milliseconds or bytes", "write such a number")
         return int(text, 16 if match[1] else 8 if match[2] else 10)
 
     # ---- texts --------------------------------------------------------------------------------------------
@@ -545,7 +573,7 @@ class _StreamReader:
             elif token.kind == "word":
                 add(self._byte(token, negative is not None), token.at)
             elif token.text != ",":
-                raise _ToldError(token.at, f"{token.text!r} is no text", "write it in quotes")
+                raise _ToldError(token.at, f"{named(token.text)} is no text", "write it in quotes")
             negative = None
         if negative is not None:
             raise _ToldError(negative.at, "'-' stands before no number", "write it in quotes")
@@ -563,7 +591,7 @@ class _StreamReader:
         if not -128 <= number <= 255:
             shown = f"{'-' * negative}{token.text}"
             todo = "write a string, the name of a byte, or a number to 255"
-            raise _ToldError(token.at, f"{shown!r} is no byte", todo)
+            raise _ToldError(token.at, f"{named(shown)} is no byte", todo)
         return chr(ESCAPED + (number & 0xFF))
 
     def _in_quotes(self, token: _Token, add: Callable[[str, Position], None]) -> None:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from framekit.api.stream_body import HEARD, StreamBody, StreamValue, body_of
-from framekit.api.stream_file import StreamCommand, StreamProtocol, StreamSettings, read_stream_file
+from framekit.api.stream_file import StreamCommand, StreamProtocol, StreamSettings, named, read_stream_file
 from framekit.definition.check.protocol import RESERVED
 from framekit.definition.imported import ImportedDefinition
 from framekit.definition.problems import CannotSayError, DefinitionError, Position, Problem
@@ -32,7 +32,7 @@ _TAKEN = RESERVED | {
     "answer_delay",
 }  # fmt: skip
 """Names of values that mean something else in services and sequences."""
-_SERVICES = frozenset({"exchange", "answer", "request", "reply", "read", "write"})
+_SERVICES = frozenset({"answer", "request", "reply", "read", "write"})
 
 
 def from_streamdevice(text: str, file: str, name: str) -> ImportedDefinition:
@@ -120,12 +120,14 @@ class _StreamWriter:
     # ---- protocols ----------------------------------------------------------------------------------------
 
     def add(self, protocol: StreamProtocol) -> None:
-        name = re.sub(r"[^A-Za-z0-9_]", "_", protocol.name)
+        name = re.sub(r"[^A-Za-z0-9_]", "_", protocol.name[:64])
+        if re.fullmatch(r"exchange(_\d+)*", name):
+            name = f"{name}_p"
         self._service(protocol, protocol.commands, protocol.at, self._service_names.unused(name))
         if protocol.init_at is not None and protocol.init:
             init = self._service_names.unused(f"{name}_init")
             if self._service(protocol, protocol.init, protocol.init_at, init):
-                what = f"the handler @init of {protocol.name!r} is the service '{init}', which nothing calls by itself"
+                what = f"the handler @init is the service '{init}', which nothing calls by itself"
                 todo = "call it where a run begins, or leave it"
                 self.left_out.append(Problem(protocol.init_at, what, todo, warning=True))
 
@@ -138,19 +140,21 @@ class _StreamWriter:
                 bodies.append(None if command.word == "wait" else self._body(command, protocol.settings))
             except CannotSayError as error:
                 one = error.problem
-                self.left_out.append(Problem(one.at, f"{one.what}: {protocol.name!r} is left out", one.todo))
+                self.left_out.append(Problem(one.at, f"{one.what}: {named(protocol.name)} is left out", one.todo))
         if len(self.left_out) > told:
             return False
         words = [command.word for command in commands]
         if not {"in", "out"} & set(words):
-            self.left_out.append(Problem(at, f"{protocol.name!r} sends and takes nothing: it is left out", "write out"))
+            self.left_out.append(
+                Problem(at, f"{named(protocol.name)} sends and takes nothing: it is left out", "write out")
+            )
             return False
         asked: set[int] = set()
         for command, body in zip(commands, bodies, strict=True):
             if body is not None and command.word == "out":
                 asked = set(body.arguments)
             elif body is not None and not set(body.arguments) <= asked:
-                what = f"an argument is taken that nothing before sends: {protocol.name!r} is left out"
+                what = f"an argument is taken that nothing before sends: {named(protocol.name)} is left out"
                 self.left_out.append(Problem(command.at, what, "write the reply by hand"))
                 return False
         is_pair = words == ["out", "in"]

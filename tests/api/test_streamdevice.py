@@ -201,7 +201,7 @@ def test_a_command_without_any_terminator_is_told_once() -> None:
         "x.proto:1:5: warning: no terminator is set for this command (and at 1 more place): the IOC may set one for "
         "the port – write Terminator = …; at the head of the file"
     )
-    assert told('Terminator = ""; a { out "A"; in "B"; }') == []
+    assert told('Terminator = ""; MaxInput = 1; a { out "A"; in "B"; }') == []
 
 
 @pytest.mark.parametrize(
@@ -233,6 +233,45 @@ def test_texts_and_variables(text: str, wire: bytes) -> None:
     assert framekit.Protocol(made).encode(name, value=5) == wire
 
 
+def test_variables_that_nothing_uses_are_told() -> None:
+    text = 'Terminater = CR; Terminator = LF; x = 1; y = $x; p { z = 2; out "\\${z}"; w = 3; }'
+    assert [one.partition(": warning: ")[2] for one in told(text)] == [
+        "nothing uses the variable 'terminater' – did you mean terminator?",
+        "nothing uses the variable 'y' – use it, or remove it",
+        "nothing uses the variable 'w' – use it, or remove it",
+    ]
+
+
+def test_marks_of_an_editor_are_no_part_of_a_name() -> None:
+    text = b'\xef\xbb\xbfTerminator = CR; p { out "x"; }'.decode("latin-1")
+    assert told(text) == [] and "0D" in from_streamdevice(text, "x.proto", "made").text
+
+
+@pytest.mark.parametrize(
+    ("setting", "command", "what"),
+    [
+        ("MaxInput = 3", 'in "%3c"', ""),
+        ("MaxInput = 2", 'in "%3c"', "MaxInput 2 ends it before its 3 bytes"),
+        ("MaxInput = 4", 'in "%3c"', "only silence ends what is read"),
+        ("MaxInput = 0", 'in "%3c"', "only silence ends what is read"),
+        ("MaxInput = 9", 'in "%s"', "with nothing behind it that ends it"),
+        ("Terminator = CR; MaxInput = 9", 'in "%s"', "MaxInput 9 beside a terminator"),
+    ],
+)
+def test_the_greatest_input(setting: str, command: str, what: str) -> None:
+    found = told(f'Terminator = ""; {setting}; p {{ {command}; }}')
+    assert len(found) == bool(what) and what in "".join(found)
+
+
+@pytest.mark.parametrize("size", [10, 1000, 100_000])
+def test_messages_stay_short_however_long_a_name_is(size: int) -> None:
+    name = "n" * size
+    commands = f"shout; out '%d'; out ${name}; out '\\${{{name}}}'; wait {name}; in '%{{{name}'; " * 3
+    left_out = told(f"{name} {{ {commands} }} {name}2 {{ {name}; @init {{ {name}; }} }} {name}3 {{ out 'x'; }}")
+    wrong = told(f"{name} {{ {{ = {name} }} }} {name} {{ }} a = $b{name}; @x{name} {{ }} {name} {name};")
+    assert len(left_out) > 10 and len(wrong) > 5 and max(map(len, left_out + wrong)) < 400
+
+
 def test_every_error_at_once() -> None:
     text = 'A = $nothing;\na { out "open;\n  shout "x"; }\nb { @later { } { out } }\nb { out "%q"; = 3 }\n}\n'
     assert [one.partition(" – ")[0] for one in told(text)] == [
@@ -252,7 +291,7 @@ def test_equal_names_get_numbers() -> None:
     text = 'Terminator = CR; p { out "a%(x)d,%(x)d,%(x_2)d,%(x)d,%(value)d,%d"; in "%(X.VAL)d"; } p_in { in "b"; }'
     text += 'read { out "c"; in "d"; } exchange { out "e%(station)d"; in "f"; } p! { out "g"; } p? { out "h"; }'
     made = load_protocol_text(from_streamdevice(text, "x.proto", "made").text, "made.yaml")
-    assert sorted(made.services) == ["exchange_2", "p", "p_", "p__2", "p_in", "read_2"]
+    assert sorted(made.services) == ["exchange_p", "p", "p_", "p__2", "p_in", "read_2"]
     assert len(made.frames) == len(set(made.frames)) == 9
 
 
