@@ -474,7 +474,7 @@ def test_the_file_that_is_read_is_not_written_over(
 @pytest.mark.parametrize(
     ("words", "status", "message"),
     [
-        (["x.txt"], 2, "has no ending that says what it is – known: .proto (a protocol file of EPICS StreamDevice)"),
+        (["x.txt"], 2, ".proto (a protocol file of EPICS StreamDevice)"),
         (["none.proto"], 2, "none.proto: No such file or directory"),
         (["long.proto"], 1, "long.proto:1:1: the file has more than 1000000 bytes – divide it"),
         (["x.proto", "-o", "X.yaml"], 2, "is no name of a protocol"),
