@@ -129,6 +129,15 @@ class CheckFunctions:
         return method.initial << 8 - width if width < 8 else method.initial
 
 
+def finish_code(r: Any, segment: Check, code: str) -> None:
+    """Makes of what all bytes came to the number that stands on the wire, cut to the room that it has there."""
+    text = r.file.checks.finished(segment.method, code)
+    bits = {"raw": 8, "nibbles": 4, "hex": 4, "HEX": 4, "dec": 0}[segment.form] * segment.size
+    if bits and segment.method.width > bits:
+        text = f"({text} & UINT64_C({(1 << bits) - 1}))"
+    r.add(f"{code} = {text};")
+
+
 def put_code(r: Any, segment: Check, code: str, target: str) -> None:
     """Writes how a check code stands on the wire."""
     little = "true" if segment.order == "little" else "false"

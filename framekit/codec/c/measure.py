@@ -8,12 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from framekit.codec.c.checks import finish_code, put_code
 from framekit.codec.c.expressions import CScope, Val
 from framekit.codec.c.functions import CFunctionWriter, FileFacts
 from framekit.codec.c.layout import CStruct
 from framekit.codec.c.source import CSource, identifier, string
 from framekit.codec.python.choices import fixed_bytes
-from framekit.codec.python.facts import ending_checks, fixed_and_conditional, leading, looks_inside
+from framekit.codec.python.facts import (
+    code_before_end,
+    ending_checks,
+    fixed_and_conditional,
+    leading,
+    looks_inside,
+    whole_constant,
+)
 from framekit.codec.python.function import covered_names
 from framekit.codec.python.measure import MOST, Finished, needed_names
 from framekit.definition.expression import Expression, names_in
@@ -281,22 +289,43 @@ class CMeasureWriter(CFunctionWriter):
         before, behind = self._size_of(after[:place]), self._size_of(after[place:])
         may_hold = first.data[0] in bytes_of([segment, *(one for one, _ in after[:place])], self.static.frames)
         self.settle()
+        is_tried = may_hold and any(isinstance(one, Check) for one, _ in after)
+        constant = whole_constant(one for one, _ in after[place:]) if is_tried else first.data
         found = self.local("size_t", "found_place")
         find = self.file.helper("find")
         self.add(f"at += {before};")
-        call = f"{find}(data, (size_t)at, size, {string(first.data)}, {len(first.data)}, &{found})"
+        call = f"{find}(data, (size_t)at, size, {string(constant)}, {len(constant)}, &{found})"
         with self.block(f"while (at <= end && {call})"):
             self.add(f"at = (int64_t){found};")
             total = f"at + {behind}"
             self.when(f"{total} > {self.most}", f"return {LOST};")
             self.when(f"{total} > end", f"return end - ({total});")
-            if not may_hold or not any(isinstance(one, Check) for one, _ in after):
+            if not is_tried:
                 self.add(f"return {total};")
             else:
-                self._ends_here(total, f"at - ({before})")
+                check = code_before_end([one for one, _ in after[:place]])
+                with self.where("" if check is None else self._code_right(check)):
+                    self._ends_here(total, f"at - ({before})")
                 self.add("at++;")
         self.not_found(1)
         raise Finished
+
+    def _code_right(self, check: Check) -> str:
+        """Finds out whether the check code right before `at` is right; the local that says so."""
+        right, code = self.local("bool", "code_right", "false"), self.local("uint64_t", "code")
+        name, initial = self.file.checks.of(check.method, check.at)
+        begin = f"(size_t)at - {check.size}"
+        self.add(f"{code} = {name}(UINT64_C({initial}), 0, data, {begin});")
+        finish_code(self, check, code)
+        with self.block(""):
+            self.add(f"uint8_t wanted[{check.size}];")
+            put_code(self, check, code, "wanted")
+            if check.form == "raw":
+                self.add(f"{right} = memcmp(wanted, data + ({begin}), {check.size}) == 0;")
+            else:
+                same = self.file.helper("same_digits")
+                self.add(f"{right} = {same}(wanted, data + ({begin}), {check.size});")
+        return right
 
     def _ends_here(self, total: str, tail: str) -> None:
         """The frame ends here if everything from its tail on fits."""

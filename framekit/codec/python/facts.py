@@ -5,7 +5,7 @@ It reads the model and writes nothing.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -200,12 +200,30 @@ def looks_inside(static: StaticSizes, segments: Segments) -> bool:
 
 def symbol_behind(wrap: Wrap, after: Iterable[Segment]) -> bytes:
     """The escape byte and its follower behind a wrap; empty if something else may stand there, or is to be refused."""
+    found = whole_constant(after)
+    return found[:2] if len(found) > 1 and found[0] == wrap.escape else b""
+
+
+def whole_constant(segments: Iterable[Segment]) -> bytes:
+    """The bytes of the constants at the start of a list, up to one that is not always there, or is to be refused."""
     found = b""
-    for segment in after:
+    for segment in segments:
         if not isinstance(segment, Const) or segment.when is not None or segment.refuse is not None:
             break
         found += segment.data
-    return found[:2] if len(found) > 1 and found[0] == wrap.escape else b""
+    return found
+
+
+def code_before_end(before: Sequence[Segment]) -> Check | None:
+    """The check code right before a constant that may end a frame, if a look tells whether it is right.
+
+    Most places where a frame could end are no end, and to read what is before each of them takes long.
+    """
+    check = before[-1] if before else None
+    if not isinstance(check, Check) or check.when is not None or check.covers is not None or check.added:
+        return None
+    is_plain = check.verify == "error" and not check.method.is_keyed and check.order == "big"
+    return check if is_plain and check.form in ("raw", "hex", "HEX") else None
 
 
 def is_fixed(field: Field) -> bool:

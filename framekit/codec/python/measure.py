@@ -11,7 +11,14 @@ from collections.abc import Iterable, Iterator
 from framekit.codec.python import forms
 from framekit.codec.python.choices import fixed_bytes
 from framekit.codec.python.expressions import NameEntry, Scope, default_text, entries_read, may_fail
-from framekit.codec.python.facts import ending_checks, fixed_and_conditional, leading, looks_inside
+from framekit.codec.python.facts import (
+    code_before_end,
+    ending_checks,
+    fixed_and_conditional,
+    leading,
+    looks_inside,
+    whole_constant,
+)
 from framekit.codec.python.function import FunctionWriter, Offset, between, covered_names, index
 from framekit.codec.python.module import Module
 from framekit.codec.python.registry import kind_of, write_docstring
@@ -361,26 +368,40 @@ class MeasureWriter(FunctionWriter):
         first, before, behind = after[place][0], self._size_of(after[:place]), self._size_of(after[place:])
         assert isinstance(first, Const)
         may_hold = first.data[0] in bytes_of([segment, *(one for one, _ in after[:place])], self.static.frames)
+        is_tried = may_hold and any(isinstance(one, Check) for one, _ in after)
+        constant = whole_constant(one for one, _ in after[place:]) if is_tried else first.data
         self.settle()
         self.add(f"behind = {behind}")
         self.add(f"at = max({'at' if before == '0' else f'at + {before}'}, start + seen - behind)")
-        with self.out.block(f"while (at := data.find({bytes_literal(first.data)}, at, end)) >= 0:"):
+        with self.out.block(f"while (at := data.find({bytes_literal(constant)}, at, end)) >= 0:"):
             self.add("size = at - start + behind")
             with self.out.block(f"if size > {self.most}:"):
                 self.add("return LOST")
             with self.out.block("if size > end - start:"):
                 self.add("return end - start - size")
-            if not may_hold or not any(isinstance(one, Check) for one, _ in after):
+            if not is_tried:
                 self.add("return size")
             else:
                 ends_here = self.module.function("ends_here")
                 whole = "bytes(data[start : start + size])"
                 tail = "at - start" if before == "0" else f"at - start - ({before})"
-                with self.out.block(f"if {ends_here}(decode_{self.identifier}, {whole}, ctx, {tail}):"):
+                fits = f"{ends_here}(decode_{self.identifier}, {whole}, ctx, {tail})"
+                with self.out.block(f"if {self._code_before(after[:place])}{fits}:"):
                     self.add("return size")
                 self.add("at += 1")
         self.not_found(1)
         raise Finished
+
+    def _code_before(self, before: Pairs) -> str:
+        """A condition, and `and` behind it: the check code right before `at` is right; '' if only reading tells."""
+        check = code_before_end([one for one, _ in before])
+        if check is None:
+            return ""
+        found = f"data[at - {check.size} : at]"
+        wanted = forms.code_bytes(self.module, check, f"data[start : at - {check.size}]")
+        if check.form == "raw":
+            return f"{found} == {wanted} and "
+        return f"{found}.upper() == {wanted if check.form == 'HEX' else f'({wanted}).upper()'} and "
 
     def _constant(self, after: Pairs) -> int | None:
         """The place of the constant that is looked for; None if there is none, or too little can be told beforehand."""

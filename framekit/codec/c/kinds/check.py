@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from framekit.codec.c.checks import put_code
+from framekit.codec.c.checks import finish_code, put_code
 from framekit.codec.c.expressions import CScope
 from framekit.codec.c.functions import CKind
 from framekit.codec.c.measure import LOST, CMeasureWriter, Pairs
@@ -124,11 +124,7 @@ def work_out(r: Any, segment: Check, scope: CScope, code: str, start: str) -> bo
             elif part:
                 for run in _runs(r, segment, part):
                     _run(r, run, name, code, place)
-    text = r.file.checks.finished(segment.method, code)
-    bits = {"raw": 8, "nibbles": 4, "hex": 4, "HEX": 4, "dec": 0}[segment.form] * segment.size
-    if bits and segment.method.width > bits:
-        text = f"({text} & UINT64_C({(1 << bits) - 1}))"
-    r.add(f"{code} = {text};")
+    finish_code(r, segment, code)
     return fails
 
 
