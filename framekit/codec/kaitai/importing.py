@@ -17,10 +17,11 @@ from typing import Any
 
 from framekit.codec.ambiguity import check_matrices
 from framekit.codec.codec import compile_protocol
+from framekit.codec.kaitai.attributes import Keys, LeftOutError, Region, StaticTypes, WorkDone, is_end
 from framekit.codec.kaitai.description import Description, KsyEnum, KsyType, read_description
 from framekit.codec.kaitai.language import parse
 from framekit.codec.kaitai.translation import Kind, KsyMeaning, KsyScope
-from framekit.codec.kaitai.type_writer import Keys, LeftOutError, Region, StaticTypes, TypeWriter, WorkDone, is_end
+from framekit.codec.kaitai.type_writer import TypeWriter
 from framekit.definition.expression import Name
 from framekit.definition.imported import ImportedDefinition
 from framekit.definition.load.protocol import load_protocol

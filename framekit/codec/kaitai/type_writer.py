@@ -8,12 +8,33 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from typing import Any
-from typing import Protocol as Interface
 
-from framekit.codec.kaitai.description import KsyAttribute, KsyEnum, KsyType, scalar, whole
+from framekit.codec.kaitai.attributes import (
+    BITS,
+    DEEPEST,
+    FLOAT,
+    MOST_BYTES,
+    NUMBER,
+    OF_ALL,
+    OF_BYTES,
+    OF_TEXTS,
+    FileParts,
+    Keys,
+    KsyPart,
+    LeftOutError,
+    Region,
+    bits_of,
+    greatest,
+    is_built_in,
+    is_end,
+    left_more,
+    left_of,
+    with_keys,
+    without_repeat,
+)
+from framekit.codec.kaitai.description import KsyAttribute, KsyType, scalar
 from framekit.codec.kaitai.language import parse
 from framekit.codec.kaitai.translation import (
     INDEX,
@@ -24,270 +45,27 @@ from framekit.codec.kaitai.translation import (
     KsyScope,
     Translated,
     Translation,
-    bytes_text,
     constant,
     own_name,
     quoted,
 )
+from framekit.codec.kaitai.values import KsyValueWriter, constant_meaning
 from framekit.definition.expression import (
     ATOM,
     NOT,
-    Attribute,
-    Binary,
-    Compare,
     ExpressionError,
-    Logic,
-    Name,
     Node,
-    Number,
-    Unary,
     parse_expression,
     walk,
 )
 from framekit.definition.nodes import Mapping as MappingNode
-from framekit.definition.nodes import Node as YamlNode
-from framekit.definition.nodes import Scalar, Sequence
+from framekit.definition.nodes import Scalar
 from framekit.definition.problems import CannotSayError, Position
 from framekit.definition.wire_types import ANY, NOTHING, Sizes, bounds_of_bits, either, exactly
 
-Keys = dict[str, Any]
-MOST_SEGMENTS = 4000
-"""Segments of a frame, with those of everything in it."""
-MOST_WORK = 100_000
-"""Segments and parts of expressions of all frames together."""
-DEEPEST = 24
-"""Types that use each other."""
-MOST_BYTES = 1 << 20
-_NUMBER = re.compile(r"([us])([1248])(le|be)?")
-_FLOAT = re.compile(r"f([48])(le|be)?")
-_BITS = re.compile(r"b([1-9][0-9]?)(le|be)?")
 _USER = re.compile(r"(?:::)?([a-z][a-z0-9_]*(?:::[a-z][a-z0-9_]*)*)")
-_GREATEST = re.compile(r"_io\.size <= ([0-9]{1,7})")
 _CASE = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
-_OF_ALL = frozenset({"id", "doc", "doc-ref", "if", "repeat", "repeat-expr", "repeat-until", "type", "valid"})
-_OF_TEXTS = frozenset({"size", "size-eos", "terminator", "include", "consume", "eos-error", "pad-right", "encoding"})
-_OF_BYTES = _OF_TEXTS - {"encoding"} | {"process"}
-_LATIN_1 = ("iso88591", "latin1")
-_ASCII = ("ascii", "usascii")
-_LIKE_ASCII = re.compile(r"utf8|iso8859\d+|windows125\d|cp(?:125\d|437|85\d|866)|ibm(?:437|85\d|866)|koi8[ru]|macroman")
 _REST_IS = "what stands behind it has no fixed size"
-
-
-class LeftOutError(Exception):
-    """Something cannot be taken over; why has been told."""
-
-
-class WorkDone:
-    """Counts what has been written. Raises CannotSayError when that is too much."""
-
-    def __init__(self) -> None:
-        self.all = 0
-        self._begun = 0
-
-    def begin(self) -> None:
-        """A frame begins."""
-        self._begun = self.all
-
-    def add(self, at: Position, number: int) -> None:
-        self.all += number
-        if self.all > MOST_WORK:
-            raise CannotSayError(at, "the file says too much in all", f"{MOST_WORK} parts are taken over; divide it")
-        if self.all - self._begun > 8 * MOST_SEGMENTS:
-            raise CannotSayError(at, "a type of too many parts in all", "divide it")
-
-
-@dataclass(slots=True, eq=False)
-class Region:
-    """A stream: the whole one, or one of an attribute with a size.
-
-    `is_taken`: something has taken all that was left. `counts_back`: something has taken what was left less what
-    stands behind. `is_exact`: the description itself says that it ends. `most`: how long it may be.
-    """
-
-    is_taken: bool = False
-    counts_back: bool = False
-    is_exact: bool = False
-    most: int | None = None
-
-    @property
-    def is_used_up(self) -> bool:
-        return self.is_taken or self.counts_back or self.is_exact
-
-
-@dataclass(slots=True)
-class KsyPart:
-    """Segments, and the bytes that they take."""
-
-    segments: list[Keys]
-    sizes: Sizes = NOTHING
-
-
-def is_end(attribute: KsyAttribute) -> bool:
-    """Whether an attribute takes no bytes, and says that the stream ends there."""
-    size, valid = attribute.keys.get("size"), attribute.keys.get("valid")
-    said = valid.value("expr") if isinstance(valid, MappingNode) and len(valid.entries) == 1 else None
-    if not isinstance(size, Scalar) or whole(size.text) != 0 or not isinstance(said, Scalar):
-        return False
-    return said.text.strip() == "_io.eof" and attribute.keys.keys() <= {"id", "size", "valid", "doc"}
-
-
-def _greatest(attribute: KsyAttribute) -> int | None:
-    """The greatest size of its stream, where that is all that an attribute says."""
-    size, valid = attribute.keys.get("size"), attribute.keys.get("valid")
-    said = valid.value("expr") if isinstance(valid, MappingNode) and len(valid.entries) == 1 else None
-    if not isinstance(size, Scalar) or whole(size.text) != 0 or not isinstance(said, Scalar):
-        return None
-    match = _GREATEST.fullmatch(said.text.strip())
-    return int(match[1]) if match is not None and attribute.keys.keys() <= {"size", "valid", "doc"} else None
-
-
-def _with(attribute: KsyAttribute, **changes: YamlNode | None) -> KsyAttribute:
-    """An attribute with other keys; None takes one out."""
-    keys = {key: node for key, node in attribute.keys.items() if key not in changes}
-    return KsyAttribute(attribute.at, attribute.name, keys | {k: v for k, v in changes.items() if v is not None})
-
-
-def _single(attribute: KsyAttribute) -> KsyAttribute:
-    """An attribute without its condition and repetition."""
-    out = {"if", "repeat", "repeat-expr", "repeat-until"}
-    keys = {key: node for key, node in attribute.keys.items() if key not in out}
-    return KsyAttribute(attribute.at, attribute.name, keys)
-
-
-class StaticTypes:
-    """Sizes of types that need no values, each found once."""
-
-    def __init__(self) -> None:
-        self._known: dict[KsyType, int | None] = {}
-        self._depth = 0
-
-    def of_type(self, type_: KsyType) -> int | None:
-        if type_ not in self._known:
-            self._known[type_] = None  # for a type that stands in itself
-            self._depth += 1
-            if self._depth <= DEEPEST:
-                self._known[type_] = self.behind(type_)[-1]
-            self._depth -= 1
-        return self._known[type_]
-
-    def behind(self, type_: KsyType) -> list[int | None]:
-        """The bytes behind each attribute of a type, and as the last one those of all of it."""
-        units: list[tuple[int, int | None]] = []  # attributes that share bytes, and their size
-        bits = 0
-        for attribute in type_.seq:
-            width = _bits_of(attribute, type_)
-            if width is None:
-                bits = 0
-                units.append((1, self.of_attribute(attribute, type_)))
-                continue
-            number = units.pop()[0] if bits else 0
-            bits += width[0]
-            units.append((number + 1, -(-bits // 8)))
-            bits = 0 if bits % 8 == 0 else bits
-        found: list[int | None] = []
-        after: int | None = 0
-        for number, size in reversed(units):
-            found += [after] * number
-            after = None if after is None or size is None else after + size
-        return [*reversed(found), after]
-
-    def of_attribute(self, attribute: KsyAttribute, type_: KsyType) -> int | None:
-        keys = attribute.keys
-        size = keys.get("size")
-        number = whole(size.text) if isinstance(size, Scalar) else None
-        if number == 0 and "repeat" not in keys:
-            return 0
-        if "if" in keys or "repeat" in keys:
-            return None
-        if "contents" in keys:
-            try:
-                return len(_contents(keys["contents"]))
-            except CannotSayError:
-                return None
-        if size is not None or "size-eos" in keys or "terminator" in keys:
-            return number
-        said = keys.get("type")
-        text = said.text if isinstance(said, Scalar) else ""
-        if (match := _NUMBER.fullmatch(text)) is not None:
-            return int(match[2])
-        if (match := _FLOAT.fullmatch(text)) is not None:
-            return int(match[1])
-        found = type_.find_type(text.partition("(")[0]) if text not in ("", "str", "strz") else None
-        return None if found is None else self.of_type(found)
-
-
-class FileParts(Interface):
-    """What types ask of the file that is being written."""
-
-    work: WorkDone
-    order: str
-    static: StaticTypes
-
-    def tell(self, at: Position, what: str, todo: str, *, warning: bool = False) -> None:
-        """Notes what is left out, or, as a warning, what is taken over with a difference."""
-
-    def table(self, enum: KsyEnum) -> str:
-        """The name of the table of an enumeration."""
-
-    def layout(self, type_: KsyType, segments: list[Keys]) -> str:
-        """The name of the layout of these segments."""
-
-    def letters(self) -> str:
-        """The name of a parameter that holds the characters of ASCII."""
-
-
-def _bits_of(attribute: KsyAttribute, type_: KsyType) -> tuple[int, str] | None:
-    """How many bits an attribute has, and from which end they are counted; None where it is no field of bits."""
-    said = attribute.keys.get("type")
-    match = _BITS.fullmatch(said.text) if isinstance(said, Scalar) else None
-    if match is None or not 1 <= int(match[1]) <= 64:
-        return None
-    return int(match[1]), match[2] or type_.bit_endian
-
-
-def _contents(node: YamlNode) -> bytes:
-    """Raises CannotSayError."""
-    if isinstance(node, Scalar) and (node.quoted or whole(node.text) is None):
-        try:
-            return node.text.encode("utf-8")
-        except UnicodeEncodeError:
-            raise CannotSayError(node.at, "contents: of half a character", "write its bytes") from None
-    data = bytearray()
-    for item in node.items if isinstance(node, Sequence) else (node,):
-        number = whole(item.text) if isinstance(item, Scalar) and not item.quoted else None
-        if number is not None and 0 <= number <= 255:
-            data.append(number)
-        elif isinstance(item, Scalar) and isinstance(node, Sequence) and number is None:
-            data += _contents(Scalar(item.text, item.at, True))
-        else:
-            raise CannotSayError(item.at, "contents: of what is no byte and no text", "write numbers up to 255")
-    return bytes(data)
-
-
-def _left(node: Node) -> int | None:
-    """N of `_io.size - _io.pos - N`, the bytes that are left less N; None for everything else."""
-    match node:
-        case Binary(
-            operator="-",
-            left=Attribute(value=Name(name="_io"), name="size"),
-            right=Attribute(value=Name(name="_io"), name="pos"),
-        ):
-            return 0
-        case Binary(operator="-", left=left, right=Number(value=value)):
-            before = _left(left)
-            return None if before is None else before + value
-    return None
-
-
-def _left_more(node: Node) -> int | None:
-    """N of a condition that more than N bytes are left; None for everything else."""
-    match node:
-        case Unary(operator="not", operand=Attribute(value=Name(name="_io"), name="eof")):
-            return 0
-        case Compare(first=first, rest=((">", Number(value=value)),)):
-            before = _left(first)
-            return None if before is None else before + value
-    return None
 
 
 class TypeWriter:
@@ -310,6 +88,7 @@ class TypeWriter:
         self._failed = False
         self._unused_names: dict[str, str] = {}
         self._needs: list[str] = []
+        self.values = KsyValueWriter(self)
         self._find_outside = scope.find
         scope.find = self._find
 
@@ -391,7 +170,7 @@ class TypeWriter:
 
     def _next(self, attribute: KsyAttribute, behind: int | None) -> None:
         self._known_keys(attribute)
-        bits = _bits_of(attribute, self.scope.type)
+        bits = bits_of(attribute, self.scope.type)
         if bits is not None and (self._bits or bits[0] % 8):
             self._next_bits(attribute, *bits)
             return
@@ -402,7 +181,7 @@ class TypeWriter:
         if "" in attribute.keys:  # it is no attribute, which has been told
             raise LeftOutError
         for key in attribute.keys:
-            if key not in _OF_ALL | _OF_TEXTS | _OF_BYTES | {"contents", "enum"}:
+            if key not in OF_ALL | OF_TEXTS | OF_BYTES | {"contents", "enum"}:
                 if not key.startswith("-"):
                     raise CannotSayError(
                         attribute.keys[key].at, f"the key {key!r} of '{attribute.name}'", "leave it out"
@@ -423,9 +202,9 @@ class TypeWriter:
             if behind != 0:
                 raise CannotSayError(attribute.at, "a condition that the stream ends", _REST_IS)
             self.region.is_exact = True
-            self.scope.entries[attribute.name] = _constant_entry(constant(b""))
+            self.scope.entries[attribute.name] = constant_meaning(constant(b""))
             return
-        most = _greatest(attribute)
+        most = greatest(attribute)
         if most is not None and len(self.using) == 1 and self.alone:
             self.region.most = most
             return
@@ -436,13 +215,13 @@ class TypeWriter:
             self._require_needs()
             self._put(part)
             return
-        asked = self._parsed(scalar(condition, "if"))
-        left = _left_more(asked)
+        asked = self.parsed(scalar(condition, "if"))
+        left = left_more(asked)
         if left is not None:
             self._put(self._optional(attribute, left, behind))
             return
         self._needs.clear()
-        said = self._say(asked, condition.at, "bool")
+        said = self.say(asked, condition.at, "bool")
         self._require_needs()
         self._put(self._under(attribute, said, behind))
 
@@ -460,8 +239,8 @@ class TypeWriter:
             return True
         said = keys.get("type")
         text = said.text.strip() if isinstance(said, Scalar) else ""
-        if _is_built_in(text):
-            return _BITS.fullmatch(text) is None
+        if is_built_in(text):
+            return BITS.fullmatch(text) is None
         found = type_.find_type(text.partition("(")[0])
         return found is not None and bool(found.seq) and self._begins_with_byte(found.seq[0], found, most - 1)
 
@@ -495,7 +274,7 @@ class TypeWriter:
             for key in ("repeat-expr", "repeat-until"):
                 if key in attribute.keys:
                     raise CannotSayError(attribute.keys[key].at, f"{key}: without repeat:", "add repeat:")
-            part = self._value(_single(attribute), own_name(attribute.name), self.scope, behind)
+            part = self._value(without_repeat(attribute), own_name(attribute.name), self.scope, behind)
         else:
             part = self._list(attribute, repeat, behind)
         if part.sizes.most != 0 and self.region.is_taken and not self._takes_all:
@@ -510,7 +289,7 @@ class TypeWriter:
     _takes_all = False
     """Whether the attribute that is being written is what takes all that is left."""
 
-    def _take_all(self, at: Position, behind: int | None, what: str) -> None:
+    def take_all(self, at: Position, behind: int | None, what: str) -> None:
         """Something takes all that is left of the region; nothing may stand behind. Raises CannotSayError."""
         if self.region.is_used_up:
             raise CannotSayError(at, f"{what} takes what is left, as another part does", "give one of them a size")
@@ -523,12 +302,12 @@ class TypeWriter:
 
     # ---- expressions --------------------------------------------------------------------------------------
 
-    def _parsed(self, text: Scalar) -> Node:
+    def parsed(self, text: Scalar) -> Node:
         node = parse(text.text, text.at)
         self._count(text.at, sum(1 for _ in walk(node)))
         return node
 
-    def _say(
+    def say(
         self,
         node: Node,
         at: Position,
@@ -565,11 +344,11 @@ class TypeWriter:
             self._needs += made.needs
         return made
 
-    def _size(self, attribute: KsyAttribute, behind: int | None, item: KsyScope | None) -> int | str:
+    def size(self, attribute: KsyAttribute, behind: int | None, item: KsyScope | None) -> int | str:
         """A number of bytes, an expression, or `rest`. Raises CannotSayError."""
         text = scalar(attribute.keys["size"], "size")
-        node = self._parsed(text)
-        left = _left(node)
+        node = self.parsed(text)
+        left = left_of(node)
         if left is not None:
             if behind is None or left != behind:
                 raise CannotSayError(text.at, f"where '{attribute.name}' ends", _REST_IS)
@@ -579,7 +358,7 @@ class TypeWriter:
                 )
             self.region.counts_back = True
             return "rest"
-        made = self._say(node, text.at, "int", item=item)
+        made = self.say(node, text.at, "int", item=item)
         if not made.names and made.span is not None and made.span[0] == made.span[1]:
             size = made.span[0]
             if not 0 <= size <= MOST_BYTES:
@@ -606,7 +385,7 @@ class TypeWriter:
             raise CannotSayError(
                 attribute.at, f"'{attribute.name}' begins in a byte whose bits are counted otherwise", "take one order"
             )
-        self._only(attribute, frozenset({"enum"}))
+        self.values.only(attribute, frozenset({"enum"}))
         self._bits.append((attribute, width, order))
         if sum(one[1] for one in self._bits) % 8 == 0:
             self._flush_bits()
@@ -639,12 +418,12 @@ class TypeWriter:
             before += bits
             name = own_name(attribute.name)
             places[name] = str(low) if bits == 1 else f"{low}-{low + bits - 1}"
-            enum = self._enum(attribute)
+            enum = self.values.enum(attribute)
             if enum is not None and all(0 <= one < 1 << bits for one in enum.members.values()):
                 values[name] = self.file.table(enum)
             kind: Kind = "bool" if bits == 1 and enum is None else "int"
             self.scope.entries[attribute.name] = KsyMeaning(name, kind, bounds_of_bits(bits, False))
-            more += self._valid(attribute, None, self.scope.entries[attribute.name], self.scope, None)
+            more += self.values.valid(attribute, None, self.scope.entries[attribute.name], self.scope, None)
             if attribute.doc:
                 segment["doc"] = (
                     f"{segment['doc']}; {name}: {attribute.doc}" if "doc" in segment else f"{name}: {attribute.doc}"
@@ -657,27 +436,6 @@ class TypeWriter:
 
     # ---- values -------------------------------------------------------------------------------------------
 
-    def _only(self, attribute: KsyAttribute, more: frozenset[str]) -> None:
-        """Raises CannotSayError for keys that mean nothing beside this type."""
-        for key in attribute.keys:
-            if key not in _OF_ALL | more and not key.startswith("-"):
-                raise CannotSayError(
-                    attribute.keys[key].at, f"{key}: of '{attribute.name}' beside its type", "leave it out"
-                )
-
-    def _enum(self, attribute: KsyAttribute) -> KsyEnum | None:
-        """The enumeration of an attribute, if it has members. Raises CannotSayError."""
-        node = attribute.keys.get("enum")
-        if node is None:
-            return None
-        name = scalar(node, "enum").text
-        found = self.scope.type.find_enum(tuple(name.removeprefix("::").split("::")))
-        if found is None:
-            raise CannotSayError(
-                node.at, f"there is no enumeration '{name[:60]}' here", "correct it, or write it into this file"
-            )
-        return found if found.members else None
-
     def _value(
         self, attribute: KsyAttribute, name: str, into: KsyScope, behind: int | None, item: KsyScope | None = None
     ) -> KsyPart:
@@ -685,45 +443,45 @@ class TypeWriter:
         self._count(attribute.at)
         said = attribute.keys.get("type")
         if "contents" in attribute.keys:
-            self._only(attribute, frozenset({"contents", "size"}))
-            return self._constant(attribute, name, into)
+            self.values.only(attribute, frozenset({"contents", "size"}))
+            return self.values.constant(attribute, name, into)
         if isinstance(said, MappingNode) and "size" in attribute.keys:
             return self._sized_switch(attribute, said, name, into, behind, item)
         if isinstance(said, MappingNode):
             return self._switch(attribute, said, name, into, behind, item)
         text = "" if said is None else scalar(said, "type").text.strip()
-        bits = _bits_of(attribute, self.scope.type)
-        if (match := _NUMBER.fullmatch(text)) is not None:
+        bits = bits_of(attribute, self.scope.type)
+        if (match := NUMBER.fullmatch(text)) is not None:
             size, signed = int(match[2]), match[1] == "s"
-            return self._number(attribute, name, into, size, match[3], signed, item)
+            return self.values.number(attribute, name, into, size, match[3], signed, item)
         if bits is not None:
             if bits[0] % 8:
                 raise CannotSayError(attribute.at, f"bits '{attribute.name}' that fill no bytes", "take bytes")
-            return self._number(attribute, name, into, bits[0] // 8, bits[1], False, item)
-        if (match := _FLOAT.fullmatch(text)) is not None:
-            self._only(attribute, frozenset())
-            segment: Keys = {"field": name, "type": f"f{8 * int(match[1])}", **self._order(attribute, match[2])}
+            return self.values.number(attribute, name, into, bits[0] // 8, bits[1], False, item)
+        if (match := FLOAT.fullmatch(text)) is not None:
+            self.values.only(attribute, frozenset())
+            segment: Keys = {"field": name, "type": f"f{8 * int(match[1])}", **self.values.order(attribute, match[2])}
             into.entries[attribute.name] = KsyMeaning(name, "float")
-            more = self._valid(attribute, None, into.entries[attribute.name], into, item)
+            more = self.values.valid(attribute, None, into.entries[attribute.name], into, item)
             return KsyPart([segment, *more], exactly(int(match[1])))
         if text in ("str", "strz"):
-            return self._or_raw(attribute, name, into, behind, item, self._text)
+            return self._or_raw(attribute, name, into, behind, item, self.values.text)
         if not text:
-            return self._or_raw(attribute, name, into, behind, item, self._bytes)
+            return self._or_raw(attribute, name, into, behind, item, self.values.data)
         return self._or_raw(attribute, name, into, behind, item, self._of_type)
 
     def _or_raw(
         self, attribute: KsyAttribute, name: str, into: KsyScope, behind: int | None, item: KsyScope | None,
         write: Callable[[KsyAttribute, str, KsyScope, int | None, KsyScope | None], KsyPart],
     ) -> KsyPart:  # fmt: skip
-        """A value, or, where it cannot be said and has a size, its bytes under another name."""
+        """A value, or, where it cannot be said and may be any bytes of its size, these under another name."""
         before = replace(self.region)
         keys = attribute.keys
         try:
             return write(attribute, name, into, behind, item)
         except (CannotSayError, LeftOutError) as error:
             sized = "size" in keys or ("size-eos" in keys and attribute.flag("size-eos", False))
-            if not sized or "valid" in keys or item is not None:
+            if not sized or "valid" in keys or item is not None or not self.values.reads_any_bytes(attribute):
                 raise
             self.region.is_taken, self.region.counts_back = before.is_taken, before.counts_back
             self._takes_all = False
@@ -731,7 +489,7 @@ class TypeWriter:
             plain = KsyAttribute(
                 attribute.at, attribute.name, {k: v for k, v in keys.items() if k in ("size", "size-eos")}
             )
-            part = self._bytes(plain, raw, into, behind, item)
+            part = self.values.data(plain, raw, into, behind, item)
             if isinstance(error, CannotSayError):
                 self._tell(error)
             self.file.tell(
@@ -741,230 +499,6 @@ class TypeWriter:
             )
             self._lose(attribute)
             return part
-
-    def _order(self, attribute: KsyAttribute, said: str | None) -> Keys:
-        order = said or self.scope.type.endian
-        if order is None:
-            raise CannotSayError(
-                attribute.at, f"the byte order of '{attribute.name}'", "write le or be behind its type"
-            )
-        word = "little" if order == "le" else "big"
-        return {} if word == self.file.order else {"order": word}
-
-    def _number(
-        self,
-        attribute: KsyAttribute,
-        name: str,
-        into: KsyScope,
-        size: int,
-        order: str | None,
-        signed: bool,
-        item: KsyScope | None,
-    ) -> KsyPart:
-        self._only(attribute, frozenset({"enum"}))
-        segment: Keys = {"field": name, "type": f"{'i' if signed else 'u'}{8 * size}"}
-        if size > 1:
-            segment |= self._order(attribute, order)
-        span = bounds_of_bits(8 * size, signed)
-        enum = self._enum(attribute)
-        if enum is not None:
-            if all(span[0] <= one <= span[1] for one in enum.members.values()):
-                segment["values"] = self.file.table(enum)
-            else:
-                at = attribute.keys["enum"].at
-                self.file.tell(
-                    at, f"the names of '{attribute.name}' are left out", "some of its numbers do not fit", warning=True
-                )
-        into.entries[attribute.name] = KsyMeaning(name, "int", span)
-        more = self._valid(attribute, segment, into.entries[attribute.name], into, item)
-        return KsyPart([segment, *more], exactly(size))
-
-    def _constant(self, attribute: KsyAttribute, name: str, into: KsyScope) -> KsyPart:
-        data = _contents(attribute.keys["contents"])
-        into.entries[attribute.name] = _constant_entry(constant(data))
-        if "valid" in attribute.keys:
-            raise CannotSayError(attribute.keys["valid"].at, "valid: of contents:", "leave it out")
-        if not data:
-            return KsyPart([])
-        if self.region.counts_back:  # a constant would end what is before it, wherever it comes
-            segment: Keys = {"field": name, "type": "bytes", "size": len(data), "is": bytes_text(data)}
-        else:
-            segment = {"const": data.hex(" ").upper()}
-        return KsyPart([segment], exactly(len(data)))
-
-    def _text(
-        self, attribute: KsyAttribute, name: str, into: KsyScope, behind: int | None, item: KsyScope | None
-    ) -> KsyPart:
-        self._only(attribute, _OF_TEXTS)
-        keys = attribute.keys
-        terminated = scalar(keys["type"], "type").text.strip() == "strz"
-        end = attribute.byte("terminator")
-        end = 0 if end is None and terminated else end
-        pad = attribute.byte("pad-right")
-        if attribute.flag("include", False):
-            raise CannotSayError(
-                keys["include"].at, f"the text '{attribute.name}' with its terminator", "leave include out"
-            )
-        more = self._letters(attribute, name)
-        segment: Keys = {"field": name, "type": "ascii"}
-        sizes = ANY
-        if "size" in keys:
-            size = self._size(attribute, behind, item)
-            if size == "rest":
-                raise CannotSayError(
-                    keys["size"].at, f"the text '{attribute.name}', which takes what is left,", "give it a size"
-                )
-            if size == 0:
-                into.entries[attribute.name] = _constant_entry(constant(""))
-                return KsyPart(
-                    [
-                        {"value": name, "read": "''"},
-                        *self._valid(attribute, None, into.entries[attribute.name], into, item),
-                    ]
-                )
-            segment["size"] = size
-            if pad is not None and end is not None and pad != end:
-                raise CannotSayError(
-                    keys["pad-right"].at, f"'{attribute.name}' has a filling and a terminator", "leave one out"
-                )
-            if end is not None:
-                segment["end"] = f"{end:02X}"
-            elif pad is not None:
-                segment["pad"] = f"{pad:02X}"
-            sizes = exactly(size) if isinstance(size, int) else ANY
-        elif attribute.flag("size-eos", False) or end is None:
-            raise CannotSayError(
-                attribute.at, f"where the text '{attribute.name}' ends", "give it a size or a terminator"
-            )
-        else:
-            if pad is not None:
-                raise CannotSayError(
-                    keys["pad-right"].at, f"the filling of '{attribute.name}', which has no size,", "leave it out"
-                )
-            if not attribute.flag("eos-error", True):
-                raise CannotSayError(
-                    keys["eos-error"].at, f"'{attribute.name}' may lack its terminator", "leave eos-error out"
-                )
-            consumed = attribute.flag("consume", True)
-            segment["end"] = f"{end:02X}" if consumed else [f"{end:02X}"]
-            sizes = Sizes(int(consumed), None)
-        into.entries[attribute.name] = KsyMeaning(name, "str")
-        more += self._valid(attribute, segment, into.entries[attribute.name], into, item)
-        return KsyPart([segment, *more], sizes)
-
-    def _letters(self, attribute: KsyAttribute, name: str) -> list[Keys]:
-        """What texts of an encoding may hold; framekit has a character for each byte. Raises CannotSayError."""
-        written = attribute.text("encoding") or self.scope.type.encoding
-        if written is None:
-            raise CannotSayError(attribute.at, f"the encoding of '{attribute.name}'", "write encoding: ASCII")
-        encoding = re.sub(r"[-_ ]", "", written.lower())
-        if encoding in _LATIN_1:
-            return []
-        if encoding not in _ASCII:
-            if not _LIKE_ASCII.fullmatch(encoding):
-                raise CannotSayError(attribute.at, f"a text in {written[:30]}", "take its bytes")
-            what = f"characters of '{attribute.name}' that are not in ASCII are refused"
-            self.file.tell(
-                attribute.at, what, "framekit has a character for each byte; take data: for such texts", warning=True
-            )
-        return [{"require": f"only({name}, {self.file.letters()})"}]
-
-    def _bytes(
-        self, attribute: KsyAttribute, name: str, into: KsyScope, behind: int | None, item: KsyScope | None
-    ) -> KsyPart:
-        self._only(attribute, _OF_BYTES)
-        keys = attribute.keys
-        if "process" in keys:
-            raise CannotSayError(keys["process"].at, f"how '{attribute.name}' is coded", "a wrap: may say it")
-        end, pad = attribute.byte("terminator"), attribute.byte("pad-right")
-        if attribute.flag("include", False) and end is not None:
-            raise CannotSayError(keys["include"].at, f"'{attribute.name}' with its terminator", "leave include out")
-        into.entries[attribute.name] = KsyMeaning(name, "bytes")
-        if "size" in keys or attribute.flag("size-eos", False):
-            if end is not None or pad is not None:
-                at = keys["terminator" if end is not None else "pad-right"].at
-                raise CannotSayError(at, f"the filling or terminator of '{attribute.name}'", "take all of its bytes")
-            if "size" in keys:
-                size = self._size(attribute, behind, item)
-            else:
-                self._take_all(attribute.at, behind, f"'{attribute.name}'")
-                size = "rest"
-            if size == 0:
-                into.entries[attribute.name] = _constant_entry(constant(b""))
-                return KsyPart(self._valid(attribute, None, into.entries[attribute.name], into, item))
-            more = self._valid(attribute, None, into.entries[attribute.name], into, item)
-            return KsyPart([{"data": name, "size": size}, *more], exactly(size) if isinstance(size, int) else ANY)
-        if end is None or pad is not None:
-            raise CannotSayError(attribute.at, f"where '{attribute.name}' ends", "give it a size or a terminator")
-        if (
-            not attribute.flag("eos-error", True)
-            or not attribute.flag("consume", True)
-            or self.region.counts_back
-            or item
-        ):
-            raise CannotSayError(attribute.at, f"how '{attribute.name}' ends", "let its terminator belong to it")
-        byte = f"{end:02X}"
-        more = self._valid(attribute, None, into.entries[attribute.name], into, item)
-        return KsyPart([{"data": name, "size": "rest", "never": [byte]}, {"const": byte}, *more], Sizes(1, None))
-
-    # ---- what must hold -----------------------------------------------------------------------------------
-
-    def _valid(
-        self, attribute: KsyAttribute, field_: Keys | None, entry: KsyMeaning, into: KsyScope, item: KsyScope | None
-    ) -> list[Keys]:
-        """What `valid` says: keys of the field, or conditions behind it. Raises CannotSayError."""
-        node = attribute.keys.get("valid")
-        if node is None:
-            return []
-        it = Translated(entry.text, ATOM, entry.kind, entry.span, IT, item=entry.item)
-        at = node.at
-        this = Name(at, "_")
-        conditions: list[Node] = []
-        limits: dict[str, int] = {}
-        if isinstance(node, Scalar):
-            given: Mapping[str, YamlNode] = {"eq": node}
-        elif isinstance(node, MappingNode):
-            given = {one.key.text: one.value for one in node.entries}
-        else:
-            raise CannotSayError(at, "valid: with a list", "write valid: {any-of: […]}")
-        for key, one in given.items():
-            if key == "expr":
-                conditions.append(self._parsed(scalar(one, key)))
-            elif key in ("eq", "min", "max"):
-                value = self._parsed(scalar(one, key))
-                said = self._say(value, one.at, it=it, item=item, lazily=True)
-                if field_ is not None and not said.names and said.kind == entry.kind:
-                    if key == "eq" and entry.kind in ("int", "str"):
-                        field_["is"] = said.text
-                        continue
-                    if entry.kind == "int" and said.span is not None:
-                        limits[key] = said.span[0]
-                        continue
-                operator = {"eq": "==", "min": ">=", "max": "<="}[key]
-                conditions.append(Compare(at, this, ((operator, value),)))
-            elif key == "any-of" and isinstance(one, Sequence) and one.items:
-                options = (self._parsed(scalar(part, key)) for part in one.items)
-                compared = tuple(Compare(at, this, (("==", part),)) for part in options)
-                conditions.append(compared[0] if len(compared) == 1 else Logic(at, "or", compared))
-            elif key == "in-enum" and scalar(one, key).text == "true" and field_ is not None and "values" in field_:
-                field_["only"] = "values"
-            else:
-                raise CannotSayError(one.at, f"valid: with {key!r}", "write valid: {expr: …}")
-        if limits and field_ is not None and entry.span is not None:
-            low, high = (
-                max(limits.get("min", entry.span[0]), entry.span[0]),
-                min(limits.get("max", entry.span[1]), entry.span[1]),
-            )
-            if low > high:
-                raise CannotSayError(at, "limits that no value keeps", "correct them")
-            field_["range"] = f"{low}..{high}"
-        required: list[str] = []
-        for condition in conditions:
-            said = self._say(condition, at, "bool", it=it, item=item, lazily=True)
-            if UNKNOWN in said.needs:
-                raise CannotSayError(at, "a condition asks for what may not be there", "ask first whether it is")
-            required += [*said.needs, said.text]
-        return [{"require": one} for one in dict.fromkeys(required)]
 
     # ---- types and choices --------------------------------------------------------------------------------
 
@@ -986,14 +520,14 @@ class TypeWriter:
         scope = KsyScope(type_, self.scope, ("index",) if item is not None else (), item)
         given: tuple[Node, ...] = ()
         if arguments:
-            made = self._parsed(Scalar(f"x.call({arguments}", at))
+            made = self.parsed(Scalar(f"x.call({arguments}", at))
             given = getattr(made, "arguments", ())
         if len(given) != len(type_.params):
             raise CannotSayError(
                 at, f"'{type_.name}' takes {len(type_.params)} parameters, {len(given)} are given", "correct it"
             )
         for param, node in zip(type_.params, given, strict=True):
-            said = self._say(node, at, item=item)
+            said = self.say(node, at, item=item)
             words = said.names
             if words & (scope.names - INDEX):
                 what = f"a parameter of '{type_.name}', which has a name that is asked for in it,"
@@ -1012,7 +546,7 @@ class TypeWriter:
         self, attribute: KsyAttribute, name: str, into: KsyScope, behind: int | None, item: KsyScope | None
     ) -> KsyPart:
         """A value of a type of the file: a record, unless `name` is '': then its values belong to an item."""
-        self._only(
+        self.values.only(
             attribute, frozenset({"size", "size-eos", "process", "terminator", "pad-right", "include", "consume"})
         )
         keys = attribute.keys
@@ -1025,9 +559,9 @@ class TypeWriter:
         if "size" in keys or attribute.flag("size-eos", False):
             size: int | str = "rest"
             if "size" in keys:
-                size = self._size(attribute, behind, item if name else scope)
+                size = self.size(attribute, behind, item if name else scope)
             else:
-                self._take_all(attribute.at, behind, f"'{attribute.name}'")
+                self.take_all(attribute.at, behind, f"'{attribute.name}'")
             part = self._region(type_, scope, name, size)
         else:
             before = self.region.is_taken
@@ -1077,7 +611,7 @@ class TypeWriter:
                 f"valid: of '{attribute.name}', which is a choice,",
                 "write it into its types",
             )
-        chosen = self._say(self._parsed(scalar(on, "switch-on")), on.at, item=item)
+        chosen = self.say(self.parsed(scalar(on, "switch-on")), on.at, item=item)
         if chosen.kind not in ("int", "bool", "str"):
             raise CannotSayError(on.at, "a choice by what is no number and no text", "choose by a number")
         found: dict[int | str, KsyPart] = {}
@@ -1092,7 +626,7 @@ class TypeWriter:
             self.region.is_taken, self.region.counts_back = before.is_taken, before.counts_back
             self._takes_all = False
             try:
-                part = self._value(_with(attribute, type=case.value), name, into, behind, item)
+                part = self._value(with_keys(attribute, type=case.value), name, into, behind, item)
                 if part.sizes.most != 0 and before.is_taken:
                     raise CannotSayError(
                         case.value.at, f"'{attribute.name}' stands behind what takes all that is left", "give it a size"
@@ -1117,7 +651,7 @@ class TypeWriter:
         if otherwise is None:
             otherwise = KsyPart([])
             if attribute.keys.keys() & {"size", "size-eos"}:
-                otherwise = self._value(_with(attribute, type=None), name, into, behind, item)
+                otherwise = self._value(with_keys(attribute, type=None), name, into, behind, item)
                 entries.append(("", into.entries[attribute.name]))
                 takes_all = takes_all or self._takes_all
                 after.append(replace(self.region))
@@ -1138,9 +672,9 @@ class TypeWriter:
         item: KsyScope | None,
     ) -> KsyPart:
         """A choice in a region of its own: each case takes all of that."""
-        size = self._size(attribute, behind, item)
+        size = self.size(attribute, behind, item)
         outer, self.region = self.region, Region()
-        whole = _with(attribute, size=None, **{"size-eos": Scalar("true", attribute.at)})
+        whole = with_keys(attribute, size=None, **{"size-eos": Scalar("true", attribute.at)})
         try:
             part = self._switch(whole, said, name, into, 0, item)
         finally:
@@ -1152,7 +686,7 @@ class TypeWriter:
 
     def _case(self, key: Scalar, kind: Kind) -> int | str:
         """Raises CannotSayError."""
-        said = self._say(self._parsed(key), key.at)
+        said = self.say(self.parsed(key), key.at)
         node = parse(key.text, key.at)
         if said.kind == kind and said.span is not None and said.span[0] == said.span[1] and not said.names:
             return said.span[0]
@@ -1168,13 +702,13 @@ class TypeWriter:
     def _list(self, attribute: KsyAttribute, repeat: str, behind: int | None) -> KsyPart:
         keys, at = attribute.keys, attribute.at
         name = own_name(attribute.name)
-        single = _single(attribute)
+        single = without_repeat(attribute)
         before = replace(self.region)
         said = keys.get("type")
-        is_type = isinstance(said, Scalar) and not _is_built_in(said.text.strip())
+        is_type = isinstance(said, Scalar) and not is_built_in(said.text.strip())
         plain = not keys.keys() & {"enum", "valid", "contents"} and repeat != "until" and isinstance(said, Scalar)
         of: Keys
-        if isinstance(said, Scalar) and plain and (_NUMBER.fullmatch(said.text) or _FLOAT.fullmatch(said.text)):
+        if isinstance(said, Scalar) and plain and (NUMBER.fullmatch(said.text) or FLOAT.fullmatch(said.text)):
             item = KsyScope(KsyType("item", at, None), self.scope)
             part = self._value(single, "value", item, None)
             of = {"of" if key == "type" else key: one for key, one in part.segments[0].items() if key != "field"}
@@ -1207,11 +741,11 @@ class TypeWriter:
         sizes = ANY
         match repeat:
             case "eos":
-                self._take_all(at, behind, f"the list '{attribute.name}'")
+                self.take_all(at, behind, f"the list '{attribute.name}'")
                 segment["times"] = "rest"
             case "expr" if "repeat-expr" in keys:
                 node = scalar(keys["repeat-expr"], "repeat-expr")
-                times = self._say(self._parsed(node), node.at, "int")
+                times = self.say(self.parsed(node), node.at, "int")
                 if not times.names and times.span is not None and times.span[0] == times.span[1]:
                     if not 1 <= times.span[0] <= MOST_BYTES:
                         raise CannotSayError(node.at, f"a list of {times.span[0]} items", "leave it out")
@@ -1222,8 +756,8 @@ class TypeWriter:
                     segment["times"] = times.text if safe else f"max({times.text}, 0)"
             case "until" if "repeat-until" in keys:
                 node = scalar(keys["repeat-until"], "repeat-until")
-                asked = self._parsed(node)
-                segment["until"] = self._say(asked, node.at, "bool", it=it, item=item).text
+                asked = self.parsed(node)
+                segment["until"] = self.say(asked, node.at, "bool", it=it, item=item).text
                 sizes = Sizes(part.sizes.least, None)
             case _:
                 raise CannotSayError(
@@ -1244,7 +778,7 @@ class TypeWriter:
             raise CannotSayError(
                 attribute.at, f"'{attribute.name}' asks what is left, as another part does", "give one a size"
             )
-        part = self._whole(_with(attribute, **{"if": None}), behind)
+        part = self._whole(with_keys(attribute, **{"if": None}), behind)
         self.region.is_taken = self.region.is_taken or behind == 0
         self.region.counts_back = True
         self.scope.entries[attribute.name] = replace(self.scope.entries[attribute.name], when=UNKNOWN)
@@ -1264,7 +798,7 @@ class TypeWriter:
                 asked = parse(condition.text, condition.at) if isinstance(condition, Scalar) else None
             except CannotSayError:
                 asked = None
-            if asked is None or _left_more(asked) != 0:
+            if asked is None or left_more(asked) != 0:
                 break
             first -= 1
         return first if len(seq) - first > 1 else -1
@@ -1289,7 +823,7 @@ class TypeWriter:
                         "give that a size",
                     )
                 last = attribute is attributes[-1]
-                part = self._whole(_with(attribute, **{"if": None}), 0 if last else None)
+                part = self._whole(with_keys(attribute, **{"if": None}), 0 if last else None)
                 if part.sizes.least == 0:
                     raise CannotSayError(
                         attribute.at, f"'{attribute.name}' may take no bytes where some are left", "give it a size"
@@ -1328,11 +862,11 @@ class TypeWriter:
                 raise CannotSayError(keys[key].at, f"{key}: of the instance '{instance.name}'", "leave it out")
         self._count(instance.at)
         text = scalar(keys["value"], "value")
-        said = self._say(self._parsed(text), text.at, lazily=True)
+        said = self.say(self.parsed(text), text.at, lazily=True)
         needs = [*dict.fromkeys(said.needs)]
         condition: Translated | None = None
         if "if" in keys:
-            condition = self._say(self._parsed(scalar(keys["if"], "if")), keys["if"].at, "bool", lazily=True)
+            condition = self.say(self.parsed(scalar(keys["if"], "if")), keys["if"].at, "bool", lazily=True)
             known = [
                 one for one in needs if one not in (UNKNOWN, *condition.parts)
             ]  # the file says itself when it is there
@@ -1371,10 +905,6 @@ def _sizes_of(segment: Keys) -> Iterator[tuple[str, str]]:
         yield "length", segment["size"]
 
 
-def _constant_entry(value: Translated) -> KsyMeaning:
-    return KsyMeaning(value.text, value.kind, value.span, words=frozenset())
-
-
 def _entry_of_cases(name: str, entries: list[tuple[str, KsyMeaning]], always: bool) -> KsyMeaning:
     """What the name of a choice stands for: a record of one of several types, or numbers of one kind.
 
@@ -1410,7 +940,3 @@ def _not_in(name: str, taken: set[str]) -> str:
     while made in taken:
         made, number = f"{name}_{number}", number + 1
     return made
-
-
-def _is_built_in(text: str) -> bool:
-    return text in ("str", "strz") or any(one.fullmatch(text) for one in (_NUMBER, _FLOAT, _BITS))

@@ -1,0 +1,268 @@
+"""Attributes of a Kaitai Struct file: what their keys say without any value; regions, and the work that is done.
+
+Sizes that need no values are found here, so that it can be told what stands behind an attribute.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any
+from typing import Protocol as Interface
+
+from framekit.codec.kaitai.description import KsyAttribute, KsyEnum, KsyType, whole
+from framekit.definition.expression import (
+    Attribute,
+    Binary,
+    Compare,
+    Name,
+    Node,
+    Number,
+    Unary,
+)
+from framekit.definition.nodes import Mapping as MappingNode
+from framekit.definition.nodes import Node as YamlNode
+from framekit.definition.nodes import Scalar, Sequence
+from framekit.definition.problems import CannotSayError, Position
+from framekit.definition.wire_types import NOTHING, Sizes
+
+Keys = dict[str, Any]
+MOST_SEGMENTS = 4000
+"""Segments of a frame, with those of everything in it."""
+MOST_WORK = 100_000
+"""Segments and parts of expressions of all frames together."""
+DEEPEST = 24
+"""Types that use each other."""
+MOST_BYTES = 1 << 20
+NUMBER = re.compile(r"([us])([1248])(le|be)?")
+FLOAT = re.compile(r"f([48])(le|be)?")
+BITS = re.compile(r"b([1-9][0-9]?)(le|be)?")
+_GREATEST = re.compile(r"_io\.size <= ([0-9]{1,7})")
+OF_ALL = frozenset({"id", "doc", "doc-ref", "if", "repeat", "repeat-expr", "repeat-until", "type", "valid"})
+OF_TEXTS = frozenset({"size", "size-eos", "terminator", "include", "consume", "eos-error", "pad-right", "encoding"})
+OF_BYTES = OF_TEXTS - {"encoding"} | {"process"}
+
+
+class LeftOutError(Exception):
+    """Something cannot be taken over; why has been told."""
+
+
+class WorkDone:
+    """Counts what has been written. Raises CannotSayError when that is too much."""
+
+    def __init__(self) -> None:
+        self.all = 0
+        self._begun = 0
+
+    def begin(self) -> None:
+        """A frame begins."""
+        self._begun = self.all
+
+    def add(self, at: Position, number: int) -> None:
+        self.all += number
+        if self.all > MOST_WORK:
+            raise CannotSayError(at, "the file says too much in all", f"{MOST_WORK} parts are taken over; divide it")
+        if self.all - self._begun > 8 * MOST_SEGMENTS:
+            raise CannotSayError(at, "a type of too many parts in all", "divide it")
+
+
+@dataclass(slots=True, eq=False)
+class Region:
+    """A stream: the whole one, or one of an attribute with a size.
+
+    `is_taken`: something has taken all that was left. `counts_back`: something has taken what was left less what
+    stands behind. `is_exact`: the description itself says that it ends. `most`: how long it may be.
+    """
+
+    is_taken: bool = False
+    counts_back: bool = False
+    is_exact: bool = False
+    most: int | None = None
+
+    @property
+    def is_used_up(self) -> bool:
+        return self.is_taken or self.counts_back or self.is_exact
+
+
+@dataclass(slots=True)
+class KsyPart:
+    """Segments, and the bytes that they take."""
+
+    segments: list[Keys]
+    sizes: Sizes = NOTHING
+
+
+def is_end(attribute: KsyAttribute) -> bool:
+    """Whether an attribute takes no bytes, and says that the stream ends there."""
+    size, valid = attribute.keys.get("size"), attribute.keys.get("valid")
+    said = valid.value("expr") if isinstance(valid, MappingNode) and len(valid.entries) == 1 else None
+    if not isinstance(size, Scalar) or whole(size.text) != 0 or not isinstance(said, Scalar):
+        return False
+    return said.text.strip() == "_io.eof" and attribute.keys.keys() <= {"id", "size", "valid", "doc"}
+
+
+def greatest(attribute: KsyAttribute) -> int | None:
+    """The greatest size of its stream, where that is all that an attribute says."""
+    size, valid = attribute.keys.get("size"), attribute.keys.get("valid")
+    said = valid.value("expr") if isinstance(valid, MappingNode) and len(valid.entries) == 1 else None
+    if not isinstance(size, Scalar) or whole(size.text) != 0 or not isinstance(said, Scalar):
+        return None
+    match = _GREATEST.fullmatch(said.text.strip())
+    return int(match[1]) if match is not None and attribute.keys.keys() <= {"size", "valid", "doc"} else None
+
+
+def plain_encoding(written: str) -> str:
+    return re.sub(r"[-_ ]", "", written.lower())
+
+
+def with_keys(attribute: KsyAttribute, **changes: YamlNode | None) -> KsyAttribute:
+    """An attribute with other keys; None takes one out."""
+    keys = {key: node for key, node in attribute.keys.items() if key not in changes}
+    return KsyAttribute(attribute.at, attribute.name, keys | {k: v for k, v in changes.items() if v is not None})
+
+
+def without_repeat(attribute: KsyAttribute) -> KsyAttribute:
+    """An attribute without its condition and repetition."""
+    out = {"if", "repeat", "repeat-expr", "repeat-until"}
+    keys = {key: node for key, node in attribute.keys.items() if key not in out}
+    return KsyAttribute(attribute.at, attribute.name, keys)
+
+
+class StaticTypes:
+    """Sizes of types that need no values, each found once."""
+
+    def __init__(self) -> None:
+        self._known: dict[KsyType, int | None] = {}
+        self._depth = 0
+
+    def of_type(self, type_: KsyType) -> int | None:
+        if type_ not in self._known:
+            self._known[type_] = None  # for a type that stands in itself
+            self._depth += 1
+            if self._depth <= DEEPEST:
+                self._known[type_] = self.behind(type_)[-1]
+            self._depth -= 1
+        return self._known[type_]
+
+    def behind(self, type_: KsyType) -> list[int | None]:
+        """The bytes behind each attribute of a type, and as the last one those of all of it."""
+        units: list[tuple[int, int | None]] = []  # attributes that share bytes, and their size
+        bits = 0
+        for attribute in type_.seq:
+            width = bits_of(attribute, type_)
+            if width is None:
+                bits = 0
+                units.append((1, self.of_attribute(attribute, type_)))
+                continue
+            number = units.pop()[0] if bits else 0
+            bits += width[0]
+            units.append((number + 1, -(-bits // 8)))
+            bits = 0 if bits % 8 == 0 else bits
+        found: list[int | None] = []
+        after: int | None = 0
+        for number, size in reversed(units):
+            found += [after] * number
+            after = None if after is None or size is None else after + size
+        return [*reversed(found), after]
+
+    def of_attribute(self, attribute: KsyAttribute, type_: KsyType) -> int | None:
+        keys = attribute.keys
+        size = keys.get("size")
+        number = whole(size.text) if isinstance(size, Scalar) else None
+        if number == 0 and "repeat" not in keys:
+            return 0
+        if "if" in keys or "repeat" in keys:
+            return None
+        if "contents" in keys:
+            try:
+                return len(contents_of(keys["contents"]))
+            except CannotSayError:
+                return None
+        if size is not None or "size-eos" in keys or "terminator" in keys:
+            return number
+        said = keys.get("type")
+        text = said.text if isinstance(said, Scalar) else ""
+        if (match := NUMBER.fullmatch(text)) is not None:
+            return int(match[2])
+        if (match := FLOAT.fullmatch(text)) is not None:
+            return int(match[1])
+        found = type_.find_type(text.partition("(")[0]) if text not in ("", "str", "strz") else None
+        return None if found is None else self.of_type(found)
+
+
+class FileParts(Interface):
+    """What types ask of the file that is being written."""
+
+    work: WorkDone
+    order: str
+    static: StaticTypes
+
+    def tell(self, at: Position, what: str, todo: str, *, warning: bool = False) -> None:
+        """Notes what is left out, or, as a warning, what is taken over with a difference."""
+
+    def table(self, enum: KsyEnum) -> str:
+        """The name of the table of an enumeration."""
+
+    def layout(self, type_: KsyType, segments: list[Keys]) -> str:
+        """The name of the layout of these segments."""
+
+    def letters(self) -> str:
+        """The name of a parameter that holds the characters of ASCII."""
+
+
+def bits_of(attribute: KsyAttribute, type_: KsyType) -> tuple[int, str] | None:
+    """How many bits an attribute has, and from which end they are counted; None where it is no field of bits."""
+    said = attribute.keys.get("type")
+    match = BITS.fullmatch(said.text) if isinstance(said, Scalar) else None
+    if match is None or not 1 <= int(match[1]) <= 64:
+        return None
+    return int(match[1]), match[2] or type_.bit_endian
+
+
+def contents_of(node: YamlNode) -> bytes:
+    """Raises CannotSayError."""
+    if isinstance(node, Scalar) and (node.quoted or whole(node.text) is None):
+        try:
+            return node.text.encode("utf-8")
+        except UnicodeEncodeError:
+            raise CannotSayError(node.at, "contents: of half a character", "write its bytes") from None
+    data = bytearray()
+    for item in node.items if isinstance(node, Sequence) else (node,):
+        number = whole(item.text) if isinstance(item, Scalar) and not item.quoted else None
+        if number is not None and 0 <= number <= 255:
+            data.append(number)
+        elif isinstance(item, Scalar) and isinstance(node, Sequence) and number is None:
+            data += contents_of(Scalar(item.text, item.at, True))
+        else:
+            raise CannotSayError(item.at, "contents: of what is no byte and no text", "write numbers up to 255")
+    return bytes(data)
+
+
+def left_of(node: Node) -> int | None:
+    """N of `_io.size - _io.pos - N`, the bytes that are left less N; None for everything else."""
+    match node:
+        case Binary(
+            operator="-",
+            left=Attribute(value=Name(name="_io"), name="size"),
+            right=Attribute(value=Name(name="_io"), name="pos"),
+        ):
+            return 0
+        case Binary(operator="-", left=left, right=Number(value=value)):
+            before = left_of(left)
+            return None if before is None else before + value
+    return None
+
+
+def left_more(node: Node) -> int | None:
+    """N of a condition that more than N bytes are left; None for everything else."""
+    match node:
+        case Unary(operator="not", operand=Attribute(value=Name(name="_io"), name="eof")):
+            return 0
+        case Compare(first=first, rest=((">", Number(value=value)),)):
+            before = left_of(first)
+            return None if before is None else before + value
+    return None
+
+
+def is_built_in(text: str) -> bool:
+    return text in ("str", "strz") or any(one.fullmatch(text) for one in (NUMBER, FLOAT, BITS))
