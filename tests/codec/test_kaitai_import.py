@@ -84,7 +84,9 @@ def test_exported_definitions_come_back(name: str, tmp_path: Path) -> None:
     found = round_trip(name, tmp_path)
     assert found.compared.differences == []
     # frames that no byte tells apart, and parts under a condition that has no form, are told as refused
-    assert {one.partition(" ")[0] for one in found.refused} <= {"request_frame", "rsp_ud", "task"}
+    assert {one.partition(" ")[0] for one in found.refused} <= {
+        "request_frame", "reply_frame", "rsp_ud", "task", "response",
+    }  # fmt: skip
     if found.imported:
         assert found.compared.agreed or found.compared.left_out
         assert [one for one in check_file(str(tmp_path / "made.yaml")).problems if not one.warning] == []
