@@ -83,7 +83,7 @@ class FieldKind(TypedValueKind[Field]):
         local = w.local_of(segment, scope)
         if segment.long is not None:
             short, longer = segment.type.fixed_size or 1, segment.long.type.fixed_size or 0
-            return f"({short} if {local} < {segment.long.mark} else {short + longer})"
+            return f"({short} if {forms.operand(w.wire(segment, scope))} < {segment.long.mark} else {short + longer})"
         text = f"len({local})"
         is_number = segment.type.kind not in ("ascii", "bytes")
         if segment.type.is_delimited and is_number:
@@ -238,7 +238,7 @@ def _long_bytes(w: EncodeWriter, field: Field, long: Long, scope: Scope) -> str:
         short = f"bytes(({wire},))"
     mark = _mark(w, field.type, long.mark)
     longer = forms.build(w.module, long.type, wire, str(long.type.fixed_size))
-    return f"({short} if {wire} < {long.mark:#x} else {mark} + {longer})"
+    return f"({short} if {forms.operand(wire)} < {long.mark:#x} else {mark} + {longer})"
 
 
 def _mark(w: EncodeWriter, type_: FieldType, mark: int) -> str:

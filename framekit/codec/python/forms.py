@@ -371,8 +371,7 @@ def code_text(module: Module, check: Check, covered: str, key: str = "") -> str:
 
     `key`: the text of what it needs.
     """
-    code = _number(module, check, covered, key)
-    return code if is_call(code) else f"({code})"
+    return operand(_number(module, check, covered, key))
 
 
 def _number(module: Module, check: Check, covered: str, key: str) -> str:
@@ -435,6 +434,11 @@ def added_text(functions: Functions, added: Added, value: str) -> str:
     if added.type is None:
         return value
     return build(functions, added.type, value, str(added.type.fixed_size))
+
+
+def operand(text: str) -> str:
+    """A text as one operand of a comparison."""
+    return text if is_call(text) else f"({text})"
 
 
 def is_call(text: str) -> bool:
