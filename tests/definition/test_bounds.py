@@ -168,6 +168,21 @@ def test_a_size_behind_values_in_a_row_is_compiled_in_work_that_grows_with_them(
     assert compiling(12) < 4 * compiling(6)
 
 
+def test_frames_that_hold_the_next_one_twice_are_each_looked_at_once() -> None:
+    def loading(levels: int) -> int:
+        groups = "".join(f"  g{n}: {{from: both}}\n" for n in range(levels + 1))
+        inner = "{{const: {0:02X}}}, {{inner: x, of: g{1}}}, {{inner: y, of: g{1}}}"
+        bodies = [*(inner.format(n, n + 1) for n in range(levels)), "{field: z, type: ascii, end: 00}"]
+        frames = "".join(f"  f{n}: {{group: g{n}, body: [{body}]}}\n" for n, body in enumerate(bodies))
+        profile = cProfile.Profile()
+        with profile:
+            load_protocol_text(f"protocol: twice\ngroups:\n{groups}frames:\n{frames}")
+        return sum(row[1] for row in pstats.Stats(profile).stats.values())  # type: ignore[attr-defined]
+
+    loading(1)  # what is read once
+    assert loading(32) < 2.5 * loading(16)
+
+
 @pytest.mark.long
 def test_frames_that_no_constant_tells_apart_have_a_bound(tmp_path: Path) -> None:
     path = tmp_path / "alike.protocol.yaml"

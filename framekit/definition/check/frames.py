@@ -470,6 +470,7 @@ class FrameEnds:
     def __init__(self, protocol: Protocol) -> None:
         self.frames = protocol.frames
         self.sizes = StaticSizes(protocol.frames)
+        self._open: dict[str, bool] = {}
         sequences = tuple(protocol.sequences.values())
         self.decoded = frozenset(name for part in parts_of(sequences, Decode) for name in part.frames)
         """The frames that steps make of bytes."""
@@ -548,26 +549,34 @@ class FrameEnds:
             return self.sizes.present(segment).fixed is not None
         return not segment.takes_bytes or _fixed(segment)
 
-    def reaches_on(self, segment: Segment, known: frozenset[str] = frozenset()) -> bool:
-        """Whether only what follows a segment, or silence, shows where it ends; `known` are the frames around it."""
+    def reaches_on(self, segment: Segment) -> bool:
+        """Whether only what follows a segment, or silence, shows where it ends."""
         match segment:
             case Wrap(coding=Hex(), size=None, of=of):
-                return self.is_open(of, known)
+                return self.is_open(of)
             case Segment(chooses_by=Expression()):
-                return any(self.is_open(block, known) for block in segment.blocks)
+                return any(map(self.is_open, segment.blocks))
             case Inner(size=None, frames=names):
-                frames = [self.frames[name] for name in names if name in self.frames and name not in known]
-                loose = [frame for frame in frames if frame.size is None and not frame.delimited]
-                return any(self.is_open(frame.segments, known | {frame.name}) for frame in loose)
+                return any(self._is_open_inside(name) for name in names)
             case Inner(size=size):
                 return size == "rest"
         return segment.takes_rest
 
-    def is_open(self, segments: Segments, known: frozenset[str] = frozenset()) -> bool:
+    def _is_open_inside(self, name: str) -> bool:
+        """Whether a frame inside shows no end of its own. Each is looked at once; one inside itself is none."""
+        frame = self.frames.get(name)
+        if frame is None or frame.size is not None or frame.delimited:
+            return False
+        if name not in self._open:
+            self._open[name] = False
+            self._open[name] = self.is_open(frame.segments)
+        return self._open[name]
+
+    def is_open(self, segments: Segments) -> bool:
         """Whether only what follows them, or silence, shows where segments end."""
         segments = tuple(_in_records(segments))
         for place, segment in enumerate(segments):
-            if self.reaches_on(segment, known):
+            if self.reaches_on(segment):
                 behind = segments[place + 1 :]
                 ends = any(isinstance(one, Const) and one.when is None and _is_end_of(one, segment) for one in behind)
                 return not ends or any(self.sizes.present(one).fixed is None for one in behind)
