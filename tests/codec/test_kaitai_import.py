@@ -19,9 +19,11 @@ from framekit.definition.load.protocol import load_protocol
 from framekit.definition.nodes import MOST_EXPANDED
 from framekit.definition.problems import DefinitionError, Problem
 
+TLV = "07 03 00 00 00 01 02 12 34 02 03 61 62 00 03 05 00 01 AA BB CC 09 01 55"
+"""Its text has a size that follows from the length around it: such a frame can be read, not built."""
 DESCRIPTIONS = [
     Description("meter", "meter", ("magic", "is_heat")),
-    Description("tlv", "tlv", ("end",)),
+    Description("tlv", "tlv", ("end",), seed=TLV),
     Description("bits", "bits"),
     Description("strings", "strings", ("sign",)),
     Description("lists", "lists", ("number",), seed="01000005410001020304810507010102 01FF0901020307 08"),

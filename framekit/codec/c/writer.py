@@ -15,7 +15,7 @@ from framekit.codec.c.functions import CFunctionWriter, FileFacts, stands
 from framekit.codec.c.layout import CMember, CStruct, scope_of
 from framekit.codec.c.source import CSource, string
 from framekit.codec.python.encode_plan import Task, run_in_order
-from framekit.codec.python.facts import ending_constants, follows_its_length
+from framekit.codec.python.facts import ending_constants, size_follows_value
 from framekit.codec.python.function import covered_names, covers_later, wire_names
 from framekit.definition.expression import Call, Expression, Name, names_in, walk
 from framekit.definition.model.frames import Frame, bytes_of, everything, flat
@@ -261,8 +261,7 @@ class WriteWriter(CFunctionWriter):
 
     def size_by_length(self, segment: Segment) -> bool:
         """Whether the size of a segment is nothing but a length that counts it."""
-        lengths = (one for one in self.by_name.values() if isinstance(one, Length))
-        return any(follows_its_length(one, segment) for one in lengths)
+        return size_follows_value(segment, self.by_name)
 
     def given_flag(self, member: CMember, taken: Taken) -> str:
         return f"{taken.path}{member.flag}" if member.has else "true"

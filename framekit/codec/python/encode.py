@@ -24,7 +24,7 @@ from framekit.codec.python.encode_plan import (
     sum_of,
 )
 from framekit.codec.python.expressions import NameEntry, Scope, constant_of, default_text
-from framekit.codec.python.facts import ending_constants, follows_its_length, lengths_asked, named
+from framekit.codec.python.facts import ending_constants, lengths_asked, named, size_follows_value
 from framekit.codec.python.forms import code_bytes, needs
 from framekit.codec.python.function import FunctionWriter, covers_later, on_the_wire
 from framekit.codec.python.module import Module
@@ -75,6 +75,7 @@ from framekit.definition.problems import DefinitionError
 from framekit.definition.wire_types import shown_stops
 
 Placed = tuple[Segment, Scope]
+CIRCLE = "its size goes round in a circle: such a frame can be read, not built"
 """A segment and the scope its names belong to."""
 Waiting = tuple[str, Check, Scope]
 """A check code that covers what comes later: the mark in its place, the check, and the scope of its names."""
@@ -344,8 +345,7 @@ class EncodeWriter(FunctionWriter):
 
     def size_by_length(self, segment: Segment) -> Expression | None:
         """The size of a segment that is nothing but a length that counts it: then it is as long as what is given."""
-        lengths = (one for one in self.by_name.values() if isinstance(one, Length))
-        return segment.size_expression if any(follows_its_length(one, segment) for one in lengths) else None
+        return segment.size_expression if size_follows_value(segment, self.by_name) else None
 
     def fills_up(self, item: Data | Field) -> bool:
         """Whether a value that is too short is filled up to a size that others tell."""
@@ -403,7 +403,10 @@ class EncodeWriter(FunctionWriter):
         if segment.name in self.rooms:
             return self.rooms[segment.name]
         text = kind_of(segment).room(self, segment, scope, plain)
-        return "0" if text is None else self.if_present(segment, scope, text, "0")
+        if text is None:  # a length counts what is put together only when that length is known
+            self.add(f"raise EncodeError({quoted(segment.name or '')}, {quoted(CIRCLE)})")
+            text = "0"
+        return self.if_present(segment, scope, text, "0")
 
     def room_tokens(self, name: str) -> set[str]:
         """What has to be there before the size of a segment on the wire can be told."""

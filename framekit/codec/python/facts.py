@@ -5,7 +5,7 @@ It reads the model and writes nothing.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -244,7 +244,26 @@ def is_name(node: object, name: str) -> bool:
 
 def follows_its_length(length: Length, target: Segment) -> bool:
     """Whether the target's size is read from this very length, so that the two cannot disagree."""
-    if length.of != (target.name,) or length.plus or length.unit != 1:
+    return length.of == (target.name,) and _is_sized_by(length, target)
+
+
+def size_follows_value(segment: Segment, by_name: Mapping[str, Segment]) -> bool:
+    """Whether a segment is as long as what is given for it: its size is a length that counts it, or counts a choice in
+    which it stands alone in its case."""
+    for length in (one for one in by_name.values() if isinstance(one, Length)):
+        if follows_its_length(length, segment):
+            return True
+        choice = by_name.get(length.of[0]) if len(length.of) == 1 else None
+        if choice is not None and choice.has_cases and _is_sized_by(length, segment):
+            blocks = ([one for one in block if one.takes_bytes] for block in choice.blocks)
+            if any(len(block) == 1 and block[0] is segment for block in blocks):
+                return True
+    return False
+
+
+def _is_sized_by(length: Length, target: Segment) -> bool:
+    """Whether the target's size is the number of that length, as it stands."""
+    if length.plus or length.unit != 1:
         return False
     if isinstance(target, Data):
         return is_plain_name(target.size, length.name) and (length.plain or target.convert is None)
