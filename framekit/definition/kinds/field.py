@@ -283,6 +283,9 @@ class Field(Segment):
             yield Problem(self.at, what, "give a mark that it can hold, or use a wider type")
         if bounds is not None and self.long is None:
             yield from self._numbers(bounds)
+        if self.unit is not None and any(0 < limit < self.unit for limit in self.limits or ()):
+            what = f"the range of '{self.name}' is between two of its values: it counts {format_time(self.unit)}"
+            yield Problem(self.at, what, "write times, such as 1 s..5 s")
         yield from zero_with_a_sign(self)
 
     def _contradictions(self) -> Iterator[Problem]:
