@@ -279,9 +279,9 @@ class AsyncClient:
         """Reads again and again until it is stopped; `on_values` gets the values of each reply, a tuple.
 
         A read begins `every` seconds after the one before; 0: as soon as that is answered. This costs a little less
-        than a loop around `read`. A read that fails goes to `on_error`, and the next begins 0.1 s later at the earliest;
-        without `on_error`, or when a callback raises, that is the end, and `await` raises it. Other arguments as for
-        `read`. Raises RequestError, LineClosedError.
+        than a loop around `read`. A read that fails goes to `on_error`, and the next begins 0.1 s later at the
+        earliest; without `on_error`, or when a callback raises, that is the end, and `await` raises it. Other
+        arguments as for `read`. Raises RequestError, LineClosedError.
         """
         service = self._working()
         how, to = self._how(address, type, order, count, station)
