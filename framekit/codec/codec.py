@@ -14,6 +14,7 @@ from framekit.codec.errors import EncodeError
 from framekit.codec.functions import Context, Decode, Encode, FrameFunctions, Span, module_of, run_in
 from framekit.definition.load.protocol import MOST_KEPT
 from framekit.definition.model.protocol import Protocol
+from framekit.definition.problems import DefinitionError, Problem
 from framekit.definition.sources import current_cache
 
 __all__ = ["Codec", "Context", "Decode", "Encode", "Span", "code_of", "codec_from", "compile_protocol"]
@@ -47,7 +48,12 @@ def code_of(protocol: Protocol) -> CodeType:
     """The compiled module of a protocol's frames. Raises DefinitionError."""
     from framekit.codec.python.generate import generate_source
 
-    return compile(generate_source(protocol, standalone=False), f"<frames of {protocol.name}>", "exec")
+    try:
+        return compile(generate_source(protocol, standalone=False), f"<frames of {protocol.name}>", "exec")
+    except SyntaxError as error:  # Python's own limits; 20 blocks inside each other is one of them
+        at = next(iter(protocol.frames.values())).at
+        what = f"parts of a frame stand too deeply inside each other ({error.msg})"
+        raise DefinitionError([Problem(at, what, "take some of them out")]) from None
 
 
 def codec_from(protocol: Protocol, code: CodeType) -> Codec:

@@ -30,6 +30,7 @@ DESCRIPTIONS = [
     Description("conditions", "conditions"),
     Description("rest", "rest"),
     Description("choices", "choices"),
+    Description("names", "names", ("magic", "how", "same")),
     Description("messages", "ask", ("code",), (("Which", "ask"), 100, False), {"limit": 100, "strict": False}),
     Description("messages", "tell", ("code",), (("Which", "tell"), 100, False), {"limit": 100, "strict": False}),
     Description("messages", "tell", ("code",), (("Which", "tell"), 100, True), {"limit": 100, "strict": True}),
@@ -190,6 +191,18 @@ PARTS = {
     "{id: A, type: u1}": "cannot be a name here",
     "{id: a, size: 2000000}": "a size of 2000000 bytes",
     "{id: a, type: {switch-on: 1, cases: {x: u1}}}": "'x'",
+    "{id: a, contents: [010]}": "the number 010 is another one in YAML 1.1 than in 1.2",
+    "{id: a, contents: [1:10]}": "the number 1:10 is another one",
+    "{id: a, contents: [0o10]}": "a text in YAML 1.1",
+    "{id: a, contents: ['256']}": "no byte and no text",
+    "{id: a, size: 0_10}": "the number 0_10 is another one",
+    "{id: a, type: strz, encoding: ASCII, terminator: 012}": "the number 012 is another one",
+    "{id: a, type: u1, valid: 010}": "the number 010 is another one",
+    "{id: a, type: u1, valid: '010'}": "",
+    "{id: a, type: u1, valid: 007}": "",
+    "{id: a, type: {switch-on: 1, cases: {010: u1}}}": "the number 010 is another one",
+    "{id: a, type: strz, encoding: ASCII, valid: '\"\\q\"'}": "an escape that Kaitai does not have",
+    "{id: a, type: strz, encoding: ASCII, valid: '\"\\77777777\"'}": "an escape that Kaitai does not have",
 }
 
 
@@ -200,6 +213,34 @@ def test_each_part_that_has_no_form_is_told(seq: str, tmp_path: Path) -> None:
     assert any(PARTS[seq] in one for one in found) if PARTS[seq] else found == []
     if "pad-right" not in seq and PARTS[seq] and "_io" not in seq:
         assert any("the frame 'odd' is left out" in one or "is refused" in one for one in found)
+
+
+def test_what_cases_of_one_type_say_differently_is_told(tmp_path: Path) -> None:
+    text = """\
+meta: {id: odd}
+seq: [{id: kind, type: u1}, {id: body, type: {switch-on: kind, cases: {1: outer(1), 2: outer(2)}}}]
+types:
+  outer: {params: [{id: n, type: u1}], seq: [{id: x, type: inner(n + 1)}]}
+  inner: {params: [{id: m, type: u1}], seq: [{id: y, type: u1}]}
+instances: {a: {value: body.as<outer>.n}, b: {value: body.as<outer>.x.m}, c: {value: body.as<outer>.x.y}}
+"""
+    assert told(text, tmp_path) == [
+        f"6:{column}: '{name}', which is another one in each case, is left out – write what it means by hand"
+        for column, name in ((24, "n"), (54, "m"))
+    ]
+
+
+def test_other_numbers_of_an_enumeration_and_instances_in_no_frame_are_told(tmp_path: Path) -> None:
+    text = """\
+meta: {id: odd}
+types: {t: {seq: [{id: x, type: u1, enum: e}]}}
+enums: {e: {010: eight, 9: nine}}
+instances: {late: {pos: 0, type: t}}
+"""
+    assert told(text, tmp_path) == [
+        "3:13: the number 010 is another one in YAML 1.1 than in 1.2 – write it in base 10 or 16, without zeros before it",
+        "4:19: the instance 'late' is left out: it stands in no frame – put it into a type",
+    ]
 
 
 def test_a_name_inside_that_hides_one_outside_is_told(tmp_path: Path) -> None:
@@ -295,6 +336,21 @@ def doubling(depth: int) -> str:
         f"  t{one}: {{seq: [{{id: a, type: t{one + 1}}}, {{id: b, type: t{one + 1}}}]}}\n" for one in range(depth)
     )
     return f"meta: {{id: odd}}\nseq: [{{id: a, type: t0}}]\ntypes:\n{types}  t{depth}: {{seq: [{{id: a, type: u1}}]}}\n"
+
+
+@pytest.mark.parametrize("depth", [60, 400, 4000])
+def test_instances_that_ask_for_each_other_have_a_bound(depth: int, tmp_path: Path) -> None:
+    chain = "".join(f"  b{one}: {{value: b{one + 1} + 1}}\n" for one in range(depth))
+    text = f"meta: {{id: odd}}\nseq: [{{id: a, type: u1}}]\ninstances:\n{chain}  b{depth}: {{value: a}}\n"
+    assert "instances that ask for each other deeper than 24" in told(text, tmp_path)[0]
+
+
+def test_types_under_conditions_too_deep_for_python_are_told(tmp_path: Path) -> None:
+    types = "".join(
+        f"  t{one}: {{seq: [{{id: x, type: u1}}, {{id: a, type: t{one + 1}, if: x == 1}}]}}\n" for one in range(23)
+    )
+    text = f"meta: {{id: odd}}\nseq: [{{id: a, type: t0}}]\ntypes:\n{types}  t23: {{seq: [{{id: x, type: u1}}]}}\n"
+    assert "the frame 'odd' is left out: parts of a frame stand too deeply inside each other" in told(text, tmp_path)[0]
 
 
 def frames_of(count: int) -> str:

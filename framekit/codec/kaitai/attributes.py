@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 from typing import Protocol as Interface
 
-from framekit.codec.kaitai.description import KsyAttribute, KsyEnum, KsyType, whole
+from framekit.codec.kaitai.description import KsyAttribute, KsyEnum, KsyType, one_number, whole
 from framekit.definition.expression import (
     Attribute,
     Binary,
@@ -38,6 +38,7 @@ NUMBER = re.compile(r"([us])([1248])(le|be)?")
 FLOAT = re.compile(r"f([48])(le|be)?")
 BITS = re.compile(r"b([1-9][0-9]?)(le|be)?")
 _GREATEST = re.compile(r"_io\.size <= ([0-9]{1,7})")
+_DIGITS_IN_TEXT = re.compile(r"-?[0-9]{1,20}|0x[0-9a-fA-F]{1,20}")
 OF_ALL = frozenset({"id", "doc", "doc-ref", "if", "repeat", "repeat-expr", "repeat-until", "type", "valid"})
 OF_TEXTS = frozenset({"size", "size-eos", "terminator", "include", "consume", "eos-error", "pad-right", "encoding"})
 OF_BYTES = OF_TEXTS - {"encoding"} | {"process"}
@@ -220,7 +221,10 @@ def bits_of(attribute: KsyAttribute, type_: KsyType) -> tuple[int, str] | None:
 
 
 def contents_of(node: YamlNode) -> bytes:
-    """Raises CannotSayError."""
+    """The bytes of `contents`. In a list, texts of digits are bytes, too, as Kaitai takes them.
+
+    Raises CannotSayError.
+    """
     if isinstance(node, Scalar) and (node.quoted or whole(node.text) is None):
         try:
             return node.text.encode("utf-8")
@@ -228,7 +232,7 @@ def contents_of(node: YamlNode) -> bytes:
             raise CannotSayError(node.at, "contents: of half a character", "write its bytes") from None
     data = bytearray()
     for item in node.items if isinstance(node, Sequence) else (node,):
-        number = whole(item.text) if isinstance(item, Scalar) and not item.quoted else None
+        number = _byte_of(item) if isinstance(item, Scalar) else None
         if number is not None and 0 <= number <= 255:
             data.append(number)
         elif isinstance(item, Scalar) and isinstance(node, Sequence) and number is None:
@@ -236,6 +240,15 @@ def contents_of(node: YamlNode) -> bytes:
         else:
             raise CannotSayError(item.at, "contents: of what is no byte and no text", "write numbers up to 255")
     return bytes(data)
+
+
+def _byte_of(item: Scalar) -> int | None:
+    """The number of an item of `contents`; None for a text. Raises CannotSayError."""
+    if item.quoted:
+        return int(item.text, 0 if "x" in item.text else 10) if _DIGITS_IN_TEXT.fullmatch(item.text) else None
+    if item.text.strip()[:2].lower() == "0o":
+        raise CannotSayError(item.at, f"contents: {item.text[:20]}, a text in YAML 1.1", "write it in base 10 or 16")
+    return whole(one_number(item).text)
 
 
 def left_of(node: Node) -> int | None:

@@ -17,7 +17,9 @@ from framekit.definition.problems import CannotSayError, Position
 DEEPEST_TYPES = 40
 """Types that are written inside each other."""
 NAME = re.compile(r"[a-z][a-z0-9_]*")
-_WHOLE = re.compile(r"-?(?:0[xX][0-9a-fA-F_]+|0[bB][01_]+|0[oO][0-7_]+|[0-9][0-9_]*)")
+_WHOLE = re.compile(r"[-+]?(?:0[xX][0-9a-fA-F_]+|0[bB][01_]+|0[oO][0-7_]+|[0-9][0-9_]*)")
+_TWO_NUMBERS = re.compile(r"[-+]?(?:0[0-7_]*[1-7][0-7_]+|[1-9][0-9_]*(?::[0-5]?[0-9])+)")
+"""Plain scalars that are other numbers in YAML 1.1 (in base 8 and 60), which compilers of Kaitai read, than in 1.2."""
 _META_SAYS_NOTHING = (
     "application", "file-extension", "xref", "license", "ks-version", "ks-debug", "ks-opaque-types", "tags",
 )  # fmt: skip
@@ -111,8 +113,6 @@ class KsyType:
         """What a name, or `outer::inner`, means where this type uses it."""
         first, *others = name.removeprefix("::").split("::")
         for here in self.outwards():
-            if here.around is not None and here.name == first and not others:
-                return here
             found: KsyType | None = here.types.get(first)
             if found is not None:
                 for other in others:
@@ -153,6 +153,14 @@ def scalar(node: Node, key: str) -> Scalar:
     """Raises CannotSayError."""
     if not isinstance(node, Scalar):
         raise CannotSayError(node.at, f"{key}: holds a list or a mapping", "write a single value")
+    return one_number(node)
+
+
+def one_number(node: Scalar) -> Scalar:
+    """A scalar that is no number, or the same one in every YAML. Raises CannotSayError."""
+    if not node.quoted and _TWO_NUMBERS.fullmatch(node.text.strip()):
+        what = f"the number {node.text[:20]} is another one in YAML 1.1 than in 1.2"
+        raise CannotSayError(node.at, what, "write it in base 10 or 16, without zeros before it")
     return node
 
 
@@ -170,7 +178,7 @@ def whole(text: str) -> int | None:
         return None
     digits = text.replace("_", "")
     try:
-        return int(digits, 0 if digits.lstrip("-")[1:2].isalpha() else 10)
+        return int(digits, 0 if digits.lstrip("-+")[1:2].isalpha() else 10)
     except ValueError:  # 0x alone
         return None
 
@@ -308,6 +316,11 @@ class _KsyReader:
             members: dict[str, int] = {}
             docs: dict[str, str] = {}
             for entry in value.entries if isinstance(value, Mapping) else ():
+                try:
+                    one_number(entry.key)
+                except CannotSayError as error:
+                    self.tell(error.problem.at, error.problem.what, error.problem.todo)
+                    continue
                 number, said = whole(entry.key.text), entry.value
                 member = said.value("id") if isinstance(said, Mapping) else said
                 text = member.text if isinstance(member, Scalar) else ""

@@ -133,6 +133,10 @@ class _DefinitionWriter:
         elif top.seq:
             self._frame(top, scope)
         else:
+            for name, instance in top.instances.items():
+                self.tell(
+                    instance.at, f"the instance '{name}' is left out: it stands in no frame", "put it into a type"
+                )
             for type_ in top.types.values():
                 if type_.params:
                     self.tell(type_.at, f"the type '{type_.name}', which is told parameters, is no frame", "")
@@ -213,14 +217,15 @@ class _DefinitionWriter:
 
         A frame that another one is always taken for is read where it is named alone: a parameter says so in Kaitai.
         """
-        if self.frames and _refused(self._text(self.frames))[0]:
+        wrong, alike = _refused(self._text(self.frames)) if self.frames else ([], [])
+        if wrong:
             for name, frame in [*self.frames.items()]:
                 many = len(self.frames) > MOST_CHECKED
-                wrong = ["there are too many"] if many else _refused(self._text({name: frame}))[0]
-                if wrong:
-                    self.tell(self.places[name], f"the frame '{name}' is left out: {wrong[0]}", "write it by hand")
+                why = ["there are too many"] if many else _refused(self._text({name: frame}))[0]
+                if why:
+                    self.tell(self.places[name], f"the frame '{name}' is left out: {why[0]}", "write it by hand")
                     del self.frames[name]
-        wrong, alike = _refused(self._text(self.frames)) if self.frames else ([], [])
+            wrong, alike = _refused(self._text(self.frames)) if self.frames else ([], [])
         if wrong:
             self.tell(self.found.top.at, f"the frames are left out: {wrong[0]}", "take some of the types alone")
             self.frames.clear()

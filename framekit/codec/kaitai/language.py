@@ -7,6 +7,7 @@ raises CannotSayError. Source: the user guide of Kaitai Struct, Expression langu
 from __future__ import annotations
 
 import re
+import sys
 from dataclasses import dataclass
 from decimal import Decimal
 
@@ -75,8 +76,11 @@ _TOKEN = re.compile(
 _BINARY = (("|",), ("^",), ("&",), ("<<", ">>"), ("+", "-"), ("*", "/", "%"))
 _COMPARE = ("==", "!=", "<", "<=", ">", ">=")
 _WORDS = frozenset({"and", "or", "not"})
-_ESCAPES = {"a": "\a", "b": "\b", "n": "\n", "r": "\r", "t": "\t", "v": "\v", "f": "\f", "e": "\x1b"}
-_ESCAPE = re.compile(r"\\(?:u([0-9a-fA-F]{4})|([0-7]{1,3})|(.))", re.DOTALL)
+_ESCAPES = {
+    "a": "\a", "b": "\b", "n": "\n", "r": "\r", "t": "\t", "v": "\v", "f": "\f", "e": "\x1b",
+    "'": "'", '"': '"', "\\": "\\",
+}  # fmt: skip
+_ESCAPE = re.compile(r"\\(?:u([0-9a-fA-F]{4})|([0-7]+)|(.))", re.DOTALL)
 _TODO = "write what it means by hand"
 
 
@@ -266,12 +270,15 @@ class _KsyParser:
         return int(text, 0 if text[1:2].isalpha() else 10)
 
     def _texts(self, first: str) -> str:
-        """Texts one behind the other are one."""
-        found = [_text(first)]
+        """Texts one after the other are one."""
+        words = [first]
         while self.place < len(self.tokens) and self.tokens[self.place][0] == "text":
-            found.append(_text(self.tokens[self.place][1]))
+            words.append(self.tokens[self.place][1])
             self.place += 1
-        text = "".join(found)
+        try:
+            text = "".join(map(_text, words))
+        except ValueError:
+            raise self._wrong("a text with an escape that Kaitai does not have") from None
         if any("\ud800" <= sign <= "\udfff" for sign in text):
             raise self._wrong("a text with half a character")
         return text
@@ -295,6 +302,12 @@ def _text(word: str) -> str:
 
 
 def _sign(match: re.Match[str]) -> str:
+    """The character of an escape. Raises ValueError for one that Kaitai does not know."""
     if match[1]:
         return chr(int(match[1], 16))
-    return chr(int(match[2], 8)) if match[2] else _ESCAPES.get(match[3], match[3])
+    if match[2]:
+        digits = match[2].lstrip("0")[:_DIGITS] or "0"
+        return chr(min(int(digits, 8), sys.maxunicode + 1))
+    if match[3] not in _ESCAPES:
+        raise ValueError
+    return _ESCAPES[match[3]]

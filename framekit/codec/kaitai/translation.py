@@ -371,8 +371,11 @@ class Translation:
                 return self._index(value, constant(0))
             case ("list", "min" | "max", 0) if value.item == "int" and not value.suffix:
                 return replace(made, text=f"{name}({value.text})")
-            case ("int" | "bool", "to_i", 0):
-                return replace(value, kind="int")
+            case ("int", "to_i", 0):
+                return value
+            case ("bool", "to_i", 0):
+                text = f"1 if {value.at_level(OR)} else 0"
+                return replace(value, text=text, level=CONDITIONAL, kind="int", parts=())
             case ("int", "to_s", 0):
                 return replace(made, text=f"text({value.text})", kind="str")
             case ("str", "to_i", 0 | 1):

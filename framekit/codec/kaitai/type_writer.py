@@ -34,7 +34,7 @@ from framekit.codec.kaitai.attributes import (
     with_keys,
     without_repeat,
 )
-from framekit.codec.kaitai.description import KsyAttribute, KsyType, scalar
+from framekit.codec.kaitai.description import KsyAttribute, KsyType, one_number, scalar
 from framekit.codec.kaitai.language import parse
 from framekit.codec.kaitai.translation import (
     INDEX,
@@ -303,7 +303,7 @@ class TypeWriter:
     # ---- expressions --------------------------------------------------------------------------------------
 
     def parsed(self, text: Scalar) -> Node:
-        node = parse(text.text, text.at)
+        node = parse(one_number(text).text, text.at)
         self._count(text.at, sum(1 for _ in walk(node)))
         return node
 
@@ -364,7 +364,7 @@ class TypeWriter:
             if not 0 <= size <= MOST_BYTES:
                 raise CannotSayError(text.at, f"a size of {size} bytes", f"0 to {MOST_BYTES} are possible")
             return size
-        return made.text
+        return _not_rest(made.text)
 
     def _unused(self, name: str) -> str:
         """A name that no value of this type has; the same one in all cases of a choice."""
@@ -753,7 +753,7 @@ class TypeWriter:
                     sizes = part.sizes.times(times.span[0], times.span[0])
                 else:
                     safe = times.span is not None and times.span[0] >= 0
-                    segment["times"] = times.text if safe else f"max({times.text}, 0)"
+                    segment["times"] = _not_rest(times.text) if safe else f"max({times.text}, 0)"
             case "until" if "repeat-until" in keys:
                 node = scalar(keys["repeat-until"], "repeat-until")
                 asked = self.parsed(node)
@@ -844,6 +844,8 @@ class TypeWriter:
         instance = self.scope.type.instances.get(name)
         if instance is None or name in self._under_way:
             return self._find_outside(name, at)
+        if len(self._under_way) >= DEEPEST:
+            raise CannotSayError(at, f"instances that ask for each other deeper than {DEEPEST}", "put them together")
         self._under_way.add(name)
         try:
             entry = self._instance(instance)
@@ -897,6 +899,11 @@ class TypeWriter:
         return KsyMeaning(name, said.kind, said.span, said.scope, said.item, when=when, asked=asked)
 
 
+def _not_rest(text: str) -> str:
+    """An expression as a size or a number of items, where the word `rest` alone means what is left."""
+    return "(rest)" if text == "rest" else text
+
+
 def _sizes_of(segment: Keys) -> Iterator[tuple[str, str]]:
     """The names that are the whole size of a segment, or the count of a list, each with the key that says so."""
     if isinstance(segment.get("times"), str):
@@ -912,13 +919,36 @@ def _entry_of_cases(name: str, entries: list[tuple[str, KsyMeaning]], always: bo
     """
     kinds = {entry.kind for _, entry in entries}
     if kinds == {"record"} or (kinds == {"record", "bytes"}):
-        scopes = {type_: entry.scope for type_, entry in entries if entry.scope is not None}
+        scopes: dict[str, KsyScope] = {}
+        for type_, entry in entries:
+            if entry.scope is not None and type_ in scopes:
+                _lose_what_differs(scopes[type_], entry.scope)
+            elif entry.scope is not None:
+                scopes[type_] = entry.scope
         return KsyMeaning(name, "choice", cases=scopes)
     if len(kinds) == 1 and kinds <= {"int", "str", "bytes"}:
         spans = [entry.span for _, entry in entries if entry.span is not None]
         span = (min(one[0] for one in spans), max(one[1] for one in spans)) if spans else None
         return KsyMeaning(name, next(iter(kinds)), span, when="" if always else UNKNOWN)
     return KsyMeaning("", "lost", why="which may be of several kinds")
+
+
+def _lose_what_differs(one: KsyScope, other: KsyScope) -> None:
+    """Of a type that stands in two cases: names that are not said in the same way in both, such as parameters."""
+    for name, here in [*one.entries.items()]:
+        there = other.entries.get(name)
+        if there is None or _said(here) != _said(there):
+            one.entries[name] = KsyMeaning("", "lost", why="which is another one in each case")
+            continue
+        inside = [(here.scope, there.scope), *((scope, there.cases.get(type_)) for type_, scope in here.cases.items())]
+        for scope, its in inside:
+            if scope is not None and its is not None and scope is not its:
+                _lose_what_differs(scope, its)
+
+
+def _said(entry: KsyMeaning) -> tuple[object, ...]:
+    """A meaning without the scopes in it."""
+    return replace(entry, scope=None, cases={}), entry.scope is None, tuple(entry.cases)
 
 
 def _choose(on: Translated, cases: Mapping[int | str, KsyPart], otherwise: KsyPart) -> Keys:
