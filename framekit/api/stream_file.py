@@ -25,6 +25,7 @@ BYTE_ORDER_MARK = "\xef\xbb\xbf"
 _WORD = r"""[^\s,;{}=()$'"+\-*/#]+"""
 _TOKEN = re.compile(
     rf"""(?P<blank>(?:\s+|\#[^\n]*)+)|(?P<string>"(?:\\.|[^"\\\n])*"|'(?:\\.|[^'\\\n])*')"""
+    rf"""|(?P<open>"(?:\\.|[^"\\\n])*|'(?:\\.|[^'\\\n])*)"""
     rf"""|(?P<variable>\$(?:\{{[^{{}}=;"'\n]*\}}|[0-9]|{_WORD}))|(?P<sign>[{{}};=,()+\-*/])|(?P<word>{_WORD})"""
     r"""|(?P<wrong>.)""",
 )
@@ -251,9 +252,10 @@ class _StreamReader:
         for match in _TOKEN.finditer(text):
             kind, found = str(match.lastgroup), match[0]
             at = Position(self._file, line, match.start() - begin + 1)
-            if kind == "wrong":
-                todo = "close the string on its line" if found in "\"'" else "remove it"
-                self.errors.append(Problem(at, f"{named(found)} begins nothing", todo))
+            if kind == "open":
+                self.errors.append(Problem(at, f"the text {named(found)} has no end", "close it on its line"))
+            elif kind == "wrong":
+                self.errors.append(Problem(at, f"{named(found)} begins nothing", "remove it"))
             elif kind != "blank":
                 yield _Token(kind, found, at, spaced)
             spaced = kind == "blank"

@@ -276,7 +276,7 @@ def test_every_error_at_once() -> None:
     text = 'A = $nothing;\na { out "open;\n  shout "x"; }\nb { @later { } { out } }\nb { out "%q"; = 3 }\n}\n'
     assert [one.partition(" – ")[0] for one in told(text)] == [
         "x.proto:1:5: there is no variable 'nothing'",
-        "x.proto:2:9: '\"' begins nothing",
+        "x.proto:2:9: the text '\"open;' has no end",
         "x.proto:4:5: there is no handler '@later'",
         "x.proto:4:16: a block has no name here",
         "x.proto:5:1: there are two protocols 'b'",
@@ -334,6 +334,8 @@ GROWING: dict[str, Callable[[int], str]] = {
     "check codes": lambda n: "p { out 'ab" + "%<sum>,%2<xor>" * n + "'; }",
     "words": lambda n: "p { in '%{" + "|".join(f"w{k}" for k in range(n)) + "}'; }",
     "quotes": lambda n: "p { out " + "'" * n + " }",
+    "open texts": lambda n: "p { out " + "'\\'" * n,
+    "open texts in lines": lambda n: "p { out " + "'a\\\n" * n,
     "signs": lambda n: "=;{" * n,
     "comments": lambda n: "# c\n" * n + "p { out 'x'; }",
     "numbers": lambda n: "p { out " + "1 -2 0x3 " * n + "; }",
