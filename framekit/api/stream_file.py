@@ -20,6 +20,8 @@ MOST_PIECES = 20_000
 MOST_SIGNS = 4_000_000
 """So many signs and words all values may have together, wherever a variable puts them."""
 
+DEEPEST = 20
+"""Blocks inside each other; a handler in a protocol is two, more are errors."""
 BYTE_ORDER_MARK = "\xef\xbb\xbf"
 """Some editors begin a file with these bytes."""
 _WORD = r"""[^\s,;{}=()$'"+\-*/#]+"""
@@ -242,6 +244,7 @@ class _StreamReader:
         self._place = 0
         self._pieces = 0
         self._signs = 0
+        self._deep = 0
         self._whole = _Body("", Position(file, 1, 1))
         self._set: list[tuple[str, Position]] = []  # variables of the file's own
         self._used: set[str] = set()
@@ -354,6 +357,14 @@ class _StreamReader:
 
     def _block(self, body: _Body | None, commands: list[_Raw], name: _Token) -> None:
         """Statements up to the closing brace; without `body` they are those of a handler."""
+        self._deep += 1
+        if self._deep > DEEPEST:
+            what = f"blocks stand deeper inside each other than {DEEPEST}"
+            raise DefinitionError([Problem(name.at, what, "end each with }")])
+        self._statements(body, commands, name)
+        self._deep -= 1
+
+    def _statements(self, body: _Body | None, commands: list[_Raw], name: _Token) -> None:
         while (token := self._head()).text != "}":
             if token.kind == "end":
                 self.errors.append(Problem(name.at, f"{named(name.text)} has no end", "write }"))

@@ -287,6 +287,11 @@ def test_every_error_at_once() -> None:
     assert told("message X { int32 a = 1; }")[0].startswith("x.proto:1:1: 'message' is no protocol and no setting")
 
 
+@pytest.mark.parametrize("text", ["p { " + "{" * 3000, "p{" * 3000, "p { out " + "${" * 3000])
+def test_blocks_inside_each_other_have_a_bound(text: str) -> None:
+    assert any("blocks stand deeper inside each other than 20 – end each with }" in one for one in told(text))
+
+
 def test_equal_names_get_numbers() -> None:
     text = 'Terminator = CR; p { out "a%(x)d,%(x)d,%(x_2)d,%(x)d,%(value)d,%d"; in "%(X.VAL)d"; } p_in { in "b"; }'
     text += 'read { out "c"; in "d"; } exchange { out "e%(station)d"; in "f"; } p! { out "g"; } p? { out "h"; }'

@@ -238,7 +238,8 @@ enums: {e: {010: eight, 9: nine}}
 instances: {late: {pos: 0, type: t}}
 """
     assert told(text, tmp_path) == [
-        "3:13: the number 010 is another one in YAML 1.1 than in 1.2 – write it in base 10 or 16, without zeros before it",
+        "3:13: the number 010 is another one in YAML 1.1 than in 1.2"
+        " – write it in base 10 or 16, without zeros before it",
         "4:19: the instance 'late' is left out: it stands in no frame – put it into a type",
     ]
 
