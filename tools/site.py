@@ -96,9 +96,10 @@ def api(pages: Path) -> str:
     import framekit
 
     lines = [
-        "# Python API",
+        "# Python API: every name",
         "",
-        "What `import framekit` offers, from the docstrings. [Python](docs/python-api.md) shows it at work.",
+        "What `import framekit` offers, from the docstrings. "
+        "[framekit in a Python program](docs/python-api.md) shows it at work.",
         "",
     ]
     homes = {name: home for home, names in framekit._HOMES.items() for name in names}
