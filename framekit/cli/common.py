@@ -55,6 +55,17 @@ class PortError(VerbError):
 
 LEVELS = ("debug", "info", "warning", "error")
 
+
+def _new_capture(text: str) -> Path:
+    """Where a capture goes. Raises ArgumentTypeError for a file that is there: another capture may be in it."""
+    path = Path(text)
+    first = path.with_name(f"{path.stem}-1{path.suffix}") if path.name else path  # of several channels
+    for there in (path, first):
+        if there.is_file():
+            raise argparse.ArgumentTypeError(f"{there} is there already – name another file, or delete it first")
+    return path
+
+
 OPTIONS: dict[str, dict[str, Any]] = {
     "protocol": {"metavar": "PROTOCOL", "help": "name of a shipped protocol, or a YAML file"},
     "-n, --count": {"type": int, "metavar": "COUNT"},
@@ -74,7 +85,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "--bad": {"action": "store_true", "help": "only bad frames and noise"},
     "--ascii": {"action": "store_true", "help": "show bytes as ASCII instead of hex"},
     "--capture": {
-        "metavar": "FILE", "type": Path,
+        "metavar": "FILE", "type": _new_capture,
         "help": "write everything on the lines to FILE: JSON lines (.jsonl), else pcap, a file for each channel",
     },
     "--screen": {"action": "store_true", "help": "show it live in the terminal; needs the extra 'screen'"},

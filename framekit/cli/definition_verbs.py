@@ -615,6 +615,8 @@ def _bytes_of_a_frame(text: str) -> int:
 
 
 def run_generate(arguments: argparse.Namespace) -> int:
+    if arguments.output is not None and arguments.output.suffix in (".yaml", ".yml"):
+        raise WordsError(f"-o: {arguments.output} ends like a definition, and none is written over – name another file")
     if arguments.what == "c":
         return _generate_c(arguments)
     if arguments.what == "kaitai":
@@ -675,7 +677,7 @@ def _generate_document(arguments: argparse.Namespace) -> int:
 
     place: Path | None = arguments.output
     if place is None or place.suffix not in (".html", ".md"):
-        raise VerbError("a document is written into a file – add -o NAME.html or -o NAME.md")
+        raise WordsError("a document is written into a file – add -o NAME.html or -o NAME.md")
     blocks = document(load(arguments.protocol), vectors_path(definition_path(arguments.protocol)))
     folder = place.with_suffix(".frames")
     text, pictures = (html(blocks), {}) if place.suffix == ".html" else markdown(blocks, folder.name)
@@ -701,7 +703,7 @@ def _generate_c(arguments: argparse.Namespace) -> int:
 
     folder: Path | None = arguments.output
     if folder is None:
-        raise VerbError("C is written into a directory – add -o DIR")
+        raise WordsError("C is written into a directory – add -o DIR")
     made = generate(load_codec(arguments.protocol).protocol, arguments.max_bytes or MOST_BYTES)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -728,7 +730,7 @@ def _generate_kaitai(arguments: argparse.Namespace) -> int:
 
     folder: Path | None = arguments.output
     if folder is None:
-        raise VerbError("a Kaitai file is written into a directory – add -o DIR")
+        raise WordsError("a Kaitai file is written into a directory – add -o DIR")
     if arguments.set:
         raise WordsError("--set is for wireshark: a Kaitai file is given parameters when it reads")
     made = generate_kaitai(load_codec(arguments.protocol).protocol)

@@ -5,14 +5,14 @@ It goes by the model of the frame, so that `10` means a number, a text or bytes 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from decimal import Decimal
 from typing import Any
 
 from framekit.codec.errors import EncodeError
 from framekit.codec.shown import explain, shown, with_name
 from framekit.definition.load.reader import parse_bytes, parse_number
-from framekit.definition.model.frames import by_value_name, everything
+from framekit.definition.model.frames import by_value_name, everything, flat
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import (
     Bits,
@@ -35,7 +35,7 @@ class PlainValues:
 
     def __init__(self, protocol: Protocol) -> None:
         self.protocol = protocol
-        self._known: dict[str, dict[str, Segment]] = {}
+        self._known: dict[str, dict[str, list[Segment]]] = {}
         self._special: dict[str, dict[str, Segment]] = {}
         self._names: dict[str, dict[str, dict[int, str]]] = {}
 
@@ -43,7 +43,7 @@ class PlainValues:
         """Codec values. Unknown names are left for the encoder to refuse. Raises EncodeError."""
         known = self._known.get(frame)
         if known is None:
-            known = self._known[frame] = by_value_name(self.protocol.frames[frame].segments)
+            known = self._known[frame] = _by_name(self.protocol.frames[frame].segments)
         return self._read(known, fields)
 
     def to_plain(self, frame: str, fields: Mapping[str, Any]) -> dict[str, Any]:
@@ -64,19 +64,31 @@ class PlainValues:
 
     # ---- reading ------------------------------------------------------------------------------------------
 
-    def _read(self, known: Mapping[str, Segment], fields: Mapping[str, Any]) -> dict[str, Any]:
+    def _read(self, known: Mapping[str, Sequence[Segment]], fields: Mapping[str, Any]) -> dict[str, Any]:
         result = {}
         for name, value in fields.items():
-            segment = known.get(name)
             try:
-                names = None if segment is None else dict(segment.numbers_with_names()).get(name)
-                is_name = names is not None and isinstance(value, str) and value in names.values()
-                result[name] = value if segment is None or is_name else self._value(segment, value)
+                result[name] = self._of_one(name, known.get(name, ()), value)
             except (ValueError, TypeError) as error:
                 if isinstance(error, EncodeError):
                     raise
                 raise EncodeError(name, f"'{name}': {explain(error).partition(' – ')[0]}") from None
         return result
+
+    def _of_one(self, name: str, segments: Sequence[Segment], value: Any) -> Any:
+        """The value of a name; several cases may have segments of that name, and one that it fits is meant."""
+        wrong: ValueError | TypeError | None = None
+        for segment in sorted(segments, key=lambda one: not _has_fields(one, value)):
+            names = dict(segment.numbers_with_names()).get(name)
+            if names is not None and isinstance(value, str) and value in names.values():
+                return value
+            try:
+                return self._value(segment, value)
+            except (ValueError, TypeError) as error:
+                wrong = wrong or error
+        if wrong is not None:
+            raise wrong
+        return value
 
     def _value(self, segment: Segment, value: Any) -> Any:
         match segment:
@@ -90,10 +102,10 @@ class PlainValues:
                 items = value if isinstance(value, list) else [value]
                 if (plain := segment.plain_type) is not None:
                     return [_typed(plain, item) for item in items]
-                known = by_value_name(segment.members)
+                known = _by_name(segment.members)
                 return [self._read(known, _mapping(item)) for item in items]
             case Segment(is_record=True):
-                return self._read(by_value_name(segment.members), _mapping(value))
+                return self._read(_by_name(segment.members), _mapping(value))
             case Inner():
                 if len(_mapping(value)) != 1:
                     raise ValueError("one frame with its values is wanted here: {frame: {name: value}}")
@@ -129,6 +141,23 @@ class PlainValues:
             case Nested(frame=frame) if isinstance(value, dict):
                 return self.to_plain(frame, value)
         return shown(value)
+
+
+def _by_name(segments: tuple[Segment, ...]) -> dict[str, list[Segment]]:
+    """All segments that have a value of a name, the last one first: several cases may each have one."""
+    found: dict[str, list[Segment]] = {}
+    for segment in flat(segments):
+        for name in segment.value_names:
+            found.setdefault(name, []).insert(0, segment)
+    return found
+
+
+def _has_fields(segment: Segment, value: Any) -> bool:
+    """Whether a record, or a list of them, has the fields that a value gives; every other segment may hold it."""
+    if segment.inner_record is None:
+        return True
+    items = [one for one in (value if isinstance(value, list) else [value]) if isinstance(one, Mapping)]
+    return all(set(one) <= _by_name(segment.inner_record).keys() for one in items)
 
 
 def _special(segments: tuple[Segment, ...]) -> dict[str, Segment]:

@@ -602,3 +602,40 @@ def test_the_version_is_told_without_what_only_other_verbs_need() -> None:
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[1:] == ["[]"], done.stdout
+
+
+def test_fields_of_a_record_that_several_cases_have(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "rec.yaml"
+    path.write_text(
+        "protocol: rec\nlayouts:\n  a: [{field: n, type: u8}, {repeat: v, times: n, of: u8}]\n"
+        "  b: [{field: t, type: ascii, size: 2}]\nframes:\n  F:\n    body:\n      - {field: kind, type: u8}\n"
+        "      - choose: kind\n        cases: {1: [{include: a, as: body}], 2: [{include: b, as: body}]}\n"
+    )
+    for fields, told in (
+        (["kind=1", "body.n=2", "body.v=[1,2]"], "01 02 01 02"),
+        (["kind=1", 'body={"n": 2, "v": [1, 2]}'], "01 02 01 02"),
+        (["kind=2", "body.t=10"], "02 31 30"),
+    ):
+        assert main(["encode", str(path), "F", *fields]) == 0
+        assert capsys.readouterr().out.strip() == told
+
+
+def test_what_is_there_is_not_written_over(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.yaml").write_text("protocol: own\nframes: {F: {body: [{const: 01}]}}\n")
+    assert main(["generate", "python", "own.yaml", "-o", "own.yaml"]) == 2
+    assert "own.yaml ends like a definition, and none is written over" in capsys.readouterr().err
+    (tmp_path / "line-1.pcap").touch()
+    with pytest.raises(SystemExit):
+        main(["monitor", "own.yaml", "--port", "sim:x", "--capture", "line.pcap"])
+    assert "line-1.pcap is there already – name another file, or delete it first" in capsys.readouterr().err
+
+
+def test_a_speed_beyond_all_lines_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "fast.yaml").write_text(
+        "protocol: fast\nline: {speed: 9999999999, format: 7E1}\nframes: {F: {body: [{const: 01}, {check: xor8}]}}\n"
+    )
+    assert main(["check", str(tmp_path / "fast.yaml")]) == 1
+    assert "2:7: a line speed is a number of bits a second, 1 to 1000000000 – write 9600" in capsys.readouterr().err

@@ -56,7 +56,7 @@ VALUES: Mapping[str, Row] = {
         " {field: d, type: u8, is: a, long: {mark: 0xF0, type: u16}}]",
         "05060705|FF2C01F0012C07F0012C|FFE803060705|05060704|FF05000609F00005",
     ),
-    "a range of a time": ("[{field: a, type: u8, unit: 10 ms, range: 1..5}]", "00|01|06"),
+    "a range of a time": ("[{field: a, type: u8, unit: 10 ms, range: 10 ms..50 ms}]", "00|01|06"),
     "numbers of 64 bits with names": ("[{field: a, type: u64, values: {0xFFFFFFFFFFFFFFFF: most, 0: none}}]", "FF" * 8),
     "constants with a fraction": (
         "[{field: a, type: u8, scale: 0.5, is: 2.5}, {field: b, type: f32, is: 0.1},"

@@ -22,7 +22,7 @@ from framekit.definition.model.sections import Parameter, Queue, StateVariable
 from framekit.definition.model.segments import Check, Const, Data, Field, Segment
 from framekit.definition.model.services import BlockWork, CommandRules, PlaceOf
 from framekit.definition.problems import NOWHERE, Position, Problem, did_you_mean, plural
-from framekit.definition.times import format_time
+from framekit.definition.times import MOST_SPEED, format_time
 from framekit.definition.wire_types import bounds_of_bits
 
 MOST_VARIABLES = 4
@@ -334,8 +334,8 @@ def _delimiter(protocol: Protocol) -> Iterator[Problem]:
 def _line(protocol: Protocol) -> Iterator[Problem]:
     line = protocol.line
     at = protocol.at if line.at == NOWHERE else line.at
-    if line.speed < 1 or any(speed < 1 for speed in line.speeds):
-        yield Problem(at, "a line speed is a number of bits a second, 1 or more", "write 9600")
+    if not all(1 <= speed <= MOST_SPEED for speed in (line.speed, *line.speeds)):
+        yield Problem(at, f"a line speed is a number of bits a second, 1 to {MOST_SPEED}", "write 9600")
     if line.speeds and line.speed not in line.speeds:
         listed = ", ".join(map(str, line.speeds))
         yield Problem(at, f"the default speed {line.speed} is none of its choices", f"add it, or choose of {listed}")
