@@ -346,6 +346,13 @@ def test_instances_that_ask_for_each_other_have_a_bound(depth: int, tmp_path: Pa
     assert "instances that ask for each other deeper than 24" in told(text, tmp_path)[0]
 
 
+@pytest.mark.parametrize("count", [30, 60, 101, 400, 4000])
+def test_attributes_that_may_be_left_out_in_a_row_have_a_bound(count: int, tmp_path: Path) -> None:
+    seq = ", ".join(f"{{id: b{one}, type: u1, if: not _io.eof}}" for one in range(count))
+    found = told(f"meta: {{id: odd}}\nseq: [{{id: a, type: u1}}, {seq}]\n", tmp_path)
+    assert any("nested deeper" in one or "more than 100 attributes in a row" in one for one in found)
+
+
 def test_types_under_conditions_too_deep_for_python_are_told(tmp_path: Path) -> None:
     types = "".join(
         f"  t{one}: {{seq: [{{id: x, type: u1}}, {{id: a, type: t{one + 1}, if: x == 1}}]}}\n" for one in range(23)

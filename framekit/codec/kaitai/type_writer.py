@@ -65,6 +65,8 @@ from framekit.definition.wire_types import ANY, NOTHING, Sizes, bounds_of_bits, 
 
 _USER = re.compile(r"(?:::)?([a-z][a-z0-9_]*(?:::[a-z][a-z0-9_]*)*)")
 _CASE = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+MOST_OPTIONALS = 100
+"""In a row: each stands inside the one before it."""
 _REST_IS = "what stands behind it has no fixed size"
 
 
@@ -805,6 +807,9 @@ class TypeWriter:
 
     def _optionals(self, attributes: list[KsyAttribute]) -> None:
         """Attributes of which each is there if bytes are left: each stands in the one before it."""
+        if len(attributes) > MOST_OPTIONALS:
+            what = f"more than {MOST_OPTIONALS} attributes in a row, each there if bytes are left,"
+            raise CannotSayError(attributes[0].at, what, "put them into a list")
         if self._bits:
             self._flush_bits()
         if self.region.is_used_up:
