@@ -340,3 +340,12 @@ def test_a_size_that_is_negative_without_any_field_fits_nothing() -> None:
     )
     assert codec.measure("f", b"\x01\x02", 0, 2, {"announced": 9}) == 2
     assert codec.measure("f", b"\x01\x02", 0, 2, {"announced": 0}) == 0
+
+
+@pytest.mark.parametrize("size", [8, 9, 30])
+def test_a_long_run_of_one_byte_in_front_is_measured(size: int) -> None:
+    codec = codec_of(f"[{{const: '{' '.join(['01'] * size)}'}}, {{field: a, type: u8}}]")
+    data = b"\x01" * size + b"\x05"
+    (frame,) = codec.frames
+    assert calls_until_complete(codec, frame, data) >= 1
+    assert codec.measure(frame, b"\x01\x02", 0, 2) == 0

@@ -248,7 +248,7 @@ def _escaped(text: str) -> str:
 def bytes_literal(data: bytes) -> str:
     """Bytes in double quotes: letters as they are, all others as \\xNN; long runs of one byte as a product."""
     if len(data) > 8 and len(set(data)) == 1:
-        return f"{bytes_literal(data[:1])} * {len(data)}"
+        return f"({bytes_literal(data[:1])} * {len(data)})"
     shown = "".join(chr(byte) if 0x20 <= byte < 0x7F and byte not in b'"\\' else f"\\x{byte:02x}" for byte in data)
     return f'b"{shown}"'
 
