@@ -82,7 +82,7 @@ class AnyByte(NamedTuple):
 
 
 class StreamArgument(NamedTuple):
-    """`\\$1` to `\\$9`: text that whoever uses the protocol gives."""
+    """`\\$1` to `\\$9`: a text that the user of the protocol gives."""
 
     number: int
     at: Position

@@ -7,7 +7,7 @@ a file is bounded (`WorkDone`), however often types use each other.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 
@@ -34,6 +34,7 @@ from framekit.codec.kaitai.attributes import (
     with_keys,
     without_repeat,
 )
+from framekit.codec.kaitai.choices import choose, entry_of_cases
 from framekit.codec.kaitai.description import KsyAttribute, KsyType, one_number, scalar
 from framekit.codec.kaitai.language import parse
 from framekit.codec.kaitai.translation import (
@@ -47,7 +48,6 @@ from framekit.codec.kaitai.translation import (
     Translation,
     constant,
     own_name,
-    quoted,
 )
 from framekit.codec.kaitai.values import KsyValueWriter, constant_meaning
 from framekit.definition.expression import (
@@ -64,7 +64,6 @@ from framekit.definition.problems import CannotSayError, Position
 from framekit.definition.wire_types import ANY, NOTHING, Sizes, bounds_of_bits, either, exactly
 
 _USER = re.compile(r"(?:::)?([a-z][a-z0-9_]*(?:::[a-z][a-z0-9_]*)*)")
-_CASE = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 MOST_OPTIONALS = 100
 """In a row: each stands inside the one before it."""
 _REST_IS = "what stands behind it has no fixed size"
@@ -661,8 +660,8 @@ class TypeWriter:
         self.region.counts_back = any(one.counts_back for one in after)
         self._takes_all = takes_all
         always = said_otherwise or (found.keys() == {0, 1} and chosen.kind == "bool")
-        into.entries[attribute.name] = _entry_of_cases(name, entries, always)
-        return KsyPart([_choose(chosen, found, otherwise)], either(one.sizes for one in (*found.values(), otherwise)))
+        into.entries[attribute.name] = entry_of_cases(name, entries, always)
+        return KsyPart([choose(chosen, found, otherwise)], either(one.sizes for one in (*found.values(), otherwise)))
 
     def _sized_switch(
         self,
@@ -915,59 +914,6 @@ def _sizes_of(segment: Keys) -> Iterator[tuple[str, str]]:
         yield "count", segment["times"]
     elif isinstance(segment.get("size"), str) and "repeat" not in segment:
         yield "length", segment["size"]
-
-
-def _entry_of_cases(name: str, entries: list[tuple[str, KsyMeaning]], always: bool) -> KsyMeaning:
-    """What the name of a choice stands for: a record of one of several types, or numbers of one kind.
-
-    `always`: one of the cases is always there.
-    """
-    kinds = {entry.kind for _, entry in entries}
-    if kinds == {"record"} or (kinds == {"record", "bytes"}):
-        scopes: dict[str, KsyScope] = {}
-        for type_, entry in entries:
-            if entry.scope is not None and type_ in scopes:
-                _lose_what_differs(scopes[type_], entry.scope)
-            elif entry.scope is not None:
-                scopes[type_] = entry.scope
-        return KsyMeaning(name, "choice", cases=scopes)
-    if len(kinds) == 1 and kinds <= {"int", "str", "bytes"}:
-        spans = [entry.span for _, entry in entries if entry.span is not None]
-        span = (min(one[0] for one in spans), max(one[1] for one in spans)) if spans else None
-        return KsyMeaning(name, next(iter(kinds)), span, when="" if always else UNKNOWN)
-    return KsyMeaning("", "lost", why="which may be of several kinds")
-
-
-def _lose_what_differs(one: KsyScope, other: KsyScope) -> None:
-    """Of a type that stands in two cases: names that are not said in the same way in both, such as parameters."""
-    for name, here in [*one.entries.items()]:
-        there = other.entries.get(name)
-        if there is None or _said(here) != _said(there):
-            one.entries[name] = KsyMeaning("", "lost", why="which is another one in each case")
-            continue
-        inside = [(here.scope, there.scope), *((scope, there.cases.get(type_)) for type_, scope in here.cases.items())]
-        for scope, its in inside:
-            if scope is not None and its is not None and scope is not its:
-                _lose_what_differs(scope, its)
-
-
-def _said(entry: KsyMeaning) -> tuple[object, ...]:
-    """A meaning without the scopes in it."""
-    return replace(entry, scope=None, cases={}), entry.scope is None, tuple(entry.cases)
-
-
-def _choose(on: Translated, cases: Mapping[int | str, KsyPart], otherwise: KsyPart) -> Keys:
-    """A choice; texts that YAML or our language would take for something else are numbered."""
-    if all(isinstance(key, int) or _CASE.fullmatch(key) for key in cases):
-        segment: Keys = {"choose": on.text, "cases": {key: part.segments for key, part in cases.items()}}
-    else:
-        text = "0"
-        for number, key in reversed([*enumerate(cases, 1)]):
-            text = f"{number} if {on.at_level(ATOM)} == {quoted(str(key))} else {text}"
-        segment = {"choose": text, "cases": {number: part.segments for number, part in enumerate(cases.values(), 1)}}
-    if not cases:
-        segment["cases"] = {0: otherwise.segments}
-    return {**segment, "else": otherwise.segments}
 
 
 def _not_in(name: str, taken: set[str]) -> str:

@@ -1,0 +1,70 @@
+"""What the cases of a choice of a Kaitai Struct file say together: the choice as a segment, and what its name means.
+
+A choice has one name for all of its cases. Expressions can ask for what every case, or every case of one type, says in
+the same way; the rest has no meaning outside of its case.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+
+from framekit.codec.kaitai.attributes import Keys, KsyPart
+from framekit.codec.kaitai.translation import UNKNOWN, KsyMeaning, KsyScope, Translated, quoted
+from framekit.definition.expression import ATOM
+
+_CASE = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+
+
+def entry_of_cases(name: str, entries: list[tuple[str, KsyMeaning]], always: bool) -> KsyMeaning:
+    """What the name of a choice stands for: a record of one of several types, or numbers of one kind.
+
+    `always`: one of the cases is always there.
+    """
+    kinds = {entry.kind for _, entry in entries}
+    if kinds == {"record"} or (kinds == {"record", "bytes"}):
+        scopes: dict[str, KsyScope] = {}
+        for type_, entry in entries:
+            if entry.scope is not None and type_ in scopes:
+                _lose_what_differs(scopes[type_], entry.scope)
+            elif entry.scope is not None:
+                scopes[type_] = entry.scope
+        return KsyMeaning(name, "choice", cases=scopes)
+    if len(kinds) == 1 and kinds <= {"int", "str", "bytes"}:
+        spans = [entry.span for _, entry in entries if entry.span is not None]
+        span = (min(one[0] for one in spans), max(one[1] for one in spans)) if spans else None
+        return KsyMeaning(name, next(iter(kinds)), span, when="" if always else UNKNOWN)
+    return KsyMeaning("", "lost", why="which may be of several kinds")
+
+
+def _lose_what_differs(one: KsyScope, other: KsyScope) -> None:
+    """Of a type that stands in two cases: names that are not said in the same way in both, such as parameters."""
+    for name, here in [*one.entries.items()]:
+        there = other.entries.get(name)
+        if there is None or _said(here) != _said(there):
+            one.entries[name] = KsyMeaning("", "lost", why="which is another one in each case")
+            continue
+        inside = [(here.scope, there.scope), *((scope, there.cases.get(type_)) for type_, scope in here.cases.items())]
+        for scope, its in inside:
+            if scope is not None and its is not None and scope is not its:
+                _lose_what_differs(scope, its)
+
+
+def _said(entry: KsyMeaning) -> tuple[object, ...]:
+    """A meaning without the scopes in it."""
+    return replace(entry, scope=None, cases={}), entry.scope is None, tuple(entry.cases)
+
+
+def choose(on: Translated, cases: Mapping[int | str, KsyPart], otherwise: KsyPart) -> Keys:
+    """A choice; texts that YAML or our language would take for something else are numbered."""
+    if all(isinstance(key, int) or _CASE.fullmatch(key) for key in cases):
+        segment: Keys = {"choose": on.text, "cases": {key: part.segments for key, part in cases.items()}}
+    else:
+        text = "0"
+        for number, key in reversed([*enumerate(cases, 1)]):
+            text = f"{number} if {on.at_level(ATOM)} == {quoted(str(key))} else {text}"
+        segment = {"choose": text, "cases": {number: part.segments for number, part in enumerate(cases.values(), 1)}}
+    if not cases:
+        segment["cases"] = {0: otherwise.segments}
+    return {**segment, "else": otherwise.segments}
