@@ -48,11 +48,22 @@ SECTIONS: dict[str, list[str]] = {
 STYLE = ".md-grid{max-width:1280px}.md-typeset table:not([class]){font-size:.72rem}\n"
 
 
+def files_of(folder: str) -> list[str]:
+    """The files of a folder that belong to the repository, not what is left there by trying the examples."""
+    found = subprocess.run(["git", "ls-files", "-z", folder], cwd=ROOT, capture_output=True, text=True, check=False)
+    if found.returncode == 0 and found.stdout:
+        return [file for file in found.stdout.split("\0") if file and (ROOT / file).is_file()]
+    return [str(file.relative_to(ROOT)) for file in (ROOT / folder).rglob("*") if "__pycache__" not in file.parts]
+
+
 def lay_out(pages: Path) -> None:
     """The pages: README, docs, examples and frames as they are in the repository, and the gallery."""
     shutil.rmtree(pages, ignore_errors=True)
     for folder in ("docs", "examples", "frames"):
-        shutil.copytree(ROOT / folder, pages / folder, ignore=shutil.ignore_patterns("__pycache__"))
+        for file in files_of(folder):
+            place = pages / file
+            place.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(ROOT / file, place)
     shutil.copy(ROOT / "README.md", pages / "index.md")
     tests = pages / "tests"  # pages name a few tests
     for page in pages.glob("docs/**/*.md"):

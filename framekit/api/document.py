@@ -366,9 +366,16 @@ def _as_markdown(block: Block, pictures: str, files: dict[str, str]) -> str:
             return f"{fence}{language}\n{text.rstrip()}\n{fence}\n"
 
 
+_ENTITIES = {sign: f"&{name};" for sign, name in (("&", "amp"), ("<", "lt"), (">", "gt"))} | {
+    sign: f"&#{ord(sign)};" for sign in "|~$"
+}
+"""Signs that a `\\` before them does not make plain in every Markdown."""
+
+
 def _plain(text: str) -> str:
     """Text that means nothing to Markdown, in one line."""
-    return re.sub(r"([\\`*{}\[\]<>#|!~$&]|(?<!\w)_|_(?!\w))", r"\\\1", " ".join(text.split()))
+    escaped = re.sub(r"([\\`*{}\[\]#!]|(?<!\w)_|_(?!\w))", r"\\\1", " ".join(text.split()))
+    return "".join(_ENTITIES.get(sign, sign) for sign in escaped)
 
 
 # ---- HTML ---------------------------------------------------------------------------------------------------

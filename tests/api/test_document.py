@@ -103,6 +103,6 @@ def test_the_command_writes_a_page_or_markdown_with_pictures(
     text = (tmp_path / "b.md").read_text("utf-8")
     named = set(re.findall(r"\((b\.frames/[^)]*)\)", text))
     assert named == {f"b.frames/{path.name}" for path in (tmp_path / "b.frames").iterdir()}
-    assert main(["generate", "document", "modbus-rtu"]) == 1
+    assert main(["generate", "document", "modbus-rtu"]) == 2
     assert "add -o NAME.html" in capsys.readouterr().err
     assert main(["generate", "document", "modbus-rtu", "-o", "no/such/folder/x.html"]) == 1
