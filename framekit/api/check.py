@@ -10,7 +10,7 @@ from framekit.codec.ambiguity import check_matrices
 from framekit.definition.load.protocol import definition_path, load_protocol
 from framekit.definition.nodes import read_nodes
 from framekit.definition.problems import DefinitionError, Problem, plural
-from framekit.definition.schema import kind_of
+from framekit.definition.schema import ANY_FIRST_KEY, kind_of
 
 if TYPE_CHECKING:
     from framekit.run.model import RunModel
@@ -31,7 +31,7 @@ def check_file(name: str) -> Checked:
     """What a file is, and what is wrong with it."""
     try:
         path = definition_path(name)
-        kind = "points" if path.suffix == ".csv" else kind_of(read_nodes(path, noted=[]))
+        kind = "points" if path.suffix == ".csv" else kind_of(read_nodes(path, noted=[], begin=ANY_FIRST_KEY))
         checked = CHECKS[kind](path)
         return Checked(checked.what, sorted(checked.problems), checked.loads)
     except DefinitionError as error:

@@ -45,13 +45,12 @@ def run_import(arguments: argparse.Namespace) -> int:
 
     file, place = arguments.file, arguments.output or definition_beside(arguments.file)
     try:
-        name = protocol_name(place)
+        with in_words():
+            made = import_definition(file, protocol_name(place))
         if place.exists() and place.samefile(file):
             raise WordsError(f"{near(str(place))} is the file that is read – name another one with -o")
         if place.exists() and arguments.output is None:
             raise WordsError(f"{near(str(place))} is there already – name another file with -o")
-        with in_words():
-            made = import_definition(file, name)
     except DraftError as error:
         raise WordsError(f"{error}; name it with -o") from None
     except OSError as error:

@@ -67,27 +67,39 @@ _TOLD = [
         (r"^argument (\S+): invalid int value: ('.*')$", r"\1: \2 is not a whole number – write digits, such as 10"),
         (r"^argument (\S+): invalid float value: ('.*')$", r"\1: \2 is not a number – write digits, such as 2.5"),
         (r"^argument (\S+): expected one argument$", r"\1 has no value – write one behind it"),
+        (r"^the following arguments are required: VERB$", r"missing: VERB – framekit --help lists the verbs"),
         (r"^the following arguments are required: (.*)$", r"missing: \1 – add what is meant"),
     )
 ]
 """What the standard library says of words, and how it is said here."""
+_NO_VERB = re.compile(r"argument VERB: invalid choice: '(?P<word>[^']*)'")
 _CHOICE = re.compile(r"invalid choice: '(?P<word>[^']*)' \(choose from (?P<choices>.*)\)")
 
 
 class Parser(argparse.ArgumentParser):
-    """As its base; `verbs` are those that it has, by name. `tells_json`: what is wrong is printed as an object too."""
+    """As its base; `verbs` are those that it has, by name. `tells_json`: what is wrong is printed as an object too.
+
+    `words`: those of the command line.
+    """
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
         self.verbs: dict[str, Parser] = {}
         self.tells_json = False
+        self.words: Sequence[str] = ()
 
     def error(self, message: str) -> NoReturn:
         """Tells what is wrong and ends with status 2."""
+        is_missing = message.startswith("the following arguments are required")
         for pattern, told in _TOLD:
             message = pattern.sub(told, message)
+        if is_missing and (unknown := self._unknown(self.words)):  # perhaps the missing one, misspelt
+            message = "; ".join([*unknown, message])
         match = _CHOICE.search(message)
-        if match is not None:
+        if (verb := _NO_VERB.match(message)) is not None:
+            near = _near(verb["word"], list(VERBS))
+            message = f"there is no verb '{verb['word']}' – {near or 'framekit --help lists the verbs'}"
+        elif match is not None:
             near = _near(match["word"], re.findall(r"[^\s',]+", match["choices"]))
             message += f" – {near}" if near else ""
         if self.tells_json:
@@ -96,17 +108,25 @@ class Parser(argparse.ArgumentParser):
 
     def refuse(self, unknown: Sequence[str]) -> NoReturn:
         """Tells that these words have no place here."""
-        options = [word.partition("=")[0] for word in unknown if len(word) > 1 and word.startswith("-")]
-        if not options:
-            self.error(f"nothing takes {', '.join(repr(word) for word in unknown)}")
+        told = self._unknown(unknown)
+        self.error("; ".join(told) or f"nothing takes {', '.join(repr(word) for word in unknown)}")
+
+    def _unknown(self, words: Sequence[str]) -> list[str]:
+        """A sentence for each of the words that looks like an option and is none here."""
         known = [option for action in self._actions for option in action.option_strings]
         told = []
-        for option in options:
+        for word in words:
+            option = word.partition("=")[0]
+            if option == "--":
+                break
+            if not _OPTION.match(option) or any(one.startswith(option) or one == option[:2] for one in known):
+                continue
             near = _MEANT.get(option) or _near(option, known)
             told.append(f"there is no option '{option}'" + (f" – {near}" if near else ""))
-        self.error("; ".join(told))
+        return told
 
 
+_OPTION = re.compile(r"-[^\s\d.]\S*$")
 _MEANT = {
     **dict.fromkeys(("--baud", "--baudrate", "-b"), "write --speed"),
     **dict.fromkeys(("--parity", "--stopbits", "--databits", "--bytesize"), "write --format, such as 8E1"),
@@ -188,7 +208,7 @@ def _main(words: list[str]) -> int:
     """Carries out the words behind the options that come before a verb."""
     parser = build_parser(words[0] if words and words[0] in VERBS else "")
     for one in (parser, *parser.verbs.values()):
-        one.tells_json = "--json" in words
+        one.tells_json, one.words = "--json" in words, words
     parsed, unknown = _parsed(parser, words)
     if unknown:
         parser.verbs[parsed.verb].refuse(unknown)

@@ -197,10 +197,11 @@ _COLON = re.compile(r"\s*:")
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
-def read_nodes(source: Path, noted: list[Problem] | None = None) -> Node:
+def read_nodes(source: Path, noted: list[Problem] | None = None, *, begin: str = "protocol: NAME") -> Node:
     """The nodes of a file. Raises DefinitionError with everything that can be told at once.
 
     What leaves a tree that can be read on, such as a double key, is put into `noted` instead, if that is given.
+    `begin`: with what an empty file should begin.
     """
     file = str(source)
     try:
@@ -218,10 +219,10 @@ def read_nodes(source: Path, noted: list[Problem] | None = None) -> Node:
         column = len(data[data.rfind(b"\n", 0, error.start) + 1 : error.start].decode("utf-8")) + 1
         what = f"the byte {data[error.start]:02X} is not UTF-8"
         raise DefinitionError([Problem(Position(file, line, column), what, "save the file as UTF-8")]) from None
-    return read_text(text, file, noted)
+    return read_text(text, file, noted, begin=begin)
 
 
-def read_text(text: str, file: str, noted: list[Problem] | None = None) -> Node:
+def read_text(text: str, file: str, noted: list[Problem] | None = None, *, begin: str = "protocol: NAME") -> Node:
     """The nodes of a text; `file` is its name in positions. Raises DefinitionError and notes like `read_nodes`."""
     text = text.removeprefix("\ufeff")
     if len(text) > LARGEST_FILE:
@@ -237,7 +238,7 @@ def read_text(text: str, file: str, noted: list[Problem] | None = None) -> Node:
         builder.problems.append(syntax_problem(error, text, file))
     except _GivenUp:
         pass
-    return _without_version(builder.result(noted), noted)
+    return _without_version(builder.result(noted, begin), noted)
 
 
 LANGUAGE = 1
@@ -341,11 +342,11 @@ class _Builder:
         self.anchors: dict[str, _Anchored] = {}
         self.documents = 0
 
-    def result(self, noted: list[Problem] | None) -> Node:
+    def result(self, noted: list[Problem] | None, begin: str) -> Node:
         """The tree. Raises DefinitionError when anything was wrong; double keys are put into `noted` if that is all."""
         root = self.root
         if not self.problems and (root is None or (isinstance(root, Scalar) and not root.quoted and not root.text)):
-            self.problems.append(Problem(Position(self.file, 1, 1), "the file is empty", "begin with protocol: NAME"))
+            self.problems.append(Problem(Position(self.file, 1, 1), "the file is empty", f"begin with {begin}"))
         if self.problems or root is None or (self.doubles and noted is None):
             raise DefinitionError([*self.problems, *self.doubles])
         if noted is not None:

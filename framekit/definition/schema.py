@@ -330,7 +330,10 @@ class Messages:
         if not text.strip():
             yield self._value(path, f"{self._subject(path)} is empty", f"write {expected}")
             return
-        yield self._value(path, f"'{_short(text)}' is not {expected}{self._inside(path)}", "")
+        slip, meant = error.schema.get("x-slip", ("(?!)", ""))  # what is nearly right, and how it is right
+        match = re.fullmatch(slip, text)
+        todo = "" if match is None else f"write {match.expand(meant)}"
+        yield self._value(path, f"'{_short(text)}' is not {expected}{self._inside(path)}", todo)
 
     def _name(self, error: Any, path: Path) -> Problem:
         """A key that is no fit name for what stands under it."""
@@ -429,6 +432,8 @@ FIRST_KEYS: dict[str, Kind] = {
 }
 """What a file is, by its first key."""
 
+ANY_FIRST_KEY = ", ".join(f"{key}:" for key in FIRST_KEYS)
+
 _NAMES: dict[Kind, str] = {
     "protocol": "a protocol",
     "device": "a device file",
@@ -446,7 +451,7 @@ _NEARLY = 0.8
 
 def kind_of(node: Node) -> Kind:
     """What kind of file this is, by its first key. Raises DefinitionError when that is none of the known."""
-    wanted = "begin with " + ", ".join(f"{key}:" for key in FIRST_KEYS)
+    wanted = f"begin with {ANY_FIRST_KEY}"
     if not isinstance(node, Mapping) or not node.entries:
         raise DefinitionError([Problem(node.at, "the file does not begin with a key", wanted)])
     key = node.entries[0].key

@@ -589,7 +589,10 @@ def parse_station(text: str, protocol: Protocol) -> Any:
     if station.type == "none":
         raise ValueError(f"'{protocol.name}' has no stations – leave the station out")
     if station.type == "number":
-        number = parse_number(text)
+        try:
+            number = parse_number(text)
+        except ValueError as error:
+            raise ValueError(f"station {error}") from None
         if station.limits is not None and not station.limits[0] <= number <= station.limits[1]:
             raise ValueError(f"station {number} is not in {station.limits[0]}..{station.limits[1]}")
         return number

@@ -154,7 +154,7 @@ def _over_others(
 def _definition(reader: Reader, documents: Documents, name: str | Path, folder: Path) -> DeviceDefinition:
     """Raises Broken and DefinitionError."""
     path = definition_path(name, folder)
-    kind = kind_of(read_nodes(path, noted=[]))
+    kind = kind_of(read_nodes(path, noted=[], begin="device: NAME or protocol: NAME"))
     if kind == "protocol":
         protocol = load_protocol(path)
         at = Position(str(name), 0, 0)

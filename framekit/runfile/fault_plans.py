@@ -85,10 +85,15 @@ def _find(name: str | Path, folder: Path, at: Position) -> Path:
     for candidate in (folder / name, folder / f"{name}{SUFFIX}"):
         if os.path.isfile(candidate):
             return candidate
-    known = {path.name.removesuffix(SUFFIX) for path in folder.glob(f"*{SUFFIX}")}
     at = Position(str(name), 0, 0) if at is NOWHERE else at
-    todo = did_you_mean(str(name), known) or f"write {Path(str(name)).name}{SUFFIX}"
-    raise DefinitionError([Problem(at, f"there is no fault plan '{name}'", todo)])
+    plans = {path.name for path in folder.glob(f"*{SUFFIX}")}
+    if Path(name).suffix in (".yaml", ".yml"):
+        what, todo = f"there is no file '{name}'", did_you_mean(str(name), plans) or "check its name and folder"
+    else:
+        known = {plan.removesuffix(SUFFIX) for plan in plans}
+        what, todo = f"there is no fault plan '{name}'", did_you_mean(str(name), known)
+        todo = todo or f"write the file {Path(name).name}{SUFFIX}"
+    raise DefinitionError([Problem(at, what, todo)])
 
 
 class _PlanLoader:

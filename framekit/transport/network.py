@@ -247,9 +247,11 @@ def host_and_port(url: str) -> tuple[str, int]:
     """`HOST:PORT` behind a scheme, with brackets around an IPv6 address. Raises ValueError."""
     text = url.partition("://")[2]
     host, colon, number = text.rstrip("/").rpartition(":")
-    if not colon or not number.isdigit() or not 0 <= int(number) <= 65535:
+    if not colon or not number.isdecimal():
         example = f"{host or text or 'HOST'}:4001"
         raise ValueError(f"'{text}' is not HOST:PORT – write the number of the port, as in {example}")
+    if len(number) > len("65535") or int(number) > 65535:
+        raise ValueError(f"'{text}': the number of a port is 65535 at most – write another one")
     return host.strip("[]") or "127.0.0.1", int(number)
 
 

@@ -376,7 +376,9 @@ class SerialPort(Port):
             use.connection = self._connect(use)
         except SERIAL_ERRORS as error:
             reason = reason_of(error)
-            if reason == _REASONS[errno.ENOENT]:
+            if self.name.endswith((".yaml", ".yml")):
+                reason = f"this is the name of a file – for a simulated device write sim:{self.name}"
+            elif reason == _REASONS[errno.ENOENT]:
                 reason += f" – {_what_there_is(self.name)}"
             self.clock.call_soon(lambda: use.lost(reason))
 

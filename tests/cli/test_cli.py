@@ -594,6 +594,39 @@ def test_memory_that_is_no_whole_words_is_shown_at_the_end(capsys: pytest.Captur
     assert "E0      000D" in out and [block[2:4] for block in blocks] == [["1", "1"]] * 3
 
 
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ([], "missing: VERB – framekit --help lists the verbs"),
+        (["help"], "there is no verb 'help' – framekit --help lists the verbs"),
+        (["serv"], "there is no verb 'serv' – did you mean 'serve'?"),
+    ],
+)
+def test_what_is_no_verb_is_told_with_the_verbs(
+    words: list[str], says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    assert ended.value.code == 2 and capsys.readouterr().err.endswith(f"framekit: error: {says}\n")
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["run"], "begin with run: NAME"),
+        (["serve", "--port", "tcp://127.0.0.1:0"], "begin with device: NAME or protocol: NAME"),
+        (["frames"], "begin with protocol: NAME"),
+    ],
+)
+def test_an_empty_file_is_told_how_it_should_begin(
+    words: list[str], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    empty = tmp_path / "empty.yaml"
+    empty.write_text("", "utf-8")
+    assert main([*words, str(empty)]) == 1
+    assert capsys.readouterr().err.endswith(f"empty.yaml:1:1: the file is empty – {says}\n")
+
+
 def test_the_version_is_told_without_what_only_other_verbs_need() -> None:
     script = (
         "import sys; from contextlib import suppress\nfrom framekit.cli.main import main\n"

@@ -228,6 +228,11 @@ def test_no_port(capsys: pytest.CaptureFixture[str], port: str, message: str) ->
         (("read", "--station", "7"), "missing: ADDRESS – add what is meant"),
         (("write", "--station", "7", "40001"), "missing: VALUE – add what is meant"),
         (
+            ("read", "--station", "7", "--evry=1s"),
+            "there is no option '--evry' – did you mean '--every'?; missing: ADDRESS – add what is meant",
+        ),
+        (("read", "--station", "abc", "40001"), "station 'abc' is not a whole number – write it like 10 or 0x0A"),
+        (
             ("write", "--station", "7", "40001", "1.5"),
             "'1.5' is no whole number – write --type float32 for a fraction, --type string for text",
         ),

@@ -39,3 +39,6 @@ def test_a_plan_that_does_not_fit(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert message in capsys.readouterr().err
     assert main(["serve", "mldp", "--port", "tcp://127.0.0.1:0", "--faults", "nothing"]) == 2
     assert "there is no fault plan 'nothing'" in capsys.readouterr().err
+    assert main(["serve", "mldp", "--port", "tcp://127.0.0.1:0", "--faults", "nothing.yaml"]) == 2
+    message = "nothing.yaml: there is no file 'nothing.yaml' – check its name and folder"
+    assert message in capsys.readouterr().err

@@ -405,7 +405,7 @@ SEGMENTS = [
         "{field: x, name: y, type: u8}",
         "12: unknown key 'name' in a field segment of frame 'A' – the field's name is what stands behind 'field:'",
     ),
-    ("{field: d, type: u8, range: 1-16}", "29: '1-16' is not a range (1..16), in frame 'A'"),
+    ("{field: d, type: u8, range: 1-16}", "29: '1-16' is not a range (1..16), in frame 'A' – write 1..16"),
     ("{bits: {a: 1, b: x}, of: u8}", "18: 'x' is not a bit or bits (3 or 4-7), in frame 'A'"),
     ("{repeat: x, times: 2, of: [{skip: x}]}", "35: 'x' is not a whole number (10 or 0x0A), in frame 'A'"),
     ("{repeat: x, times: 2, of: u7}", "27: 'u7' is not a type, in frame 'A' – did you mean 'u8'?"),

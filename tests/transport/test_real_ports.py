@@ -118,6 +118,7 @@ def test_closing_a_port_in_the_middle_of_its_own_event() -> None:
     ("name", "reason"),
     [
         ("/dev/no-such-port", "/dev/no-such-port: there is no such device"),
+        ("x.device.yaml", "x.device.yaml: this is the name of a file – for a simulated device write sim:x.device.yaml"),
         (os.devnull, f"{os.devnull}: this is no serial line – name one, such as /dev/ttyUSB0, or tcp://HOST:PORT"),
         ("/tmp", "/tmp: this is a folder – name a device in it"),
         ("loop://?nonsense", "loop://?nonsense: "),
@@ -409,9 +410,9 @@ def test_hosts_and_ports(text: str, expected: tuple[str, int]) -> None:
     assert host_and_port(f"tcp://{text}") == expected
 
 
-@pytest.mark.parametrize("text", ["localhost", "x:99999", "x:y", ""])
+@pytest.mark.parametrize("text", ["localhost", "x:99999", "x:" + "9" * 5000, "x:²", "x:y", ""])
 def test_wrong_hosts_and_ports(text: str) -> None:
-    with pytest.raises(ValueError, match="HOST:PORT"):
+    with pytest.raises(ValueError, match="65535 at most" if "99999" in text else "HOST:PORT"):
         host_and_port(f"tcp://{text}")
 
 

@@ -81,9 +81,13 @@ class Documents:
         path = path.resolve()
         if path not in self.roots:
             doubles: list[Problem] = []
+            begin = f"{kind}: NAME"
             try:
                 text = self.texts.get(path)
-                node = read_nodes(path, doubles) if text is None else read_text(text, str(path), doubles)
+                if text is None:
+                    node = read_nodes(path, doubles, begin=begin)
+                else:
+                    node = read_text(text, str(path), doubles, begin=begin)
             except DefinitionError as error:
                 self.reader.problems.extend(error.problems)
                 raise Broken(str(path)) from None
