@@ -139,10 +139,10 @@ def near(file: str) -> str:
     return str(path.relative_to(Path.cwd())) if path.is_absolute() and path.is_relative_to(Path.cwd()) else file
 
 
-def why_not(error: OSError) -> str:
-    """Why the system refused something, and about which file."""
-    text = error.strerror or str(error)
-    return f"{near(str(error.filename))}: {text}" if error.filename is not None else text
+def why_not(error: OSError, file: Path | None = None) -> str:
+    """Why the system refused something, and about which file: `file`, where the error does not say that."""
+    text, about = error.strerror or str(error), error.filename if error.filename is not None else file
+    return f"{near(str(about))}: {text}" if about is not None else text
 
 
 def tell_error(arguments: argparse.Namespace, kind: str, message: str, **more: object) -> None:

@@ -650,6 +650,8 @@ def run_generate(arguments: argparse.Namespace) -> int:
     else:
         from framekit.definition.diagrams import diagrams
 
+        if not protocol.sequences:
+            raise VerbError(f"'{protocol.name}' has no sequences – there is nothing to draw")
         source = diagrams(protocol)
     if arguments.output is None:
         print(source, end="")
@@ -657,7 +659,7 @@ def run_generate(arguments: argparse.Namespace) -> int:
         try:
             arguments.output.write_text(source, encoding="utf-8")
         except OSError as error:
-            raise VerbError(f"cannot write {why_not(error)}") from None
+            raise VerbError(f"cannot write {why_not(error, arguments.output)}") from None
     if left_out:
         print(left_out, file=sys.stderr)
     return 1 if arguments.strict and left_out else 0
@@ -688,7 +690,7 @@ def _generate_document(arguments: argparse.Namespace) -> int:
         for name, picture in pictures.items():
             (folder / name).write_text(picture, encoding="utf-8")
     except OSError as error:
-        raise VerbError(f"cannot write {why_not(error)}") from None
+        raise VerbError(f"cannot write {why_not(error, place)}") from None
     return 0
 
 
@@ -710,7 +712,7 @@ def _generate_c(arguments: argparse.Namespace) -> int:
         (folder / f"{made.name}.h").write_text(made.header, encoding="ascii")
         (folder / f"{made.name}.c").write_text(made.source, encoding="ascii")
     except OSError as error:
-        raise VerbError(f"cannot write {why_not(error)}") from None
+        raise VerbError(f"cannot write {why_not(error, folder)}") from None
     total = len(made.frames) + len(made.left_out)
     print(f"{folder / made.name}.h, {folder / made.name}.c: {len(made.frames)} of {plural(total, 'frame')}")
     for frame, problem in made.left_out:
@@ -739,7 +741,7 @@ def _generate_kaitai(arguments: argparse.Namespace) -> int:
         folder.mkdir(parents=True, exist_ok=True)
         path.write_text(made.text, encoding="utf-8")
     except OSError as error:
-        raise VerbError(f"cannot write {why_not(error)}") from None
+        raise VerbError(f"cannot write {why_not(error, path)}") from None
     print(f"{path}: {len(made.frames)} of {plural(len(made.types), 'frame')}")
     for problem in made.left_out:
         print(printable(told(problem)))

@@ -58,7 +58,7 @@ def run_import(arguments: argparse.Namespace) -> int:
     try:
         replace_whole(place.resolve(), made.text.encode(), place if place.exists() else None)
     except OSError as error:
-        raise VerbError(why_not(error)) from None
+        raise VerbError(why_not(error, place)) from None
     for problem in made.left_out:
         print(problem, file=sys.stderr)
     print(f"{near(str(place))} is written – framekit check {near(str(place))}")
@@ -90,7 +90,7 @@ def run_schema(arguments: argparse.Namespace) -> int:
         place.parent.mkdir(parents=True, exist_ok=True)
         place.write_text(json.dumps(whole, ensure_ascii=False, indent=1) + "\n", "utf-8")
     except OSError as error:
-        raise VerbError(why_not(error)) from None
+        raise VerbError(why_not(error, place)) from None
     if arguments.vscode is None:
         print(near(str(place)))
     else:

@@ -329,6 +329,28 @@ def test_c_is_written_into_a_directory_and_strict_minds_what_is_left_out(
     assert call(capsys, "generate", "c", "ccm")[2] == "framekit generate: C is written into a directory – add -o DIR\n"
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full here")
+@pytest.mark.parametrize(
+    ("words", "begin"),
+    [
+        (["generate", "python", "slip"], "framekit generate: cannot write "),
+        (["generate", "jsonschema", "slip"], "framekit generate: cannot write "),
+        (["schema"], "framekit schema: "),
+    ],
+)
+def test_a_file_without_room_is_named(words: list[str], begin: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*words, "-o", "/dev/full"]) == 1
+    assert capsys.readouterr().err.startswith(f"{begin}/dev/full: ")
+
+
+def test_no_diagram_without_sequences(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["generate", "diagram", "slip"]) == 1
+    captured = capsys.readouterr()
+    assert (captured.out, captured.err) == (
+        "", "framekit generate: 'slip' has no sequences – there is nothing to draw\n"
+    )  # fmt: skip
+
+
 def test_generated_python_stands_alone(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     path = tmp_path / "mldp_codec.py"
     assert call(capsys, "generate", "python", "mldp", "-o", str(path))[0] == 0
