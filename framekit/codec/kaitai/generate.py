@@ -52,7 +52,7 @@ class _FileWriter:
         protocol = self.protocol
         self.file.tell(
             protocol.at,
-            "of the definition its frames stand here",
+            "this file has only the frames of the definition",
             "Kaitai knows no lines, time limits, repeats, sequences, services and addresses",
         )
         written: dict[str, Keys] = {}
