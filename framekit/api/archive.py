@@ -31,7 +31,7 @@ from framekit.codec.codec import compile_protocol
 from framekit.codec.plain import PlainValues
 from framekit.definition.load.protocol import load_protocol
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.problems import DefinitionError, without_library
+from framekit.definition.problems import DefinitionError, library_missing
 from framekit.definition.times import LineFormat
 from framekit.link.events import Seen
 from framekit.link.frame_table import table_of
@@ -123,7 +123,7 @@ def _ready(captures: Sequence[Path], target: Path) -> None:
     try:
         import pyarrow as pa  # noqa: F401 – whether it is there
     except ImportError:
-        raise RequestError(" – ".join(without_library("an archive", "pyarrow"))) from None
+        raise RequestError(library_missing("an archive", "pyarrow")) from None
 
 
 Results = Callable[[Sequence[CaptureWork]], Iterator[Decoded]]
@@ -161,7 +161,7 @@ def _cluster(engine: str) -> Iterator[Results]:
     try:
         distributed: Any = import_module("distributed")
     except ImportError:
-        raise RequestError(" – ".join(without_library(engine, "distributed"))) from None
+        raise RequestError(library_missing(engine, "distributed")) from None
     try:
         client = distributed.Client(f"tcp://{place}", timeout=LONGEST_CONNECT, set_as_default=False)
     except (OSError, ValueError) as error:

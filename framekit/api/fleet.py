@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from framekit.api.errors import RequestError
-from framekit.definition.problems import without_library
+from framekit.definition.problems import library_missing
 from framekit.runfile.fleet import GROUP as GROUP
 from framekit.runfile.fleet import name_of as name_of
 from framekit.sinks.broker import KEEPALIVE, LONGEST_CONNECT, BrokerAccess
@@ -169,7 +169,7 @@ class Fleet:
         try:
             client = self.access.client(f"framekit-fleet-{secrets.token_hex(8)}", reconnects=True)
         except ModuleNotFoundError:
-            raise RequestError(" – ".join(without_library("a fleet", "paho-mqtt"))) from None
+            raise RequestError(library_missing("a fleet", "paho-mqtt")) from None
         except (OSError, ValueError) as error:
             raise RequestError(f"the broker {self.access}: {error}") from None
         client.on_connect = self._opened

@@ -43,7 +43,7 @@ from framekit.api.fleet import (
 from framekit.api.replaced_file import ReplacedFile, digest_of
 from framekit.api.run import RunCalls, content_of, reasons
 from framekit.codec.shown import explain
-from framekit.definition.problems import DefinitionError, Problem, without_library
+from framekit.definition.problems import DefinitionError, Problem, library_missing
 from framekit.definition.sources import fingerprint
 from framekit.run.edit import Edit
 from framekit.run.model import RunModel
@@ -107,7 +107,7 @@ class Gateway:
             if self._token:
                 self._file.hold()
         except ModuleNotFoundError:
-            raise RequestError(" – ".join(without_library("a fleet", "paho-mqtt"))) from None
+            raise RequestError(library_missing("a fleet", "paho-mqtt")) from None
         except BlockingIOError:
             what = f"another process takes files for {path.name} already"
             raise RequestError(f"fleet: {what} – end it, or run another file") from None

@@ -19,7 +19,7 @@ from framekit.api.errors import RequestError
 from framekit.codec.codec import compile_protocol
 from framekit.definition.load.protocol import load_protocol
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.problems import plural, without_library
+from framekit.definition.problems import library_missing, plural
 from framekit.guess.guess import guess as guess
 from framekit.guess.model import Direction
 from framekit.guess.model import Evidence as Evidence
@@ -252,9 +252,7 @@ def chunks_of_pcap(path: Path) -> list[HeardBytes]:
     try:
         import dpkt
     except ModuleNotFoundError:
-        raise NetworkCaptureError(
-            f"{path}: " + " – ".join(without_library("a capture of TCP or UDP", "dpkt"))
-        ) from None
+        raise NetworkCaptureError(f"{path}: " + library_missing("a capture of TCP or UDP", "dpkt")) from None
     try:
         with path.open("rb") as file:
             packets = list(_packets(dpkt, dpkt.pcap.UniversalReader(file)))

@@ -24,7 +24,7 @@ from framekit.link.values import EVALUATION_ERRORS
 from framekit.link.variables import ParameterError
 from framekit.run.block_state import BlockStatus
 from framekit.run.status import USER_DEFINED
-from framekit.service.capture import Capture, CaptureDecoder, CaptureReader
+from framekit.service.capture import Capture, CaptureDecoder, CaptureReader, file_of_channel
 from framekit.service.driver import Driver, LineLoad
 from framekit.transport.clock import AsyncioClock, Clock, VirtualClock
 from framekit.transport.port import AcceptedPort, Port, PortEvents
@@ -657,3 +657,9 @@ async def _real_loopback(url: str, lines: Sequence[LineFormat]) -> list[Loopback
     except ValueError as error:
         raise RequestError(str(error)) from None
     return await ended
+
+
+def written_over(capture: Path) -> Path | None:
+    """A file that a capture of that name would be written over, of one channel or of several; None where none is."""
+    files = (capture, file_of_channel(capture, 1)) if capture.name else (capture,)
+    return next((file for file in files if file.is_file()), None)

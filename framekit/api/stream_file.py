@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from framekit.definition.load.reader import CONTROL_NAMES
 from framekit.definition.problems import DefinitionError, Position, Problem, is_nearly
 
 MOST_PIECES = 20_000
@@ -50,11 +51,8 @@ _SETTINGS = (
     "terminator", "interminator", "outterminator", "replytimeout", "readtimeout", "maxinput", "extrainput", *_NO_EFFECT,
 )  # fmt: skip
 _ESCAPES = {"a": 7, "b": 8, "t": 9, "n": 10, "r": 13, "e": 27}
-_NAMES = [
-    "nul", "soh", "stx", "etx", "eot", "enq", "ack", "bel", "bs", "ht", "lf", "vt", "ff", "cr", "so", "si",
-    "dle", "dc1", "dc2", "dc3", "dc4", "nak", "syn", "etb", "can", "em", "sub", "esc", "fs", "gs", "rs", "us",
-]  # fmt: skip
-_BYTES = {**{name: value for value, name in enumerate(_NAMES)}, "tab": 9, "nl": 10, "np": 12, "del": 127}
+_BYTES = {name.lower(): code for name, code in CONTROL_NAMES.items() if name not in ("SP", "XON", "XOFF")}
+_BYTES |= {"nl": 10, "np": 12, "ff": 12}
 COMMANDS = ("out", "in", "wait", "event", "exec", "connect", "disconnect")
 HANDLERS = ("@init", "@mismatch", "@writetimeout", "@replytimeout", "@readtimeout")
 

@@ -58,11 +58,11 @@ LEVELS = ("debug", "info", "warning", "error")
 
 def _new_capture(text: str) -> Path:
     """Where a capture goes. Raises ArgumentTypeError for a file that is there: another capture may be in it."""
+    from framekit.api.monitor import written_over
+
     path = Path(text)
-    first = path.with_name(f"{path.stem}-1{path.suffix}") if path.name else path  # of several channels
-    for there in (path, first):
-        if there.is_file():
-            raise argparse.ArgumentTypeError(f"{there} is there already – name another file, or delete it first")
+    if (there := written_over(path)) is not None:
+        raise argparse.ArgumentTypeError(f"{there} is there already – name another file, or delete it first")
     return path
 
 

@@ -262,9 +262,9 @@ def run_completion(arguments: argparse.Namespace) -> int:
     try:
         import shtab
     except ImportError:
-        from framekit.definition.problems import without_library
+        from framekit.definition.problems import library_missing
 
-        raise VerbError(" – ".join(without_library("completion", "shtab"))) from None
+        raise VerbError(library_missing("completion", "shtab")) from None
     parser = build_parser()
     for action in (action for one in (parser, *parser.verbs.values()) for action in one._actions):
         if isinstance(action.choices, range):

@@ -50,7 +50,9 @@ def code_of(protocol: Protocol) -> CodeType:
 
     try:
         return compile(generate_source(protocol, standalone=False), f"<frames of {protocol.name}>", "exec")
-    except SyntaxError as error:  # Python's own limits; 20 blocks inside each other is one of them
+    except SyntaxError as error:
+        if not error.msg.startswith("too many"):  # Python's own limits; 20 blocks inside each other is one of them
+            raise
         at = next(iter(protocol.frames.values())).at
         what = f"parts of a frame stand too deeply inside each other ({error.msg})"
         raise DefinitionError([Problem(at, what, "take some of them out")]) from None

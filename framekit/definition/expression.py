@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Collection, Iterator, Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from decimal import Decimal
 from fractions import Fraction
@@ -580,7 +581,92 @@ def parse_expression(text: str, at: Position, *, quoted_names: bool = False) -> 
     return Expression(text, _Parser(text, at, quoted_names).whole())
 
 
-class _Parser:
+class OperatorGrammar(ABC):
+    """What languages of expressions have alike: operators by how strongly they bind, and lists of expressions.
+
+    A language says which operators it has, and what stands on both ends: a whole expression, and one behind its signs.
+    """
+
+    binary: Sequence[Collection[str]]
+    """Operators of two operands, those that bind most weakly first."""
+    signs: Collection[str]
+    """What may stand before an operand; `+` changes nothing."""
+
+    @abstractmethod
+    def _here(self) -> Position:
+        """Where the next sign or word stands."""
+
+    @abstractmethod
+    def _accept(self, *words: str) -> str | None:
+        """The next sign or word if it is one of these, which is passed over then."""
+
+    @abstractmethod
+    def _expect(self, word: str) -> None:
+        """Passes over that sign or word; raises the language's error where something else is next."""
+
+    @abstractmethod
+    def _conditional(self) -> Node:
+        """A whole expression."""
+
+    @abstractmethod
+    def _comparison(self) -> Node: ...
+
+    @abstractmethod
+    def _postfix(self) -> Node:
+        """An operand with what stands behind it."""
+
+    def _logic(self, operator: str) -> Node:
+        def operand() -> Node:
+            return self._logic("and") if operator == "or" else self._negation()
+
+        first = operand()
+        operands = [first]
+        while self._accept(operator):
+            operands.append(operand())
+        return first if len(operands) == 1 else Logic(first.at, operator, tuple(operands))
+
+    def _negation(self) -> Node:
+        at = self._here()
+        negations = 0
+        while self._accept("not"):
+            negations += 1
+        node = self._comparison()
+        for _ in range(negations):
+            node = Unary(at, "not", node)
+        return node
+
+    def _binary(self, level: int) -> Node:
+        if level == len(self.binary):
+            return self._unary()
+        node = self._binary(level + 1)
+        while (operator := self._accept(*self.binary[level])) is not None:
+            node = Binary(node.at, operator, node, self._binary(level + 1))
+        return node
+
+    def _unary(self) -> Node:
+        at = self._here()
+        signs = []
+        while (sign := self._accept(*self.signs)) is not None:
+            signs.append(sign)
+        node = self._postfix()
+        for sign in reversed(signs):
+            node = node if sign == "+" else Unary(at, sign, node)
+        return node
+
+    def _items(self, end: str) -> tuple[Node, ...]:
+        items: list[Node] = []
+        if self._accept(end):
+            return ()
+        while True:
+            items.append(self._conditional())
+            if self._accept(end):
+                return tuple(items)
+            self._expect(",")
+
+
+class _Parser(OperatorGrammar):
+    binary, signs = _BINARY, ("-", "~")
+
     def __init__(self, text: str, at: Position, quoted_names: bool) -> None:
         self.text, self.at, self.quoted_names = text, at, quoted_names
         self.tokens = tokens_of(text, at)
@@ -661,26 +747,6 @@ class _Parser:
         self.depth -= 1
         return node
 
-    def _logic(self, operator: str) -> Node:
-        def operand() -> Node:
-            return self._logic("and") if operator == "or" else self._negation()
-
-        first = operand()
-        operands = [first]
-        while self._accept(operator):
-            operands.append(operand())
-        return first if len(operands) == 1 else Logic(first.at, operator, tuple(operands))
-
-    def _negation(self) -> Node:
-        at = self._here()
-        negations = 0
-        while self._accept("not"):
-            negations += 1
-        node = self._comparison()
-        for _ in range(negations):
-            node = Unary(at, "not", node)
-        return node
-
     def _comparison(self) -> Node:
         first = self._binary(0)
         rest: list[tuple[str, Node]] = []
@@ -694,24 +760,6 @@ class _Parser:
             self.place += 2
             return "not in"
         return self._accept(word) if word in _COMPARE else None
-
-    def _binary(self, level: int) -> Node:
-        if level == len(_BINARY):
-            return self._unary()
-        node = self._binary(level + 1)
-        while (operator := self._accept(*_BINARY[level])) is not None:
-            node = Binary(node.at, operator, node, self._binary(level + 1))
-        return node
-
-    def _unary(self) -> Node:
-        at = self._here()
-        signs = []
-        while (sign := self._accept("-", "~")) is not None:
-            signs.append(sign)
-        node = self._postfix()
-        for sign in reversed(signs):
-            node = Unary(at, sign, node)
-        return node
 
     def _postfix(self) -> Node:
         node = self._atom()
@@ -785,16 +833,6 @@ class _Parser:
             )
             raise self._error(f"'{word}' takes {wanted} arguments, not {len(arguments)}", at)
         return Call(at, word, arguments)
-
-    def _items(self, end: str) -> tuple[Node, ...]:
-        items: list[Node] = []
-        if self._accept(end):
-            return ()
-        while True:
-            items.append(self._conditional())
-            if self._accept(end):
-                return tuple(items)
-            self._expect(",")
 
     def _bytes(self, word: str, at: Position) -> Node:
         try:

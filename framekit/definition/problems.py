@@ -61,6 +61,11 @@ def without_library(what: str, library: str) -> tuple[str, str]:
     return f"{what} needs the library {library}, which is not installed", f"install it: pip install {library}"
 
 
+def library_missing(what: str, library: str) -> str:
+    """The same as one sentence."""
+    return " – ".join(without_library(what, library))
+
+
 def printable(text: str) -> str:
     """The text on one line: signs that are not shown, line ends among them, as `repr` writes them."""
     return text if text.isprintable() else "".join(sign if sign.isprintable() else repr(sign)[1:-1] for sign in text)

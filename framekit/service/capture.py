@@ -352,6 +352,11 @@ class _LaterSink:
         self._sink.close()
 
 
+def file_of_channel(path: Path, channel: int) -> Path:
+    """Where a pcap file of one of several channels goes."""
+    return path.with_name(f"{path.stem}-{channel}{path.suffix}")
+
+
 class Capture:
     """A capture being written. A name ending in .json or .jsonl makes JSON lines, any other pcap.
 
@@ -372,7 +377,7 @@ class Capture:
             self._sinks = dict.fromkeys(channels, sink)
         else:
             for channel in channels:
-                name = path if len(channels) == 1 else path.with_name(f"{path.stem}-{channel}{path.suffix}")
+                name = path if len(channels) == 1 else file_of_channel(path, channel)
                 self._sinks[channel] = made(name, GLOBAL_HEADER)
                 self._records[channel] = PcapRecords(self._epoch)
 

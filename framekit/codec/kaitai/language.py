@@ -13,18 +13,16 @@ from decimal import Decimal
 
 from framekit.definition.expression import (
     Attribute,
-    Binary,
     Compare,
     Conditional,
     Index,
     List,
-    Logic,
     Name,
     Node,
     Number,
+    OperatorGrammar,
     Real,
     Text,
-    Unary,
     children,
 )
 from framekit.definition.problems import CannotSayError, Position
@@ -81,7 +79,8 @@ _ESCAPES = {
     "'": "'", '"': '"', "\\": "\\",
 }  # fmt: skip
 _ESCAPE = re.compile(r"\\(?:u([0-9a-fA-F]{4})|([0-7]+)|(.))", re.DOTALL)
-_TODO = "write what it means by hand"
+BY_HAND = "write what it means by hand"
+"""What to do about what has no form."""
 
 
 def parse(text: str, at: Position) -> Node:
@@ -91,7 +90,9 @@ def parse(text: str, at: Position) -> Node:
     return _KsyParser(text, at).whole()
 
 
-class _KsyParser:
+class _KsyParser(OperatorGrammar):
+    binary, signs = _BINARY, ("-", "+", "~")
+
     def __init__(self, text: str, at: Position) -> None:
         self.text, self.at = text, at
         self.tokens = self._cut()
@@ -113,6 +114,9 @@ class _KsyParser:
             found.append((kind, match[kind]))
             place = match.end()
         return found
+
+    def _here(self) -> Position:
+        return self.at
 
     def _peek(self) -> str:
         """The sign or word that is next; '' for anything else, and at the end."""
@@ -162,45 +166,10 @@ class _KsyParser:
         self.depth -= 1
         return node
 
-    def _logic(self, operator: str) -> Node:
-        operands = [self._operand(operator)]
-        while self._accept(operator):
-            operands.append(self._operand(operator))
-        return operands[0] if len(operands) == 1 else Logic(self.at, operator, tuple(operands))
-
-    def _operand(self, operator: str) -> Node:
-        return self._logic("and") if operator == "or" else self._negation()
-
-    def _negation(self) -> Node:
-        negations = 0
-        while self._accept("not"):
-            negations += 1
-        node = self._comparison()
-        for _ in range(negations):
-            node = Unary(self.at, "not", node)
-        return node
-
     def _comparison(self) -> Node:
         first = self._binary(0)
         operator = self._accept(*_COMPARE)
         return first if operator is None else Compare(self.at, first, ((operator, self._binary(0)),))
-
-    def _binary(self, level: int) -> Node:
-        if level == len(_BINARY):
-            return self._unary()
-        node = self._binary(level + 1)
-        while (operator := self._accept(*_BINARY[level])) is not None:
-            node = Binary(self.at, operator, node, self._binary(level + 1))
-        return node
-
-    def _unary(self) -> Node:
-        signs = []
-        while (sign := self._accept("-", "+", "~")) is not None:
-            signs.append(sign)
-        node = self._postfix()
-        for sign in reversed(signs):
-            node = node if sign == "+" else Unary(self.at, sign, node)
-        return node
 
     def _postfix(self) -> Node:
         node = self._atom()
@@ -229,16 +198,6 @@ class _KsyParser:
             name += "[]"
         self._expect(">")
         return name
-
-    def _items(self, end: str) -> tuple[Node, ...]:
-        items: list[Node] = []
-        if self._accept(end):
-            return ()
-        while True:
-            items.append(self._conditional())
-            if self._accept(end):
-                return tuple(items)
-            self._expect(",")
 
     def _atom(self) -> Node:
         if self.place >= len(self.tokens):
@@ -291,9 +250,9 @@ class _KsyParser:
             return EnumMember(self.at, tuple(path))
         following = self.tokens[self.place] if self.place < len(self.tokens) else ("", "")
         if word in ("sizeof", "bitsizeof") and following[1] == "<":
-            raise CannotSayError(self.at, f"'{word}' asks for the size of a type", _TODO)
+            raise CannotSayError(self.at, f"'{word}' asks for the size of a type", BY_HAND)
         if word == "f" and following[0] == "text":
-            raise CannotSayError(self.at, "a text with values in it", _TODO)
+            raise CannotSayError(self.at, "a text with values in it", BY_HAND)
         return Name(self.at, word)
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from framekit.codec.kaitai.description import KsyType
-from framekit.codec.kaitai.language import Cast, EnumMember, MethodCall
+from framekit.codec.kaitai.language import BY_HAND, Cast, EnumMember, MethodCall
 from framekit.definition.expression import (
     AND,
     ATOM,
@@ -50,7 +50,6 @@ _LEVELS = {
 }  # fmt: skip
 MOST_SHIFT = 255
 _INTEGER = re.compile(r"([us])([1248])(?:le|be)?")
-_TODO = "write what it means by hand"
 _RESERVED = frozenset({"if", "else", "or", "and", "not", "in", "true", "false", "never"})
 INDEX = frozenset({"index"})
 IT = frozenset({"_"})
@@ -188,7 +187,7 @@ class Translation:
             raise self._not(f"what is no {what.split()[-1]}, where {what} is asked for")
         return made
 
-    def _not(self, what: str, todo: str = _TODO) -> CannotSayError:
+    def _not(self, what: str, todo: str = BY_HAND) -> CannotSayError:
         return CannotSayError(self.at, f"{what} is left out", todo)
 
     def _of(self, node: Node) -> Translated:
