@@ -522,13 +522,14 @@ class ExpectedFrames:
     """
 
     __slots__ = (
-        "_found", "_rest", "_starts", "_table", "_wanted", "every", "starting", "starts", "stops"
+        "_found", "_rest", "_starts", "_table", "_wanted", "every", "starting", "starts", "stops", "wanted"
     )  # fmt: skip
 
     def __init__(
         self, table: FrameTable, expected: tuple[str, ...], others: tuple[str, ...] = (), symbol: int | None = None
     ) -> None:
         self._table = table
+        self.wanted = expected, others
         self._wanted = _on_line(table, expected)
         self._rest = _on_line(table, tuple(name for name in others if name not in expected))
         self._found: dict[int, tuple[Level, Level]] = {}

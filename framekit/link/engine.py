@@ -9,6 +9,7 @@ order of the lanes, then the session's keep-alive.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from datetime import datetime
 from functools import partial
@@ -17,6 +18,8 @@ from typing import Any
 from framekit.codec.shown import explain
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER, LineFormat, parse_format
+from framekit.link.arrivals import BadFrame, FrameArrived, Noise, ToldBytes
+from framekit.link.candidates import ExpectedFrames
 from framekit.link.events import (
     Ask,
     ChangeLine,
@@ -27,32 +30,60 @@ from framekit.link.events import (
     MemoryAccess,
     Monitor,
     Outcome,
+    Reopen,
     RequestHandler,
     Send,
 )
 from framekit.link.frame_table import ProtocolCodec
-from framekit.link.lanes import Lanes, Shutdown
-from framekit.link.output import Output
+from framekit.link.lanes import Lanes
 from framekit.link.receiver import Receiver
-from framekit.link.reception import Dispatcher, OnFrame, Reception
 from framekit.link.scope import DEFAULT_START, DeviceState, Scope
 from framekit.link.sequences.compiler import program_of
-from framekit.link.sequences.runtime import EngineFunctions, Machine
-from framekit.link.sequences.state import Run, SessionState, State, frame_gone
+from framekit.link.sequences.runtime import QUEUES, EngineFunctions
+from framekit.link.sequences.state import (
+    BREAK,
+    BYTE,
+    CLOSED,
+    NOISE,
+    Bad,
+    Item,
+    LaneState,
+    Other,
+    Plan,
+    Run,
+    SessionState,
+    State,
+    after,
+    frame_arriving,
+    frame_gone,
+)
 from framekit.link.values import FrameValue, Names, plain
+
+RECEIVING, PAUSING, HELD, DONE = State.RECEIVING, State.PAUSING, State.HELD, State.DONE
+
+OnFrame = Callable[[FrameValue], None]
 
 MOST_ROUNDS = 100_000
 """So many things that follow from one event, and no byte is used meanwhile, are a circle that no lane alone makes."""
 
+LATE = "late: the reply to a request that is over"
 
-class Engine:
+MOST_HELD = 262_144
+"""So many bytes are kept for runs that will wait later but do not wait yet."""
+
+MOST_KNOWN = 1024
+"""For so many combinations of steps that wait the expected frames are kept ready."""
+
+
+class Engine(Lanes):
     """One side of a line. `role` None: frames alone are sent and received.
 
     `server` does what requests ask for; `ask` runs services for `ask` steps; `memory` is for `store` and `memory()`.
-    `device`: what engines that play the same device share. `on_frame` gets good frames that no step waited for.
-    `monitor` is shown everything; without one that costs nothing. `on_fault` is shown everything but frames, `on_send`
-    is told of each frame that a sequence sends; neither has frames read. `is_stream`: of the port, see `Output`.
-    `deadline`: when `tick` is to be called, as it was after the last event; NEVER when nothing waits for time.
+    `device`: what engines that play the same device share. `on_frame` gets good frames that no step waited for,
+    `on_bad` such bad ones. `monitor` is shown everything; without one that costs nothing. `on_fault` is shown
+    everything but frames, `on_send` is told of each frame that a sequence sends; neither has frames read.
+    `is_stream`: of the port, see `Output`. `deadline`: when `tick` is to be called, as it was after the last event;
+    NEVER when nothing waits for time.
     Raises ParameterError for parameters that do not fit and KeyError for an unknown role. Nothing else here raises:
     what cannot be done is reported by outcomes and to the monitor.
     """
@@ -83,36 +114,54 @@ class Engine:
             line = parse_format(protocol.line.format, protocol.line.speed)
         self.protocol = protocol
         self.role = role
-        self.scope = Scope(
+        scope = Scope(
             protocol, role=role, own=own, line=line, params=params, now=now, clock_start=clock_start, device=device
         )
-        self.counters = LinkCounters() if counters is None else counters
-        self._commands: list[Command] = []
         program = program_of(protocol, codec)
-        table = program.table
-        self._context = Names({"request": None, "buffer": b""}, self.scope)
-        self.receiver = Receiver(codec, protocol, self._context, table, self._frame_trouble)
-        self.output = Output(protocol.line, self.scope, self._commands, is_stream)
-        self.machine = machine = Machine(self.scope, table, program.sequences, self.output)
-        machine.server, machine.memory, machine.ask_service, machine.monitor = server, memory, ask, monitor
-        machine.on_fault, machine.on_send = on_fault, on_send
-        machine.need_names, machine.shown_later = program.need_names, program.shown_later
-        self.scope.update({name: name for name in protocol.queues})
-        self.scope["functions"] = EngineFunctions(machine)
         model = None if role is None else protocol.roles[role]
-        machine.late.expected = program.replies_of(role)
-        machine.session = SessionState(protocol.sessions.get(model.session or "") if model else None, self.scope)
-        machine.session.on_end = self.output.own_line
-        self.output.on_change = self._line_changed if protocol.line.has_marks else machine.line_changed
+        super().__init__(protocol, scope, program, model.lanes if model else (), is_stream)
+        self.counters = LinkCounters() if counters is None else counters
+        self.server, self.memory, self.ask_service, self.monitor = server, memory, ask, monitor
+        self.on_fault, self.on_send, self.on_frame = on_fault, on_send, on_frame
+        self.on_bad: Callable[[BadFrame], None] | None = None
+        context = Names({"request": None, "buffer": b""}, scope)
+        self.receiver = Receiver(codec, protocol, context, self.table, self._frame_trouble)
+        self.receiver.on_scan = self._limit_pauses
+        scope.update({name: name for name in protocol.queues})
+        scope["functions"] = EngineFunctions(self)
+        self.late.expected = program.replies_of(role)
+        self.session = SessionState(protocol.sessions.get(model.session or "") if model else None, scope)
+        self.session.on_end = self.output.own_line
+        self.output.on_change = self._line_changed if protocol.line.has_marks else self.line_changed
         self._port_hears_marks = False
-        self.lanes = Lanes(model.lanes if model else (), machine)
-        self.shutdown = Shutdown(machine, self.lanes, self.output)
-        self.dispatcher = Dispatcher(machine, self.lanes)
-        self.reception = Reception(self.receiver, self.dispatcher, self.counters, on_frame)
-        machine.flush = self.reception.flush
+        self.awaited: frozenset[str] = frozenset()
+        self.cutting = False
+        """Frames are being broken off because a time limit has run out; they are shown, and nothing more."""
+        self._told = ToldBytes()
+        replies = self.late.expected.frames  # first, for the bytes of one may be those of a request too
+        self._all = tuple(sorted(self.table.on_line, key=lambda name: name not in replies))
+        self.looked: ExpectedFrames | None = self.receiver.expect(self._all)
+        self._known: dict[Any, ExpectedFrames | None] = {}
+        self._plan: Plan | None = None
+        self._limits_due = True
+        self._own_gap = True
+        self._announcing = frozenset(info.name for info in self.table.infos.values() if info.announces)
+        self.is_idle = True
+        """No byte was left to be looked at after the last event."""
         self.is_busy = False
+        self._keeps_times = self.session.keep_alive is not None
         self.deadline = NEVER
         self._circle_at = -1
+
+    @property
+    def machine(self) -> Engine:
+        """What `service` and the tests still call so."""
+        return self
+
+    @property
+    def reception(self) -> Engine:
+        """What `service` still calls so."""
+        return self
 
     # ---- events -------------------------------------------------------------------------------------------
 
@@ -123,12 +172,12 @@ class Engine:
             self.scope.change_line(self.scope.line.own)
         self.receiver.reset()
         self.receiver.hear_marks(self._hears_marks)
-        self.machine.late.forget()
-        self.machine.is_open = self.output.is_open = True
-        self.lanes.was_closed = False
-        self.machine.stirred = True
-        self.machine.show("open")
+        self.late.forget()
+        self.is_open = self.output.is_open = True
+        self.was_closed = False
+        self.show("open")
         self.output.poll()
+        self.stir_all()
         return self._finish()
 
     def hear_marks(self) -> None:
@@ -143,22 +192,26 @@ class Engine:
     def _line_changed(self, change: ChangeLine, is_other: bool) -> None:
         if is_other:
             self.receiver.hear_marks(self._hears_marks)
-        self.machine.line_changed(change, is_other)
+        self.line_changed(change, is_other)
 
     def closed(self, now: int, reason: str = "") -> list[Command]:
         """The connection is gone; what was to be sent is dropped, and a run that does not handle it fails."""
         self.scope.now = now
-        self.machine.is_open = self.output.is_open = False
-        self.lanes.was_closed = True
-        self.machine.show("closed", reason=reason)
+        self.is_open = self.output.is_open = False
+        self.was_closed = True
+        self.show("closed", reason=reason)
         self.output.clear()
-        for run in self.lanes.order:
+        for run in self.order:
             run.unsent = 0
-        self.reception.show_noise(self.receiver.reset())
-        self.machine.session.end()
-        self.dispatcher.closed(reason or "the connection is closed")
-        self.lanes.fail_waiting("closed", reason)
-        self.machine.late.forget()
+        self.show_noise(self.receiver.reset())
+        self.session.end()
+        for run in self.order:
+            if run.state is not DONE:
+                run.cause = reason or "the connection is closed"
+                if not self._handle(run, "on_closed", CLOSED):
+                    self.fail_run(run, "closed")
+        self.fail_waiting("closed", reason)
+        self.late.forget()
         return self._finish()
 
     def receive(self, data: bytes, now: int, faults: Iterable[CharacterFault] = ()) -> list[Command]:
@@ -167,41 +220,72 @@ class Engine:
             self._tick(now)
         self.scope.now = self.output.last_received = now
         self.receiver.append(data, now, faults)
-        self.machine.is_idle = False
+        self.is_idle = False
         if data:
-            for run in self.lanes.order:
-                if run.state is State.PAUSING:
-                    self.dispatcher.byte()
-                    break
+            for run in self.order:
+                if run.state is PAUSING and "on_byte" in run.wait.events:
+                    self.go(run, run.top, BYTE)
         return self._finish()
 
     def other_sender(self, now: int) -> list[Command]:
         """What comes from now on comes from another sender. What had come before of a frame belongs to nothing."""
         self.scope.now = now
-        self.reception.show_noise(self.receiver.flush())
+        self.show_noise(self.receiver.flush())
         return self._finish()
 
     def line_break(self, now: int) -> list[Command]:
         """The line was in break state. What had come before of a frame belongs to nothing."""
         self.scope.now = self.output.last_received = now
-        self.reception.show_noise(self.receiver.flush())
-        self.machine.show("break", "in")
-        self.dispatcher.line_break()
+        self.show_noise(self.receiver.flush())
+        self.show("break", "in")
+        for run in self.order:
+            if run.state is not DONE:
+                self._handle(run, "on_break", BREAK)
         return self._finish()
 
     def sent(self, now: int) -> list[Command]:
         """The last bit of the oldest command to send, or of a break, has left (not of those sent inside others)."""
         self.scope.now = now
-        machine = self.machine
-        items = self.output.left()
-        if items and not machine.is_idle:
+        output = self.output
+        item = output.left()
+        if item is None:
+            return self._finish()
+        if not self.is_idle:
             self.receiver.answered()
-        for item in items:
-            if item.run is not None:
-                machine.left(item.run)
-            if type(item) is Send and item.on_sent is not None:
-                machine.callbacks.append(item.on_sent)
+        run = item.run
+        if run is not None:
+            run.unsent = unsent = run.unsent - 1 if run.unsent > 1 else 0
+            if run.clock_waits and not unsent and run.state is not DONE:
+                self._clock_begins(run, now)
+        elif type(item) is Send and item.on_sent is not None:
+            self.ready.append(item.on_sent)
+        if output.joined:
+            joined, output.joined = output.joined, []
+            for one in joined:
+                if one.run is not None:
+                    one.run.unsent = unsent = one.run.unsent - 1 if one.run.unsent > 1 else 0
+                    if one.run.clock_waits and not unsent and one.run.state is not DONE:
+                        self._clock_begins(one.run, now)
+                elif one.on_sent is not None:
+                    self.ready.append(one.on_sent)
+        elif run is not None and self.is_idle and not (self.ready or self._keeps_times or self.on_shut or self.is_busy):
+            commands = self.commands  # nothing follows but that a time begins
+            if run.deadline < self.deadline:
+                self.deadline = run.deadline
+            if commands:
+                self.commands = self.output.commands = []
+            return commands
         return self._finish()
+
+    def _clock_begins(self, run: Run, now: int) -> None:
+        """The last bit of something the run sent has left: its clock may begin."""
+        run.clock_waits, run.started = False, now
+        if run.state is PAUSING:
+            run.deadline = after(now, run.pause)
+            return
+        run.within = within = now + run.longest if run.longest < NEVER else NEVER
+        if run.candidate is None:
+            run.deadline = within
 
     def control(self, lines: Mapping[str, bool], now: int) -> list[Command]:
         """The control lines as they are now (cts, dsr, dcd, ri). Without clear-to-send nothing is sent."""
@@ -219,20 +303,29 @@ class Engine:
 
     def start(self, exchange: Exchange, now: int) -> list[Command]:
         """Queues an exchange; it begins when its lane has room. Its outcome comes by `ended`."""
-        scope, machine = self.scope, self.machine
+        scope = self.scope
         if now > scope.now:
             scope.now = now
-        run = machine.asking if exchange.inside is None else exchange.inside.run
-        lane = self.lanes.lane_of.get(exchange.run)
-        if run is not None and run.state is State.ASKING:
-            machine.start_inside(run, exchange)
-        elif lane is None:
-            machine.tell(exchange, Outcome(False, "no_sequence", f"role '{self.role}' runs no such exchange"))
-        elif self.lanes.was_closed:
-            machine.tell(exchange, Outcome(False, "closed", "the connection is closed"))
+        lane = self.lane_of.get(exchange.run)
+        if self.asking is not None or exchange.inside is not None:
+            run = self.asking if exchange.inside is None else exchange.inside.run
+            if run is not None and run.state is State.ASKING:
+                self.start_inside(run, exchange)
+                return self._finish()
+        if lane is None:
+            self.tell(exchange, Outcome(False, "no_sequence", f"role '{self.role}' runs no such exchange"))
+        elif self.was_closed:
+            self.tell(exchange, Outcome(False, "closed", "the connection is closed"))
         else:
             lane.waiting.append(exchange)
-        machine.changed = machine.stirred = True
+            if self.is_busy or self.ready:
+                self.stir(lane)
+            else:
+                self.is_busy = True
+                try:
+                    self.fill(lane)
+                finally:
+                    self.is_busy = False
         return self._finish()
 
     def cancel(self, exchange: Exchange, now: int) -> list[Command]:
@@ -241,13 +334,13 @@ class Engine:
         If its reply is due, other requests wait for that.
         """
         self.scope.now = max(self.scope.now, now)
-        self.lanes.cancel(exchange)
+        self.cancel_now(exchange)
         return self._finish()
 
     def give_up(self, exchange: Exchange, now: int) -> list[Command]:
         """An exchange is given up by its caller. What has been asked is waited for, but not asked again."""
         self.scope.now = max(self.scope.now, now)
-        self.lanes.give_up(exchange)
+        self.give_up_now(exchange)
         return self._finish()
 
     def send_frame(
@@ -258,20 +351,19 @@ class Engine:
         on_sent: Callable[[], None] | None = None,
     ) -> list[Command]:
         """Sends a frame by itself. Raises ValueError for values that it cannot carry, KeyError for an unknown frame."""
-        scope, machine = self.scope, self.machine
+        scope, table = self.scope, self.table
         scope.now = max(scope.now, now)
-        table = machine.table
         value = None if isinstance(frame, str) else frame
         info = table.infos[frame if isinstance(frame, str) else frame.frame]
         given = table.completed(info, dict(fields or {}), scope) if value is None else value.fields
         data = info.encode(given if info.flat else plain(given), scope)
 
         def put_out() -> None:
-            if info.announces or machine.monitor is not None:
+            if info.announces or self.monitor is not None:
                 shown = value or FrameValue(info.name, given)
                 table.mark_sent(shown, data, scope)
-                machine.announce(shown)
-                machine.show_sent(shown, data)
+                self.announce(shown)
+                self.show_sent(shown, data)
             self.counters.sent += 1
             self.output.put(Send(data, 0, False, None, info, on_sent))
 
@@ -280,8 +372,8 @@ class Engine:
 
     def _send_in_turn(self, value: FrameValue, put_out: Callable[[], None]) -> None:
         """Puts a frame out that is sent by itself, or keeps it while a reply is due that its own could be taken for."""
-        late = self.machine.late
-        if late.items or late.asked(value, any(run.asked is not None for run in self.lanes.order)):
+        late = self.late
+        if late.items or late.asked(value, any(run.asked is not None for run in self.order)):
             late.items.append(partial(self._send_in_turn, value, put_out))
         else:
             put_out()
@@ -289,36 +381,28 @@ class Engine:
     @property
     def has_session(self) -> bool:
         """Whether its role has sessions: one may have to be closed."""
-        return self.machine.session.session is not None
+        return self.session.session is not None
 
     def close_session(self, now: int, on_done: Callable[[], None] = lambda: None) -> list[Command]:
         """Closes an open session as soon as no exchange runs or waits; `on_done` is called once, when all is sent."""
         self.scope.now = max(self.scope.now, now)
-        self.shutdown.ask(on_done)
+        self.on_shut = on_done
         return self._finish()
-
-    @property
-    def last_frame(self) -> int:
-        """When the last good frame came or went (ns); at first when the engine was made."""
-        return self.machine.last_frame
 
     @property
     def held_until(self) -> int:
         """Until when nothing is asked for because a reply is due (ns)."""
-        return self.machine.late.until
+        return self.late.until
 
     def status(self) -> dict[str, Any]:
         """Published variables; those of a device on a device alone: a client has no value of them."""
-        return self.scope.published(of_device=self.machine.server is not None)
+        return self.scope.published(of_device=self.server is not None)
 
-    # ---- time and what follows ---------------------------------------------------------------------
-
-    def _keep_alive_at(self) -> int:
-        """When the session has to be kept alive; never while there is other traffic under way."""
-        session = self.machine.session
-        if session.keep_alive is None or self.output.outgoing is not None or not self.lanes.is_free:
-            return NEVER
-        return session.keep_alive_at(self.output.quiet_since)
+    def await_frames(self, names: Iterable[str]) -> None:
+        """From now on these frames are wanted whenever they come, whatever else is under way."""
+        self.awaited = frozenset(names)
+        self._known.clear()
+        self._plan, self.changed = None, True
 
     # ---- what follows -------------------------------------------------------------------------------------
 
@@ -326,130 +410,390 @@ class Engine:
         """Everything that follows and takes no time; then the commands, in order. Inside of itself it does nothing."""
         if self.is_busy:
             return []
-        machine, deadline = self.machine, NEVER
-        if (
-            machine.stirred
-            or not machine.is_idle
-            or machine.ended
-            or machine.callbacks
-            or machine.delivered
-            or machine.queues.is_due
-            or self.shutdown.on_done is not None
-        ):
+        ready = self.ready
+        if ready or not self.is_idle or self.on_shut is not None:
             self.is_busy = True
             try:
-                self._settle()
+                self._settle(ready)
             finally:
                 self.is_busy = False
-        for run in self.lanes.order:
+        deadline = NEVER
+        for run in self.order:
             if run.deadline < deadline:
                 deadline = run.deadline
-        if self.lanes.is_holding:
-            deadline = min(deadline, self.lanes.held_until)
-        if not machine.is_idle and self.reception.expected is not None:
+        if not self.is_idle and self.looked is not None:
             deadline = min(deadline, self.receiver.deadline)
-        if machine.late.items:
-            deadline = min(deadline, machine.late.until)
-        if machine.session.keep_alive is not None:
-            deadline = min(deadline, self._keep_alive_at())
-        if machine.callbacks or machine.ended:  # a circle: the rest comes later
-            deadline = self.scope.now
+        if self._keeps_times or ready or self.late.items:
+            deadline = min(deadline, self._other_deadline())
         self.deadline = deadline
-        if not self._commands:
-            return []
-        commands = self._commands.copy()
-        self._commands.clear()
+        commands = self.commands
+        if commands:
+            self.commands = self.output.commands = []
         return commands
 
-    def _settle(self) -> None:
-        machine, lanes, receiver = self.machine, self.lanes, self.receiver
+    def _other_deadline(self) -> int:
+        deadline = self.late.until if self.late.items else NEVER
+        if self.session.keep_alive is not None:
+            deadline = min(deadline, self._keep_alive_at())
+        if self.is_holding:
+            deadline = min(deadline, super().held_until)
+        return self.scope.now if self.ready else deadline  # a circle: the rest comes later
+
+    def _settle(self, ready: deque[Any]) -> None:
         for _ in range(MOST_ROUNDS):
-            if machine.ended:
-                lanes.settle_ended()
-            elif machine.callbacks:
-                machine.callbacks.popleft()()
-            elif machine.stirred and lanes.begin_what_can():
-                continue
-            elif machine.delivered:
-                value = machine.delivered.popleft()
-                if not self.dispatcher.offer(value):
-                    self.reception.unsolicited(value)
-            elif machine.queues.is_due and self.dispatcher.queue_rows():
-                continue
-            else:
-                if not machine.is_idle:
-                    found = self.reception.next_arrival()
-                    machine.is_idle = receiver.is_idle
-                    if found:
-                        continue
-                else:  # what to look for is worked out when something comes
-                    for run in lanes.order:
-                        if run.candidate is not None and run.state is State.RECEIVING:
-                            frame_gone(run, self.scope.now)
-                if self.shutdown.on_done is None or not self.shutdown.go_on():
-                    return
-        place = receiver.stream.offset
+            if ready:
+                item = ready.popleft()
+                kind = type(item)
+                if kind is Run:
+                    self.over(item)
+                elif kind is LaneState:
+                    self.fill(item)
+                elif kind is FrameValue:
+                    if not self.offer(item):
+                        self.unsolicited(item)
+                elif item is QUEUES:
+                    self._queue_rows()
+                else:
+                    item()
+            elif (self.is_idle or not self._next_arrival()) and (self.on_shut is None or not self.shut()):
+                return
+        place = self.receiver.stream.offset
         if place != self._circle_at:
             self._circle_at = place
-            self._settle()
+            self._settle(ready)
             return
-        machine.show("trouble", reason="one event leads to another without end")
+        self.show("trouble", reason="one event leads to another without end")
 
     def _frame_trouble(self, frame: str, error: Exception) -> None:
-        self.machine.show("trouble", frame=frame, reason=explain(error))
+        self.show("trouble", frame=frame, reason=explain(error))
+
+    # ---- to the runs that wait ----------------------------------------------------------------------------
+
+    def offer(self, value: FrameValue) -> bool:
+        """Offers a good frame to the rows of the runs that wait. Tells whether one took it.
+
+        Lanes are asked in the order written, in a lane the older exchange first; the first row that fits takes it.
+        """
+        name = value.frame
+        for run in self.order:
+            if name in run.expected:
+                level = run.top
+                x = level.x
+                if x.checks_echo and not self.table.repeats(value, x.asked, x.last_sent, x.names):
+                    continue
+                if self.go(run, level, value):
+                    return True
+                caller = level.caller
+                while caller is not None:
+                    if name in caller.wait.names(caller.x.expected) and self.go(run, caller, value):
+                        return True
+                    caller = caller.caller
+        return False
+
+    def _queue_rows(self) -> None:
+        """Rows that wait for an item or for room; where one was taken, the next may be."""
+        queues = self.queues
+        for run in self.order:
+            if run.state is not RECEIVING:
+                continue
+            for place, (queue, room) in enumerate(run.wait.queues):
+                if queue is not None:
+                    items = queues.items[queue]
+                    if items and self.go(run, run.top, Item(place, items[0])):
+                        self.queues_changed()
+                        return
+                elif room is not None and not queues.full(room) and self.go(run, run.top, Item(place, None)):
+                    self.queues_changed()
+                    return
+
+    def _handle(self, run: Run, event: str, value: Any) -> bool:
+        """Lets a run handle an event; what follows is done. Tells whether it has a handler that applies.
+
+        A break and a lost connection are also for the callers, innermost first.
+        """
+        for level in run.calls():
+            if event in level.wait.events:
+                return self.go(run, level, value) or run.state is DONE
+            if event not in ("on_break", "on_closed"):
+                break
+        return False
+
+    def _offer_bad(self, bad: BadFrame) -> bool:
+        """A bad frame goes to the lane whose rows name it, else to the first with a handler. False: to none."""
+        receiving = [run for run in self.order if run.state is RECEIVING]
+        for run in receiving:
+            if bad.frame in run.expected:
+                run.cause = f"{bad.frame}: {bad.cause}"
+                self._handle(run, "on_bad", Bad(bad.cause, bad.frame))
+                return True
+        for run in receiving:
+            run.cause = f"{bad.frame}: {bad.cause}"
+            if self._handle(run, "on_bad", Bad(bad.cause, bad.frame)):
+                return True
+        return False
+
+    # ---- arrivals -----------------------------------------------------------------------------------------
+
+    def has_bytes(self) -> bool:
+        return not self.receiver.is_empty
+
+    def stream_place(self) -> int:
+        return self.receiver.stream.offset
+
+    def _next_arrival(self) -> bool:
+        """Handles the next thing in the bytes at hand, where there are some. False: nothing comes of them yet."""
+        if self.changed:
+            self._look_for()
+        receiver = self.receiver
+        if self.looked is None:
+            if len(receiver.stream.buffer) > MOST_HELD:
+                self.drop_stale()
+            self.is_idle = receiver.is_idle
+            return False
+        event = receiver.next_of(self.looked)
+        if type(event) is FrameValue:
+            self.counters.received += 1
+            self.last_frame = self.scope.now
+            if self.monitor is not None:
+                self.show_received(event, event.raw or b"", receiver.given_since)
+            if event.frame in self._announcing:
+                self.accept(event)
+            if self.late.lost or not self.offer(event):
+                self._not_taken(event)
+        elif event is None:
+            waiting = receiver.waiting
+            is_wanted = not waiting
+            for run in self.order:
+                if run.state is RECEIVING and (waiting or run.candidate is not None):
+                    is_wanted |= self._note_progress(run, waiting)
+            receiver.pauses.own_gap = self._own_gap or not is_wanted  # no step limits the pauses of other frames
+            self.is_idle = receiver.is_idle
+            return False
+        elif isinstance(event, BadFrame):
+            self._bad(event)
+        elif isinstance(event, Noise):
+            self.show_noise([event])
+            if not event.skipped:
+                any(self._handle(run, "on_noise", NOISE) for run in self.order if run.state is RECEIVING)
+        if receiver.broken:
+            self.commands.append(Reopen("the stream is out of step"))
+        self.is_idle = is_idle = receiver.is_idle
+        if is_idle:
+            for run in self.order:
+                if run.candidate is not None and run.state is RECEIVING:
+                    frame_gone(run, self.scope.now)
+        return True
+
+    def _look_for(self) -> None:
+        """Which frames are looked for now, worked out once for the steps that wait."""
+        self.changed, self._limits_due = False, True
+        order = self.order
+        if len(order) == 1 and (run := order[0]).state is RECEIVING and run.plan is self._plan:
+            return
+        self._plan = None
+        key: Any = () if self.live else None
+        for run in order:
+            if run.state is RECEIVING:
+                key = run.plan if key == () else (key, run.plan)
+            elif run.state is HELD:
+                key = (key, HELD)
+        if len(order) == 1 and type(key) is Plan:
+            self._plan = key
+        found = self._known.get(key, key)
+        if found is key:
+            if len(self._known) >= MOST_KNOWN:
+                self._known.clear()
+            found = self._known[key] = self._looked_now()
+        self.looked = found
+
+    def _limit_pauses(self) -> None:
+        """Whether the steps that wait limit pauses themselves; told to the receiver before it needs that."""
+        if not self._limits_due:
+            return
+        self._limits_due = False
+        own_gap = is_limited = False
+        for run in self.order:
+            if run.state is RECEIVING:
+                own_gap = own_gap or run.gap is not None
+                is_limited = is_limited or run.complete is not None or run.longest < NEVER
+        pauses, self._own_gap = self.receiver.pauses, not own_gap
+        pauses.own_gap, pauses.is_idle = self._own_gap, not is_limited
+
+    def _looked_now(self) -> ExpectedFrames | None:
+        """The frames of the rows that wait, and the others; None while the runs that will wait do not yet."""
+        names: dict[str, None] = {}
+        looks = others = held = False
+        for run in self.order:
+            if run.state is HELD:
+                held = looks = others = True
+            elif run.state is RECEIVING:
+                looks = looks or run.plan.looks
+                names.update(run.plan.frames)
+                others = others or run.plan.others
+        if not self.live or (held and not names):
+            return self.receiver.expect(self._all)
+        if not looks:
+            return None
+        rest = tuple(name for name in self._all if name not in names and (others or name in self.awaited))
+        return self.receiver.expect(tuple(names), rest)
+
+    def _note_progress(self, run: Run, waiting: tuple[str, ...]) -> bool:
+        """The clock of a run for which a frame is arriving, or turned out not to be; whether one is."""
+        receiver = self.receiver
+        is_arriving = any(name in run.expected for name in waiting)
+        if is_arriving:
+            limited = receiver.pauses.defines_gap and receiver.pauses.own_gap
+            frame_arriving(run, receiver.waiting_since, receiver.stream.last, limited)
+        else:
+            frame_gone(run, self.scope.now)
+        return is_arriving
+
+    def _not_taken(self, value: FrameValue) -> None:
+        """A good frame that no row has taken yet: it may be another one, or late."""
+        receiver, late = self.receiver, self.late
+        if late.lost:
+            if late.was_kept(value.frame, receiver.is_followed_by(late.expected.frames)):
+                self.unsolicited(value, True)
+                return
+            if self.offer(value):
+                return
+        while (other := receiver.other_reading()) is not None:
+            if other.value.frame in self._announcing:
+                self.accept(other.value)
+            if self.offer(other.value):
+                return
+        is_awaited = value.frame in self.awaited
+        was_due = late.came(value.frame, is_awaited)
+        is_late = was_due and not late.by_itself
+        is_taken = not is_late and any(
+            self._handle(run, "on_other", Other(value)) for run in self.order if run.state is RECEIVING
+        )
+        if is_awaited and not is_late:
+            self._hand_over(value)
+        elif not is_taken:
+            self.unsolicited(value, is_late)
+        if was_due and not late.until:
+            self.release()
+
+    def unsolicited(self, value: FrameValue, is_late: bool = False) -> None:
+        """A good frame that was not taken. A late reply is no frame that came by itself."""
+        self.counters.not_taken += 1
+        self.counters.late += is_late
+        if is_late or self.live:
+            self.show("not_taken", "in", value.raw or b"", value.frame, reason=LATE if is_late else "")
+        if not is_late:
+            self._hand_over(value)
+
+    def _hand_over(self, value: FrameValue) -> None:
+        """Gives a frame that came by itself to who wants such frames."""
+        if self.on_frame is not None:
+            self.ready.append(partial(self.on_frame, value))
+
+    def _bad(self, bad: BadFrame) -> None:
+        self._told.bad(bad)
+        self.counters.bad += 1
+        if self.is_watched:  # to find out what is wrong takes work
+            self.show(
+                "bad", "in", bad.raw, bad.frame,
+                reason=bad.cause, started_at=bad.started_at, segment=bad.segment, place=bad.place,
+            )  # fmt: skip
+        on_bad = self.on_bad
+        if not self.cutting and not self._offer_bad(bad) and on_bad is not None:
+            self.ready.append(partial(on_bad, bad))
+
+    def flush(self) -> None:
+        """Drops what has come and is no frame yet; but frames that are wanted whenever they come are taken first."""
+        names = tuple(name for name in self._all if name in self.awaited)
+        cutting, self.cutting = self.cutting, True  # a step is under way: bad frames are shown, and nothing more
+        while names and (event := self.receiver.next((), names)) is not None:
+            if isinstance(event, FrameArrived):
+                self.counters.received += 1
+                self.last_frame = self.scope.now
+                if self.monitor is not None:
+                    self.show_received(event.value, event.raw, event.times[0])
+                self._hand_over(event.value)
+            elif isinstance(event, BadFrame):
+                self._bad(event)
+            else:
+                self.show_noise([event])
+        self.cutting = cutting
+        self.show_noise(self.receiver.flush())
+
+    def show_noise(self, found: Iterable[Noise]) -> None:
+        for noise in found:
+            count = self._told.new_bytes(noise)
+            if not count:
+                continue
+            self.counters.noise_bytes += count
+            reason = "what a bad frame left" if noise.skipped else ""
+            self.show("noise", "in", noise.data[-count:], started_at=noise.started_at, reason=reason)
+
+    def drop_stale(self) -> None:
+        receiver = self.receiver
+        if receiver.stream.is_marked or not (self.is_idle or receiver.is_idle):
+            self.show_noise(receiver.flush())
 
     # ---- time ---------------------------------------------------------------------------------------------
 
     def _tick(self, now: int) -> None:
         """Everything that is due, in the documented order; new times due at the same instant as well."""
         now = self.scope.now = max(now, self.scope.now)
-        self.machine.stirred = True
-        for _ in range(MOST_ROUNDS):
-            if not self._something_due(now):
-                return
-            self.is_busy = True
-            try:
-                self._settle()
-            finally:
-                self.is_busy = False
+        self.stir_all()
+        self.is_busy = True
+        try:
+            self._settle(self.ready)
+            for _ in range(MOST_ROUNDS):
+                if not self._something_due(now):
+                    return
+                self._settle(self.ready)
+        finally:
+            self.is_busy = False
 
     def _something_due(self, now: int) -> bool:
         receiver = self.receiver
-        if self.reception.expected is not None and receiver.deadline <= now:
+        if self.looked is not None and receiver.deadline <= now:
             receiver.tick(now)
+            self.is_idle = False
             return True
-        due = min((run for run in self.lanes.order if run.deadline <= now), key=lambda run: run.deadline, default=None)
+        due = min((run for run in self.order if run.deadline <= now), key=lambda run: run.deadline, default=None)
         if due is not None:
             self._time_up(due)
             return True
-        if self.machine.late.items and self.machine.late.until <= now:
-            self.lanes.release()
+        if self.late.items and self.late.until <= now:
+            self.release()
             return True
         return self._keep_alive_at() <= now and self._keep_alive()
 
     def _time_up(self, run: Run) -> None:
         """A frame that is arriving is broken off first; a good one may still be found in what has come of it."""
         number = run.wait_number
-        if run.state is State.HELD:
-            self.lanes.hold_over(run)
+        if run.state is HELD:
+            self.hold_over(run)
             return
-        if run.state is State.RECEIVING and run.candidate is not None:
+        if run.state is RECEIVING and run.candidate is not None:
             run.deadline = NEVER
             run.cause = "a frame began and was not completed in time"
             self.receiver.cut()
             self.receiver.tick(self.scope.now)
-            self.reception.cutting = self.is_busy = True
+            self.cutting, self.is_idle = True, False
             try:
-                self._settle()
+                self._settle(self.ready)
             finally:
-                self.reception.cutting = self.is_busy = False
-            if run.state is not State.RECEIVING or run.wait_number != number:
+                self.cutting = False
+            if run.state is not RECEIVING or run.wait_number != number:
                 return
-        self.machine.time_up(run)
+        self.time_up(run)
+
+    def _keep_alive_at(self) -> int:
+        """When the session has to be kept alive; never while there is other traffic under way."""
+        session = self.session
+        if session.keep_alive is None or self.output.outgoing is not None or not self.is_free:
+            return NEVER
+        return session.keep_alive_at(self.output.quiet_since)
 
     def _keep_alive(self) -> bool:
-        session = self.machine.session
+        session = self.session
         if session.session is None or session.session.keep_alive_run is None:
             return False
         names = (session.session.keep_alive_run,)
-        return self.lanes.begin_sequences("keep_alive", names, session.station) is not None
+        return self.begin_sequences("keep_alive", names, session.station) is not None

@@ -183,17 +183,16 @@ class Exchange:
     """
 
     __slots__ = (
-        "answering", "arguments", "asked", "buffer", "checks_echo", "expected", "inside", "last_sent", "last_taken",
-        "names", "on_done", "outside_session", "params", "raw", "refusal", "reply", "reply_buffer", "request", "run",
-        "station",
+        "answering", "arguments", "asked", "buffer", "checks_echo", "expected", "inside", "last_sent",
+        "names", "on_done", "outside_session", "params", "refusal", "reply", "reply_buffer", "request", "run",
+        "station", "taken",
     )  # fmt: skip
 
     asked: FrameValue | None
     last_sent: FrameValue | None
     answering: FrameValue | None
-    last_taken: FrameValue | None
+    taken: FrameValue | None
     names: Names
-    raw: bytes
     checks_echo: bool
     reply: Any
     reply_buffer: Any
@@ -217,16 +216,15 @@ class Exchange:
         self.outside_session, self.on_done, self.inside = outside_session, on_done, inside
         self.arguments, self.params = arguments, params
 
-    def begin(self, scope: Scope, checks_echo: bool = True) -> Exchange:
+    def begin(self, scope: Scope, checks_echo: bool = True, copies: bool = True) -> Exchange:
         """Its sequences are about to run, on a request of their own that they may change."""
         self.checks_echo = checks_echo
         params, given = self.params, self.request
         self.names = Names(params, scope, scope.formulas_for(params)) if params else scope
-        if given is not None:
-            given = FrameValue(given.frame, given.fields.copy(), given.raw, given.refusal, given.declared, given.unset)
+        if given is not None and copies:
+            given = given.copy()
         self.request = self.asked = given
-        self.reply = self.reply_buffer = self.refusal = self.last_sent = self.answering = self.last_taken = None
-        self.raw = b""
+        self.reply = self.reply_buffer = self.refusal = self.last_sent = self.answering = self.taken = None
         if self.station is None:
             self.station = scope["own"]
         return self
@@ -242,9 +240,32 @@ class Exchange:
             self.answering = request
         return request
 
+    @property
+    def last_taken(self) -> FrameValue | None:
+        """What this side answers, where it is the one that was asked."""
+        return None if self.checks_echo else self.taken
+
+    @property
+    def raw(self) -> bytes:
+        """The bytes of the frame that was taken last."""
+        return b"" if self.taken is None else self.taken.raw or b""
+
+    def succeeded(self, results: dict[str, Any]) -> None:
+        """It is over, with these results."""
+        self.ended(outcome_of(self, results))
+
     def ended(self, outcome: Outcome) -> None:
         """It is over."""
         self.on_done(outcome)
+
+
+def outcome_of(x: Exchange, results: dict[str, Any]) -> Outcome:
+    """How an exchange with these results has ended."""
+    reply, buffer = results.get("reply"), results.get("buffer", b"")
+    return Outcome(
+        True, "", "", reply if type(reply) is FrameValue else None, buffer if isinstance(buffer, bytes) else b"",
+        results, x.raw,
+    )  # fmt: skip
 
 
 @dataclass(slots=True)

@@ -11,16 +11,28 @@ from typing import Any, Protocol, TypeVar, TypeVarTuple, Unpack
 
 from framekit.codec.errors import FrameError, Misread
 from framekit.codec.python.choices import fixed_bytes
+from framekit.codec.python.source import quoted
 from framekit.definition.expression import Name, names_in, ordered_by_need
 from framekit.definition.kinds.base import all_fixed
 from framekit.definition.model import procedure
 from framekit.definition.model import protocol as model
 from framekit.definition.model.frames import WIRE, Frame, StaticSizes, by_value_name, certain, everything, parts_of
 from framekit.definition.model.segments import Bits, BitsPart, Check, Const, Field, Inner, Segment, Wrap
-from framekit.link.quick_look import NO_SIZES, NOT_QUICK, UNKNOWN, intact_of, quick_of, restricted_bytes, sizes_by_byte
+from framekit.link.quick_look import (
+    NO_SIZES,
+    NOT_QUICK,
+    UNKNOWN,
+    Counted,
+    counted_of,
+    intact_of,
+    quick_of,
+    restricted_bytes,
+    sizes_by_byte,
+)
 from framekit.link.scope import Scope
 from framekit.link.values import (
     EVALUATION_ERRORS,
+    NO_FIELDS,
     Evaluate,
     FrameValue,
     Names,
@@ -66,6 +78,14 @@ def announce(announces: Announcements, value: FrameValue, scope: Scope) -> None:
             scope.set_entry(variable, key(names), evaluate(names))
 
 
+NOTHING_MORE: dict[str, Any] = {}
+EchoTests = tuple[Callable[..., bool] | None, Callable[..., bool], tuple[str, ...]]
+
+
+def _never(*_: Any) -> bool:
+    raise KeyError
+
+
 class FrameInfo:
     """One frame. `first`: the byte it begins with, if that is certain. `known`: fields that are constants.
 
@@ -80,10 +100,10 @@ class FrameInfo:
     """
 
     __slots__ = (
-        "_diagnose", "announces", "behind", "carries", "computed", "decode", "echo",
-        "encode", "extent", "first", "fixed_bytes", "flat", "frame", "guesses", "inner", "insert", "intact", "is_fixed",
-        "known", "make", "may_lack", "measure", "most", "name", "numbers", "on_line", "optional", "quick", "refuse",
-        "restricted", "rests", "shape", "sizes", "usual", "value_names",
+        "_diagnose", "announces", "behind", "carries", "computed", "count", "counted", "decode", "echo", "echo_fields",
+        "encode", "extent", "first", "fixed_bytes", "flat", "frame", "guesses", "inner", "inners", "insert", "intact",
+        "is_fixed", "known", "make", "may_lack", "measure", "most", "name", "numbers", "on_line", "optional", "quick",
+        "refuse", "restricted", "rests", "shape", "sizes", "usual", "value_names",
     )  # fmt: skip
 
     def __init__(self, frame: Frame, codec: FrameCodec) -> None:
@@ -92,6 +112,7 @@ class FrameInfo:
         self.make: Make
         self.sizes = NO_SIZES
         self.quick = NOT_QUICK
+        self.counted: Counted | None = None
         self.encode, self.decode, self.measure = codec.encode, codec.decode, codec.measure
         self.first = first_byte(frame.segments)
         self.fixed_bytes = tuple(fixed_bytes(frame.segments))
@@ -99,6 +120,7 @@ class FrameInfo:
         self.is_fixed = frame.size is None and all_fixed(frame.segments) is not None
         self.shape = shape_of(frame.segments)
         self.flat = not self.shape
+        self.inners = tuple(name for kind, name, _ in self.shape if kind == "inner")
         self.inner = self.shape[0][1] if len(self.shape) == 1 and self.shape[0][0] == "inner" else None
         self.guesses = codec.extent is not None and self.inner is not None
         self.behind = _behind_inner(frame.segments)
@@ -115,8 +137,10 @@ class FrameInfo:
         self.carries: tuple[str, ...] = ()
         self.insert: Evaluate | None = None
         self.value_names = frozenset(by_value_name(frame.segments))
+        self.count = len(self.value_names)
         self._collect(frame.segments)
         self.echo = tuple((name, _plain_name(item), compile_expression(item)) for name, item in frame.echo.items())
+        self.echo_fields = frozenset(name for name, *_ in self.echo)
         self.announces = tuple(
             (one.name, compile_optional(one.key), compile_expression(one.value)) for one in frame.announces
         )
@@ -140,6 +164,17 @@ class FrameInfo:
             if place < size and buffer[start + place] not in allowed:
                 return True
         return False
+
+    def read_back(self, data: bytes, names: Context, inside: str | None) -> dict[str, Any]:
+        """The fields of what was sent, or of the frame in this field."""
+        try:
+            fields = self.make(self.decode(data, names), data, None).fields
+        except EVALUATION_ERRORS:
+            return {}
+        if inside is None:
+            return fields
+        inner = fields.get(inside)
+        return inner.fields if type(inner) is FrameValue else {}
 
     def misread(self, raw: bytes, names: Mapping[str, Any]) -> FrameError:
         """What `decode` raises for a frame that is not `intact`."""
@@ -261,6 +296,7 @@ class FrameTable:
     def __init__(self, protocol: model.Protocol, codec: ProtocolCodec) -> None:
         self.codec = codec
         self._kept: dict[tuple[Any, ...], Any] = {}
+        self._echoes: dict[Any, Any] = {}
         self.infos = {name: FrameInfo(frame, codec.frames[name]) for name, frame in protocol.frames.items()}
         sequences = tuple(protocol.sequences.values())
         taken = {name for row in parts_of(sequences, procedure.Row) for name in row.frames}
@@ -271,6 +307,7 @@ class FrameTable:
         for info in self.infos.values():
             info.usual = usual_of(info.frame, repeated)
             info.make = self._maker(info)
+            info.counted = counted_of(info.frame, shapes)
             if info.guesses and not info.frame.inside:
                 info.sizes = sizes_by_byte(info.frame, shapes)
             if not info.frame.inside:  # else what interrupts it may stand at any place
@@ -298,7 +335,33 @@ class FrameTable:
     def _maker(self, info: FrameInfo) -> Make:
         """What makes values of a frame, and of those inside it; if one is to be refused, so is the one around it."""
         frame_name, refuse, shape, infos, convert = info.name, info.refuse, info.shape, self.infos, self._convert
-        declared = info.value_names
+        declared, one = info.value_names, info.inner or ""  # the field with the only inner frame
+
+        def make_one(fields: dict[str, Any], raw: bytes | None, refusal: int | None) -> FrameValue:
+            if refusal is not None:
+                return make(fields, raw, refusal)
+            value = FrameValue(frame_name, fields, raw, refuse, declared)
+            found = fields.get(one)
+            if type(found) is dict and len(found) == 1:
+                ((frame, content),) = found.items()
+                inner = infos.get(frame)
+                if inner is None:
+                    fields[one] = FrameValue(frame, content, None, refuse)
+                elif inner.flat:
+                    own = inner.refuse if refuse is None else refuse
+                    fields[one] = FrameValue(
+                        frame, content, None, own, inner.value_names if refuse is None else NO_FIELDS
+                    )
+                    value.refusal = own
+                else:
+                    fields[one] = made = inner.make(content, None, refuse)
+                    value.refusal = made.refusal
+            return value
+
+        def make_flat(fields: dict[str, Any], raw: bytes | None, refusal: int | None) -> FrameValue:
+            if refusal is not None:
+                return FrameValue(frame_name, fields, raw, refusal)
+            return FrameValue(frame_name, fields, raw, refuse, declared)
 
         def make(fields: dict[str, Any], raw: bytes | None, refusal: int | None) -> FrameValue:
             value = FrameValue(frame_name, fields, raw, refuse if refusal is None else refusal)
@@ -318,7 +381,7 @@ class FrameTable:
                         value.refusal = made.refusal
             return value
 
-        return make
+        return make_flat if not shape else make_one if one else make
 
     def _convert(self, shape: Shape, outer: FrameValue, found: Any) -> None:
         """Frames in a record, or in a list of records, become frame values."""
@@ -367,8 +430,19 @@ class FrameTable:
 
     def encode(self, value: FrameValue, names: Context) -> bytes:
         """The bytes of a frame value; afterwards the value holds them and every field as sent. Raises ValueError."""
-        info = self.infos[value.frame]
-        data = info.encode(value.fields if info.flat else plain(value.fields), names)
+        return self.encode_as(self.infos[value.frame], value, names)
+
+    def encode_as(self, info: FrameInfo, value: FrameValue, names: Context) -> bytes:
+        """As `encode`, where it is known which frame it is."""
+        fields = value.fields
+        if not info.flat:
+            name = info.inner or ""
+            inner = fields.get(name)
+            if type(inner) is FrameValue and len(info.shape) == 1:
+                fields = {**fields, name: self.inner_plain(inner)}
+            else:
+                fields = plain(fields)
+        data = info.encode(fields, names)
         self.mark_sent(value, data, names)
         return data
 
@@ -376,52 +450,131 @@ class FrameTable:
         """The value has become these bytes: from now on it holds them, and every field as sent."""
         info = self.infos[value.frame]
         value.raw = data
-        value.pending = read = partial(self._read_back, info, data, names)
-        for kind, name, _ in info.shape:
-            inner = value.fields.get(name) if kind == "inner" else None
-            if type(inner) is FrameValue and inner.raw is None:
-                inner.pending = partial(_read_inner, read, name)  # which does not lead back to `value`
-                below = self.infos.get(inner.frame)
-                usual = None if below is None else below.usual
-                if usual and not usual.keys() <= inner.fields.keys():  # they need not be read then
-                    inner.known = {one: names[given] for one, given in usual.items() if one not in inner.fields}
+        value.pending = info, data, names, None
+        self.mark_inner(info, value, data, names)
         if info.announces:
             value.complete()
 
+    def mark_inner(self, info: FrameInfo, value: FrameValue, data: bytes, names: Context) -> None:
+        """The frames inside have become bytes with the one around them."""
+        for name in info.inners:
+            inner = value.fields.get(name)
+            if type(inner) is FrameValue and inner.raw is None:
+                below = self.infos.get(inner.frame)
+                if below is not None and len(inner.fields) == below.count:  # there is nothing to be read
+                    inner.known = NOTHING_MORE
+                    continue
+                inner.pending = info, data, names, name  # which does not lead back to `value`
+                if below is not None and below.usual and not below.usual.keys() <= inner.fields.keys():
+                    # they need not be read then
+                    inner.known = {one: names[given] for one, given in below.usual.items() if one not in inner.fields}
+
     def read_later(self, value: FrameValue, names: tuple[str, ...]) -> Callable[[], dict[str, Any]] | None:
         """What reads all fields of a frame that has just been sent, on these names as they are now; None: too late."""
-        if not isinstance(value.pending, partial):
+        if value.pending is None or value.pending[3] is not None:
             return None
-        info, data, context = value.pending.args
+        info, data, context, _ = value.pending
         try:
-            return partial(self._read_back, info, data, {name: context[name] for name in names})
+            return partial(info.read_back, data, {name: context[name] for name in names}, None)
         except EVALUATION_ERRORS:
             return None
-
-    def _read_back(self, info: FrameInfo, data: bytes, names: Context) -> dict[str, Any]:
-        try:
-            return self.received(info.name, info.decode(data, names), data, None).fields
-        except EVALUATION_ERRORS:
-            return {}
 
     def fill_echo(self, reply: FrameValue, *requests: FrameValue | None) -> None:
         """Building a reply, or a frame that carries one, copies what it repeats of the first request that has it."""
         info = self.infos.get(reply.frame)
         if info is None:
             return
-        for field, plain_name, evaluate in info.echo:
-            for request in requests:
-                if field not in reply.fields and request is not None:
-                    try:
-                        reply.fields[field] = echoed(plain_name, evaluate, request)
-                    except EVALUATION_ERRORS:
-                        continue
-        for kind, name, _ in info.shape:
-            inner = reply.fields.get(name) if kind == "inner" else None
+        fields = reply.fields
+        if not info.echo_fields <= fields.keys():
+            for field, plain_name, evaluate in info.echo:
+                for request in () if field in fields else requests:
+                    if request is not None:
+                        try:
+                            fields[field] = echoed(plain_name, evaluate, request)
+                            break
+                        except EVALUATION_ERRORS:
+                            continue
+        for name in info.inners:
+            inner = fields.get(name)
             if type(inner) is FrameValue and inner.raw is None:
                 below = self.infos.get(inner.frame)
-                if below is not None and (below.echo or below.shape):
+                if below is not None and (below.inners or not below.echo_fields <= inner.fields.keys()):
                     self.fill_echo(inner, *requests)
+
+    def repeats(self, reply: FrameValue, asked: FrameValue | None, sent: FrameValue | None, names: Names) -> bool:
+        """Whether a reply repeats what it has to of what was asked, else of what was sent."""
+        kinds = None if asked is None else asked.frame, None if sent is None else sent.frame
+        known = self._echoes.get(kinds)
+        if known is None:
+            known = self._echoes[kinds] = {}
+        tests = known.get(reply.frame)
+        if tests is None:
+            tests = known[reply.frame] = self._echo_tests(reply.frame, *kinds)
+        fits, _, inners = tests
+        fields = reply.fields
+        try:
+            if fits is not None and not fits(fields, asked, sent):
+                return False
+            for name in inners:
+                inner = fields[name]
+                fits, _, below = known[inner.frame]
+                if below:
+                    break
+                if fits is not None and not fits(inner.fields, asked, sent):
+                    return False
+            else:
+                return True
+        except (KeyError, AttributeError):  # of what was asked something was computed, or it is asked the first time
+            pass
+        return self._repeats(reply, asked, sent, names, known, kinds)
+
+    def _repeats(
+        self, reply: FrameValue, asked: Any, sent: Any, names: Names, known: dict[str, EchoTests], kinds: Any
+    ) -> bool:
+        tests = known.get(reply.frame)
+        if tests is None:
+            tests = known[reply.frame] = self._echo_tests(reply.frame, *kinds)
+        fits, careful, inners = tests
+        if fits is not None:
+            try:
+                if not fits(reply.fields, asked, sent):
+                    return False
+            except KeyError:  # of what was asked something was computed when it was built, or more has to be done
+                try:
+                    if not careful(reply.fields, asked, sent):
+                        return False
+                except KeyError:
+                    return self._fits_echo(reply, asked, sent, names)
+        for name in inners:
+            inner = reply.fields.get(name)
+            if type(inner) is FrameValue and not self._repeats(inner, asked, sent, names, known, kinds):
+                return False
+        return True
+
+    def _fits_echo(self, reply: FrameValue, asked: FrameValue | None, sent: FrameValue | None, names: Names) -> bool:
+        requests = tuple(one for one in (asked, sent) if one is not None)
+        return self.fits_echo(reply, requests, lambda: names)
+
+    def _echo_tests(self, reply: str, asked: str | None, sent: str | None) -> EchoTests:
+        """What compares what a reply repeats, None for nothing; the same with what is computed when frames are built;
+        and the frames inside. They raise KeyError where more than that has to be done."""
+        info = self.infos.get(reply)
+        if info is None:
+            return None, _never, ()
+        tests: list[tuple[str, str, str]] = []
+        for field, plain_name, _ in info.echo:
+            sources = [(word, one) for word, one in (("asked", asked), ("sent", sent)) if one is not None]
+            found = [word for word, one in sources if plain_name in self.infos[one].value_names]
+            if plain_name is None:
+                return _never, _never, info.inners
+            if found:
+                tests.append((quoted(field), found[0], quoted(plain_name)))
+        if not tests:
+            return None, _never, info.inners
+        plain = " and ".join(f"fields[{field}] == {word}.fields[{name}]" for field, word, name in tests)
+        careful = " and ".join(f"fields[{field}] == {word}.field({name})" for field, word, name in tests)
+        fits, more = (eval(f"lambda fields, asked, sent: {one}", {"__builtins__": {}}) for one in (plain, careful))
+        return fits, more, info.inners
 
     def fits_echo(self, reply: FrameValue, requests: tuple[FrameValue, ...], names: Callable[[], Names]) -> bool:
         """Whether a reply repeats what it has to of the first of `requests` that has it; inner frames too.
@@ -456,12 +609,6 @@ class FrameTable:
                 if below is not None and (below.echo or below.shape) and not self.fits_echo(inner, requests, names):
                     return False
         return True
-
-
-def _read_inner(read: Callable[[], dict[str, Any]], name: str) -> dict[str, Any]:
-    """The fields of a frame inside another, as they were sent."""
-    inner = read().get(name)
-    return inner.fields if type(inner) is FrameValue else {}
 
 
 def echoed(plain_name: str | None, evaluate: Evaluate, request: FrameValue, names: Names | None = None) -> Any:

@@ -1,20 +1,21 @@
 """Lanes of a role: exchanges that wait for their turn, those that run, and what listens when none does.
 
-With them the shutdown, which waits for them and closes their session.
+With them what opens and closes sessions, and the replies for which other requests wait.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from functools import partial
 from typing import Any
 
 from framekit.definition.model.procedure import Lane
+from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
 from framekit.link.events import Exchange, Outcome, Reopen
 from framekit.link.late import MOST_HOLDS
-from framekit.link.output import Output
-from framekit.link.sequences.runtime import Machine
+from framekit.link.receiver import Receiver
+from framekit.link.scope import Scope
+from framekit.link.sequences.runtime import Runs
 from framekit.link.sequences.state import LaneState, Run, State
 
 HOLD = 100_000_000
@@ -24,81 +25,108 @@ STALE = 1_000_000_000
 """What has lain there incomplete for so long (ns) when an exchange begins has nothing to do with it."""
 
 
-class Lanes:
-    """All lanes of a role, and the order in which arriving frames are offered to what runs in them.
-
-    `lane_of`: the lane that runs exchanges of a sequence; None: the first that runs any.
+class Lanes(Runs):
+    """Runs by their lanes. `order`: in which arriving frames are offered to them. `lane_of`: the lane that runs
+    exchanges of a sequence; None: the first that runs any. `on_shut`: who asked for the end, until that is told.
     """
 
-    def __init__(self, lanes: tuple[Lane, ...], machine: Machine) -> None:
-        self.machine = machine
+    awaited: frozenset[str]
+    receiver: Receiver
+    is_idle: bool
+    _keeps_times: bool
+
+    def __init__(
+        self, protocol: Protocol, scope: Scope, program: Any, lanes: tuple[Lane, ...], is_stream: bool
+    ) -> None:
+        super().__init__(protocol, scope, program, is_stream)
         self.lanes = [LaneState(lane) for lane in lanes]
-        self.order: tuple[Run, ...] = ()
         self.was_closed = False
+        self.live = 0
+        """How many runs are under way; those that are over may stand in the order until others take their place."""
         self.is_holding = False
+        self.on_shut: Callable[[], None] | None = None
         self.lane_of: dict[str | None, LaneState] = {}
         for lane in self.lanes:
             for name in (None, *lane.exchange) if lane.exchange else ():
                 self.lane_of.setdefault(name, lane)
 
+    def drop_stale(self) -> None:
+        """An exchange begins and nothing listened: what came before cannot be its reply."""
+        raise NotImplementedError
+
     # ---- starting -----------------------------------------------------------------------------------------
 
-    def begin_what_can(self) -> bool:
-        """Starts exchanges whose turn it is, and listeners where a lane is free. Tells whether it did anything."""
-        self.machine.stirred = False
-        if not self.machine.is_open:
-            return False
-        begun = False
-        for lane in self.lanes:
-            while lane.waiting and self._has_room(lane):
-                self._begin_exchange(lane, lane.waiting.popleft())
-                begun = True
-            if lane.listen is not None and not lane.running and lane.listener is None:
-                begun = self._begin_listener(lane) or begun
-        return begun
+    def fill(self, lane: LaneState) -> None:
+        """Starts exchanges whose turn it is, and a listener where the lane is free."""
+        lane.is_queued = False
+        if not self.is_open:
+            return
+        waiting, running, session = lane.waiting, lane.running, self.session
+        while waiting:
+            if session.busy:
+                break
+            if running and (len(running) >= lane.at_once(self.scope) or session.plan(waiting[0])):
+                break
+            listener = lane.listener
+            if listener is not None and not listener.gives_way:
+                break
+            x = waiting.popleft()
+            if self.late.until or not self.is_idle:
+                self._clear_line()
+            run = lane.spare
+            if run is None or running or listener is not None:
+                run = self._another_run(lane, x)
+            else:  # it still has its place in the order
+                lane.spare, run.exchange, run.given_up = None, x, False
+                run.owed = run.agenda = None
+                run.cause, run.doing = "", "exchange"
+                running.append(run)
+            self.live += 1
+            if session.session is not None and (before := session.plan(x)):
+                self._begin_behind(before, run, x)
+                continue
+            x.begin(self.scope, True, self.copies)
+            self.begin(run, self.sequences[x.run or lane.exchange[0]], x)
+        if lane.listen is not None and lane.listener is None and not running:
+            self._begin_listener(lane)
 
-    def _has_room(self, lane: LaneState) -> bool:
-        session = self.machine.session
-        running = len(lane.running)
-        if session.busy or (running and running >= lane.at_once(self.machine.scope)):
-            return False
-        if running and session.plan(lane.waiting[0]):
-            return False
-        return lane.listener is None or lane.listener.gives_way
-
-    def _begin_exchange(self, lane: LaneState, exchange: Exchange) -> None:
-        machine = self.machine
-        late = machine.late
-        if late.until and late.until <= machine.scope.now:
+    def _clear_line(self) -> None:
+        """An exchange begins: what is due no longer, and what nothing listened for, is none of its business."""
+        late, now = self.late, self.scope.now
+        if late.until and late.until <= now:
             self.release()
-        if not late.until and (
-            not (machine.awaits_frames or (self.order and self.listens))
-            or (machine.scope.now - machine.output.last_received >= STALE and machine.has_bytes())
-        ):
-            machine.drop_stale()
-        if lane.listener is not None:
-            self._give_way(lane)
-        run = Run(machine, lane, "exchange", exchange)
+        if not late.until and self.has_bytes():
+            listens = bool(self.awaited) or self.listens
+            if not listens or now - self.output.last_received >= STALE:
+                self.drop_stale()
+
+    def _another_run(self, lane: LaneState, exchange: Exchange) -> Run:
+        self._give_way(lane)
+        run = Run(self, lane, "exchange", exchange)
         lane.running.append(run)
         self._reorder()
-        name, station = exchange.run or lane.exchange[0], exchange.station
-        session = machine.session
-        before = session.plan(exchange) if session.session is not None else ()
-        exchange.begin(machine.scope)
-        if not before:
-            session.busy = False
-            machine.start(run, machine.sequences[name], exchange)
-            return
-        for kind, sequence in before:
-            run.agenda.append((kind, sequence, Exchange(station=station).begin(machine.scope)))
-        run.agenda.append(("exchange", name, exchange))
-        session.busy = True
+        return run
+
+    def _begin_behind(self, before: list[tuple[str, str]], run: Run, exchange: Exchange) -> None:
+        """Begins what has to run before an exchange."""
+        station = exchange.station
+        exchange.begin(self.scope, True, self.copies)
+        run.agenda = [(kind, one, Exchange(station=station).begin(self.scope)) for kind, one in before]
+        run.agenda.append(("exchange", exchange.run or run.lane.exchange[0], exchange))
+        self.session.busy = True
         self._next_of_agenda(run)
+
+    def stir_all(self) -> None:
+        """Something may begin in every lane."""
+        for lane in self.lanes:
+            if lane.waiting or lane.listen is not None:
+                self.stir(lane)
 
     @staticmethod
     def _give_way(lane: LaneState) -> None:
         if lane.listener is not None:
-            lane.listener.state = State.DONE
+            lane.listener.state, lane.listener.expected, lane.listener.deadline = State.DONE, {}, NEVER
+            lane.listener.machine.live -= 1
             lane.listener = None
 
     def begin_sequences(self, kind: str, names: Iterable[str], station: Any) -> Run | None:
@@ -107,29 +135,28 @@ class Lanes:
         if lane is None or not self.is_free:
             return None
         self._give_way(lane)
-        run = Run(self.machine, lane, kind)
+        run = Run(self, lane, kind)
         lane.running.append(run)
+        self.live += 1
         self._reorder()
-        for name in names:
-            run.agenda.append((kind, name, Exchange(station=station).begin(self.machine.scope)))
+        run.agenda = [(kind, name, Exchange(station=station).begin(self.scope)) for name in names]
         if kind == "close":
-            run.agenda.append(("ended", "", Exchange(station=station).begin(self.machine.scope)))
+            run.agenda.append(("ended", "", Exchange(station=station).begin(self.scope)))
         self._next_of_agenda(run)
         return run
 
-    def _begin_listener(self, lane: LaneState) -> bool:
-        machine = self.machine
-        if lane.held_until > machine.scope.now or lane.listen is None:
-            return False
-        run = Run(machine, lane, "listen")
+    def _begin_listener(self, lane: LaneState) -> None:
+        if lane.held_until > self.scope.now or lane.listen is None:
+            return
+        run = Run(self, lane, "listen")
         lane.listener = run
+        self.live += 1
         self._reorder()
-        machine.start(run, machine.sequences[lane.listen], Exchange().begin(machine.scope, False))
-        return True
+        self.begin(run, self.sequences[lane.listen], Exchange().begin(self.scope, False))
 
     def _next_of_agenda(self, run: Run) -> bool:
         """The next sequence of a run that has several: of its session first, then its own. False: there is none."""
-        session = self.machine.session
+        session = self.session
         while run.agenda:
             kind, name, context = run.agenda.pop(0)
             run.doing = kind
@@ -141,8 +168,8 @@ class Lanes:
                 session.end()
             else:
                 session.busy = kind in ("open", "close")
-                self.machine.stirred = True
-                self.machine.start(run, self.machine.sequences[name], context)
+                self.stir_all()
+                self.begin(run, self.sequences[name], context)
                 return True
         return False
 
@@ -150,117 +177,123 @@ class Lanes:
 
     def release(self) -> None:
         """Nothing is due any more, or its time is over: what was held back goes on."""
-        machine, late = self.machine, self.machine.late
+        late = self.late
         late.clear()
         items, late.items = late.items, []
         for send in items:
             send()
         for run in self.order:
             if run.state is State.HELD:
-                if late.until > machine.scope.now:
+                if late.until > self.scope.now:
                     run.deadline = late.until
                 else:
-                    machine.go_on(run)
+                    self.go_on(run)
 
     def hold_over(self, run: Run) -> None:
         """A time for which a run was to be held back is over."""
-        machine, late = self.machine, self.machine.late
-        now, more = machine.scope.now, late.time(machine.scope, late.within)
-        if machine.has_bytes():  # one may be arriving
-            late.until = max(late.until, machine.output.last_received + more)
+        late, now = self.late, self.scope.now
+        more = late.time(self.scope, late.within)
+        if self.has_bytes():  # one may be arriving
+            late.until = max(late.until, self.output.last_received + more)
         if late.until <= now:
-            if not (self.listens or machine.awaits_frames):
-                machine.drop_stale()
+            if not (self.listens or self.awaited):
+                self.drop_stale()
             self.release()
         elif now - run.started < MOST_HOLDS * (late.within + more):
             run.deadline = late.until
         else:
             run.cause = "replies that nothing waits for come without end"
-            machine.fail_run(run, "late_replies")
+            self.fail_run(run, "late_replies")
 
     # ---- ending -------------------------------------------------------------------------------------------
 
-    def settle_ended(self) -> None:
-        """What follows from runs that have ended: the session, the next sequence of the run, the caller."""
-        machine = self.machine
-        while machine.ended:
-            run = machine.ended.popleft()
-            outcome = run.outcome
-            assert outcome is not None
-            if run.agenda and (outcome.ok or run.doing == "close") and self._next_of_agenda(run):
-                continue
-            if not outcome.ok and run.doing != "close":
-                self._failed(run, outcome)
-            machine.session.busy = False
-            lane = run.lane
-            if lane.listener is run:
-                lane.listener = None
-            elif run in lane.running:
-                lane.running.remove(run)
+    def over(self, run: Run) -> None:
+        """What follows from a run that has ended: the session, the next sequence of the run, the caller."""
+        outcome, lane, session = run.outcome, run.lane, self.session
+        if run.agenda and (outcome is None or outcome.ok or run.doing == "close"):
+            run.state = State.GOING
+            if self._next_of_agenda(run):
+                return
+            run.state = State.DONE
+        if outcome is not None and run.doing != "close":
+            self._failed(run, outcome)
+        self.live -= 1
+        if lane.listener is run:
+            lane.listener = None
+        elif run in lane.running:
+            lane.running.remove(run)
+        if lane.running or lane.listen is not None or run.unsent or run.kind != "exchange":
             self._reorder()
-            exchange, run.exchange = run.exchange, None  # nothing leads from one to the other when both are over
-            if exchange is not None:
-                machine.callbacks.append(partial(exchange.ended, outcome))
+        else:
+            lane.spare = run
+        if session.busy:
+            session.busy = False
+            self.stir_all()
+        elif lane.waiting or lane.listen is not None:
+            self.stir(lane)
+        exchange, run.exchange = run.exchange, None  # nothing leads from one to the other when both are over
+        if exchange is not None:
+            if outcome is None:
+                exchange.succeeded(run.results)
+            else:
+                exchange.ended(outcome)
 
     def _failed(self, run: Run, outcome: Outcome) -> None:
-        session = self.machine.session
-        lost = True
+        session, lost = self.session, True
         if run.doing == "open":
             session.end()
         else:
             lost = session.failed(outcome.outcome)
-        if lost and session.reconnects and self.machine.is_open:
-            self.machine.output.commands.append(Reopen(f"the session is lost: {outcome.outcome}"))
+        if lost and session.reconnects and self.is_open:
+            self.commands.append(Reopen(f"the session is lost: {outcome.outcome}"))
         if run.lane.listener is run and outcome.outcome == "circle":
-            run.lane.held_until = self.machine.scope.now + HOLD
-            self.is_holding = True
+            run.lane.held_until = self.scope.now + HOLD
+            self.is_holding = self._keeps_times = True
 
-    def cancel(self, exchange: Exchange) -> None:
+    def cancel_now(self, exchange: Exchange) -> None:
         """Ends an exchange at once, wherever it stands."""
         for lane in self.lanes:
             if exchange in lane.waiting:
                 lane.waiting.remove(exchange)
-                self.machine.tell(exchange, Outcome(False, "cancelled"))
+                self.tell(exchange, Outcome(False, "cancelled"))
                 return
         for run in self.order:
             if run.exchange is exchange:
-                run.agenda.clear()
-                self.machine.fail_run(run, "cancelled")
+                run.agenda = None
+                self.fail_run(run, "cancelled")
 
-    def give_up(self, exchange: Exchange) -> None:
+    def give_up_now(self, exchange: Exchange) -> None:
         """Ends an exchange that has not begun; one under way repeats nothing any more, and ends by itself."""
         if any(exchange in lane.waiting for lane in self.lanes):
-            self.cancel(exchange)
+            self.cancel_now(exchange)
         for run in self.order:
             if run.exchange is exchange:
                 run.given_up = True
                 if run.state is State.HELD:
-                    self.cancel(exchange)
+                    self.cancel_now(exchange)
 
     def fail_waiting(self, outcome: str, cause: str) -> None:
         """Exchanges that have not begun fail."""
         for lane in self.lanes:
             while lane.waiting:
-                self.machine.tell(lane.waiting.popleft(), Outcome(False, outcome, cause))
+                self.tell(lane.waiting.popleft(), Outcome(False, outcome, cause))
 
     def _reorder(self) -> None:
-        """Other runs than before: what is looked for may be something else, and a lane may have room."""
-        machine = self.machine
+        """Other runs than before: what is looked for may be something else."""
+        self.changed = True
         order: list[Run] = []
-        machine.changed = True
         for lane in self.lanes:
+            lane.spare = None
             order += lane.running
             if lane.listener is not None:
                 order.append(lane.listener)
-            if lane.waiting or lane.listen is not None:
-                machine.stirred = True
         self.order = tuple(order)
 
     @property
     def is_free(self) -> bool:
         """Whether the lane for exchanges could begin something of the session's own now."""
         lane = self.lane_of.get(None)
-        if lane is None or lane.running or lane.waiting or not self.machine.is_open:
+        if lane is None or lane.running or lane.waiting or not self.is_open:
             return False
         return lane.listener is None or lane.listener.gives_way
 
@@ -272,38 +305,26 @@ class Lanes:
     @property
     def held_until(self) -> int:
         """When a lane that is held back may begin its listener again."""
-        now = self.machine.scope.now
+        now = self.scope.now
         times = [one.held_until for one in self.lanes if one.listener is None and not one.running]
         return min((time for time in times if time > now), default=NEVER)
 
+    # ---- the end of all -----------------------------------------------------------------------------------
 
-class Shutdown:
-    """Closes the session when asked to, once the lane is free. `on_done`: who asked, until it is told."""
-
-    def __init__(self, machine: Machine, lanes: Lanes, output: Output) -> None:
-        self.machine = machine
-        self.lanes = lanes
-        self.output = output
-        self.on_done: Callable[[], None] | None = None
-
-    def ask(self, on_done: Callable[[], None]) -> None:
-        """Asks for the end; `on_done` is called once, when no session is open and the last byte has left."""
-        self.on_done = on_done
-
-    def go_on(self) -> bool:
-        """Does the next thing there is to do now. False when there is nothing, or something has to end first."""
-        if self.on_done is None:
+    def shut(self) -> bool:
+        """Closes the session when asked to, once the lane is free. False: there is nothing to do now."""
+        if self.on_shut is None:
             return False
-        session = self.machine.session
+        session = self.session
         if session.session is None or not (session.is_open or session.busy):
-            if self.output.outgoing is not None or self.output.pending or self.machine.late.items:
+            if self.output.outgoing is not None or self.output.pending or self.late.items:
                 return False
-            self.machine.callbacks.append(self.on_done)
-            self.on_done = None
+            self.ready.append(self.on_shut)
+            self.on_shut = None
             return True
-        if session.busy or not self.lanes.is_free:
+        if session.busy or not self.is_free:
             return False
         if not session.session.close:
             session.end()
             return True
-        return self.lanes.begin_sequences("close", session.session.close, session.station) is not None
+        return self.begin_sequences("close", session.session.close, session.station) is not None

@@ -136,20 +136,16 @@ class Output:
             not_before = max(not_before, scope.now + int(self._key_delay(scope)))
         return not_before if not_before > scope.now else 0
 
-    def left(self) -> list[Send | Break]:
-        """The last bit of what was given to the line has left it: what was sent, nothing where that is forgotten."""
-        items = [] if self.outgoing is None else [self.outgoing]
-        if self.joined:
-            items += self.joined
-            self.joined = []
-        self.outgoing = None
+    def left(self) -> Send | Break | None:
+        """The last bit of what was given to the line has left it: that, with `joined`; None where it is forgotten."""
+        item, self.outgoing = self.outgoing, None
         self.last_sent = self.scope.now
         if self.pending:
             self.poll()
-        if self.outgoing is None and self._rts:
+        if self._rts and self.outgoing is None:
             self._rts = False
             self.commands.append(SetRts(False))
-        return items
+        return item
 
     def clear(self) -> None:
         """The connection is gone, and all that was to be sent with it."""

@@ -119,6 +119,48 @@ def sizes_by_byte(frame: Frame, shapes: StaticSizes) -> SizesByByte:
     return SizesByByte(before + tree.at, sizes, counted, most)
 
 
+Counted = tuple[int, int, int, Literal["big", "little"]]
+"""A frame is so long: a number of bytes and the number that stands between two places, in this byte order."""
+
+
+def counted_of(frame: Frame, shapes: StaticSizes) -> Counted | None:
+    """Where a number stands that counts all of a frame that is not of a fixed size; None where there is none."""
+    if frame.size is not None or frame.delimited or frame.inside:
+        return None
+    place = 0
+    for segment in frame.segments:
+        fixed = shapes.present(segment).fixed if segment.when is None else None
+        if (
+            isinstance(segment, Length)
+            and fixed in (1, 2, 4)
+            and segment.type.kind == "int"
+            and not segment.type.signed
+        ):
+            if (
+                segment.unit != 1
+                or segment.plain
+                or segment.zero_means is not None
+                or segment.type.order not in _ORDERS
+            ):
+                return None
+            rest = 0
+            for one in frame.segments:
+                if one is not segment and not set(one.value_names).isdisjoint(segment.of):
+                    continue
+                size = shapes.present(one).fixed if one.when is None else None
+                if size is None:
+                    return None
+                rest += size
+            return rest - segment.plus, place, place + fixed, _ORDERS[segment.type.order]
+        if fixed is None:
+            return None
+        place += fixed
+    return None
+
+
+_ORDERS: dict[str, Literal["big", "little"]] = {"big": "big", "little": "little"}
+
+
 def _is_any(segment: Segment, shapes: StaticSizes) -> bool:
     """Whether it is always there, of one size, whatever its bytes are."""
     if segment.when is not None or shapes.present(segment).fixed is None:

@@ -7,7 +7,7 @@ those that are whole, and reports what it found. It knows no sequences: which st
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from framekit.codec.errors import FrameError
@@ -32,13 +32,15 @@ from framekit.link.frame_table import FrameInfo, FrameTable, ProtocolCodec, tabl
 from framekit.link.inside import InsideFinder
 from framekit.link.quick_look import any_of
 from framekit.link.stream import LONGEST, Marks, NoiseRun, Pauses, Stream, scope_of
-from framekit.link.values import CODEC_ERRORS, Names
+from framekit.link.values import CODEC_ERRORS, FrameValue, Names
 
 MOST_BAD, BAD_TIME, BAD_APART = 8, 10_000_000, 256
 """Of bad frames without a good one between them so many are told in a row, then one for each such time (ns).
 
 Of those that come faster, one is told for so many bytes; what is between is what a bad frame left.
 """
+
+from_bytes = int.from_bytes
 
 GOES_ON = ("next_start", "after_frame")
 """Where reading goes on at once after a bad frame: there are crowds of them."""
@@ -102,10 +104,16 @@ class Receiver:
         self._bad_busy = 0
         self._good_since = False
         self._marks: Marks | None = None
+        self.on_scan: Callable[[], None] = lambda: None
+        """Told before bytes are looked at with care: whoever knows how long pauses may be says so then."""
+        self._given_at = self._taken = 0
+        self._taken_as = ""
+        self._is_simple = self._delimiter is None and self._inside is None
 
     def hear_marks(self, on: bool) -> None:
         """Whether the line tells the ninth bits of characters: frames have to be marked as they say."""
         self._marks = self._candidates.marks = Marks(self.stream) if on else None
+        self._is_simple = self._delimiter is None and self._inside is None and not on
 
     # ---- bytes in -----------------------------------------------------------------------------------------
 
@@ -115,7 +123,7 @@ class Receiver:
             self._use()
         if not data or self.broken:
             return
-        self._now = now
+        self._now, self._taken = now, 0
         stream = self.stream
         last = stream.last
         if self._is_open:
@@ -123,8 +131,16 @@ class Receiver:
             before = stream.give_back()
             data = before + data
             faults = [CharacterFault(len(before) + one.index, one.fault) for one in faults]
-        goes_on = stream.add(data, now, faults)
-        if now - last > self.pauses.line.character * len(data) and (goes_on or self._noise.data or self._skipping):
+        if stream.position < len(stream.buffer) or stream.is_marked or faults:
+            goes_on = stream.add(data, now, faults)
+        else:
+            goes_on = False
+            stream.base = base = stream.base + stream.position
+            stream.buffer = data if type(data) is bytes else bytes(data)
+            stream.position, stream.last = 0, now
+            stream.ends, stream.times = [base + len(data)], [now]
+        is_mid_stream = goes_on or self._noise.data or self._skipping
+        if is_mid_stream and now - last > self.pauses.line.character * len(data):
             self.pauses.note(last, len(data))
 
     def tick(self, now: int) -> None:
@@ -208,6 +224,62 @@ class Receiver:
         self._scan(expected, others, found, False)
         return found[0] if found else None
 
+    def expect(self, expected: tuple[str, ...], others: tuple[str, ...] = ()) -> ExpectedFrames:
+        """What `next_of` looks for: `expected` frames, then `others`."""
+        return self.table.once(ExpectedFrames, self.table, expected, others, self._rules.symbols)
+
+    def next_of(self, frames: ExpectedFrames) -> FrameValue | BadFrame | Noise | None:
+        """As `next`, with the frames as `expect` has made them; a frame as its value."""
+        if self._given:
+            self._use()
+        self._expected, self._taken = frames, 0
+        stream = self.stream
+        if self._is_simple and not (stream.is_marked or self._noise.data or self._skipping or self._candidates.said):
+            buffer, place = stream.buffer, stream.position
+            end = len(buffer)
+            try:
+                start = frames.starting[buffer[place]] or frames.start(buffer[place])
+                row = start.rows[buffer[place + start.told_by]]
+                if row is not None and self._now == stream.last:
+                    size, counted, read, info, is_doubtful, _ = row
+                    if counted:
+                        size += buffer[place + counted]
+                    elif not size:
+                        if info.counted is None:
+                            size = info.extent(buffer, place, end, self._names)
+                        else:  # if that is wrong, reading it fails
+                            size, first, stop, order = info.counted
+                            size += from_bytes(buffer[place + first : place + stop], order)
+                    if 0 < size <= end - place:
+                        raw = bytes(buffer[place : place + size])
+                        fields = read(raw, self._names)
+                        if is_doubtful is None or not is_doubtful(raw, fields):
+                            self.waiting, self._good_since = (), True
+                            stream.position = place + size
+                            self._taken, self._taken_as = size, info.name
+                            return info.make(fields, raw, None)
+            except CODEC_ERRORS:
+                pass
+        self._wanted = frames.wanted
+        self.on_scan()
+        found: list[Arrival] = []
+        self._scan(frames.wanted[0], frames.wanted[1], found, False)
+        if not found:
+            return None
+        event = found[0]
+        if not isinstance(event, FrameArrived):
+            return event
+        self._given_at = event.times[0]
+        return event.value
+
+    @property
+    def given_since(self) -> int:
+        """When the first byte came of the frame that was handed over last."""
+        stream = self.stream
+        if self._taken:
+            return stream.times_of(stream.position - self._taken, stream.position)[0]
+        return self._given_at
+
     def arrivals(self, expected: tuple[str, ...], others: tuple[str, ...] = ()) -> list[Arrival]:
         """All that `next` gives until nothing more is there; all of it counts as used."""
         found: list[Arrival] = []
@@ -216,6 +288,10 @@ class Receiver:
 
     def other_reading(self) -> FrameArrived | None:
         """The same bytes as another frame that fits them, in the order of the rows; None when there is none."""
+        if self._taken:  # it has been gone on behind it already
+            self.stream.position -= self._taken
+            self._given, self._taken = self._taken, 0
+            self._declined.append(self._taken_as)
         if not self._given:
             return None
         stream, candidates = self.stream, self._candidates

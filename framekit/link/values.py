@@ -29,9 +29,10 @@ class FrameValue:
     once it has been sent; `pending` reads it at the first use of what `known` has not. `'name' in value` asks for a
     field. `declared`: the fields that it may be without: all of a received frame, of a made one those that need not be
     given. What one that is absent comes to in expressions `unset` says, of one that was made; else it is nothing.
+    `built`: its bytes, where nothing that changes by itself is in them.
     """
 
-    __slots__ = ("declared", "fields", "frame", "known", "pending", "raw", "refusal", "unset")
+    __slots__ = ("built", "declared", "fields", "frame", "known", "pending", "raw", "refusal", "unset")
 
     def __init__(
         self,
@@ -48,14 +49,15 @@ class FrameValue:
         self.refusal = refusal
         self.declared = declared
         self.unset = unset
-        self.pending: Callable[[], dict[str, Any]] | None = None
+        self.built: bytes | None = None
+        self.pending: tuple[Any, bytes, Any, str | None] | None = None
         self.known: dict[str, Any] | None = None
 
     def complete(self) -> dict[str, Any]:
         """All fields, the computed ones of a sent frame included."""
         if self.pending is not None:
-            read, self.pending = self.pending, None
-            self.known = read()
+            (info, data, names, inside), self.pending = self.pending, None
+            self.known = info.read_back(data, names, inside)
         return self.fields if self.known is None else {**self.known, **self.fields}
 
     @property
@@ -76,7 +78,7 @@ class FrameValue:
     def set_field(self, name: str, value: Any) -> None:
         """Changes a field; what was computed for the old ones is gone."""
         self.fields[name] = value
-        self.raw = self.pending = self.known = None
+        self.raw = self.pending = self.known = self.built = None
 
     def language_attribute(self, name: str) -> Any:
         """`value.name` for callers that know only the protocol of attributes, generated codecs for one."""
@@ -84,7 +86,9 @@ class FrameValue:
 
     def copy(self) -> FrameValue:
         """The same frame with fields of its own, to be changed and sent."""
-        return FrameValue(self.frame, dict(self.fields), self.raw, self.refusal, self.declared, self.unset)
+        value = FrameValue(self.frame, self.fields.copy(), self.raw, self.refusal, self.declared, self.unset)
+        value.built = self.built
+        return value
 
     def __contains__(self, name: object) -> bool:
         return name in self.fields or ((self.pending is not None or self.known is not None) and name in self.complete())

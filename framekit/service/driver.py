@@ -258,21 +258,23 @@ class Driver(PortEvents):
         """Does what may be done now, in order; a command with a time in the future holds back those behind it."""
         pending = self.pending
         while pending:
-            command = pending[0]
-            if isinstance(command, (Send, Break)) and command.not_before and command.not_before > self._now():
-                if self._send_timer is not None:
-                    self._send_timer.cancel()
-                self._send_timer = self.clock.call_at(command.not_before, self._go_on)
-                return
-            pending.popleft()
-            if isinstance(command, Send):
-                self.load.bytes_out += len(command.data)
+            command = pending.popleft()
+            if isinstance(command, Send | Break):
+                if command.not_before and command.not_before > self._now():
+                    pending.appendleft(command)
+                    if self._send_timer is not None:
+                        self._send_timer.cancel()
+                    self._send_timer = self.clock.call_at(command.not_before, self._go_on)
+                    return
+                if isinstance(command, Break):
+                    self.port.send_break(command.duration)
+                    continue
+                data = command.data
+                self.load.bytes_out += len(data)
                 if command.marked is not None:
-                    self.port.write_marked(command.data, command.marked)
-                elif self.port.write_through(command.data):  # all has left: `sent` will not be told
-                    pending.extend(self.engine.sent(self.clock.now()))
-            elif isinstance(command, Break):
-                self.port.send_break(command.duration)
+                    self.port.write_marked(data, command.marked)
+                elif self.port.write_through(data) and (more := self.engine.sent(self.clock.now())):
+                    pending.extend(more)  # all has left: `sent` will not be told
             elif isinstance(command, ChangeLine):
                 self.port.change_line(command.line)
                 if self.port.settings is not None:

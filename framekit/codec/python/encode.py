@@ -562,7 +562,13 @@ class EncodeWriter(FunctionWriter):
         if given.in_cases is not None:
             computed = f"{given.in_cases[0]} | {computed}" if given.computed else given.in_cases[0]
             options += f", elsewhere={given.in_cases[1]}"
-        with self.out.block(f"if {self.more_than_needed(given)}:"):
+        more = self.more_than_needed(given)
+        if given.needed and given.computed and not absent and given.in_cases is None and not given.path:
+            constants = {name: text for name, text in given.computed.items() if text.isdecimal()}
+            if constants:  # those may be given too
+                same = " and ".join(f"{given.text}.get({quoted(name)}) == {text}" for name, text in constants.items())
+                more += f" and not (len({given.text}) == {given.needed + len(constants)} and {same})"
+        with self.out.block(f"if {more}:"):
             self.add(f"{check}({given.text}, {given.rules}, {computed}{options})")
 
     def more_than_needed(self, given: Given) -> str:

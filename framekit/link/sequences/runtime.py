@@ -1,14 +1,12 @@
-"""What runs compiled sequences: the machine that all runs of an engine share, and what generated functions call.
+"""What generators of sequences call, and what moves them on: everything that takes no time is done at once.
 
-Everything that takes no time is done at once, then a run waits (guide: sequences). A generated function
-gives the one that goes on, or None when its run waits. Nothing that a definition writes can raise out of the machine:
-what cannot be worked out ends the sequence, and that is shown.
+Nothing that a definition writes can raise out of here: what cannot be worked out ends the sequence, and that is shown.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
@@ -20,29 +18,44 @@ from framekit.link.events import (
     Ask,
     Break,
     ChangeLine,
+    Command,
     Exchange,
+    LinkCounters,
     MemoryAccess,
     Monitor,
     Outcome,
     RequestHandler,
     Seen,
     Send,
+    outcome_of,
 )
-from framekit.link.frame_table import FrameTable, announce
+from framekit.link.frame_table import FrameInfo, announce
 from framekit.link.late import LateReplies
 from framekit.link.output import Output
 from framekit.link.scope import LinkFunctions, Scope, with_date
 from framekit.link.sequences.state import (
+    AGAIN,
+    BYTE,
+    GO,
     MOST_STEPS,
+    NO_NAMES,
     NOT_TAKEN,
-    CallFrame,
+    RESTART,
+    TIMEOUT,
+    Bad,
+    Call,
+    Changing,
     CircleError,
     CompiledSequence,
-    CompiledStep,
-    Next,
+    Failed,
+    Hold,
+    LaneState,
+    Level,
+    Pause,
     Run,
     SessionState,
     State,
+    Wait,
     after,
     begin_clock,
 )
@@ -53,16 +66,21 @@ RECEIVING, PAUSING, ASKING, DONE, GOING = State.RECEIVING, State.PAUSING, State.
 STEPS_OF_TROUBLE = 200
 """What a step that could not be worked out counts for, so that trouble does not go round for long."""
 
+NOTHING: Mapping[str, Any] = {}
+NO_RESULTS: dict[str, Any] = {}
+
+QUEUES = object()
+"""Stands in `ready` where rows that wait for an item or for room are to be asked."""
+
 
 class QueueFull(OverflowError, ValueError):  # noqa: N818 - says what is the case
     """An item was put into a queue that has no room."""
 
 
 class Queues:
-    """The queues of an engine, by name. `is_due`: a row that waits for an item or for room may have it now."""
+    """The queues of an engine, by name."""
 
     def __init__(self, protocol: Protocol) -> None:
-        self.is_due = False
         self.items: dict[str, deque[Any]] = {name: deque() for name in protocol.queues}
         self._sizes = {name: queue.size for name, queue in protocol.queues.items()}
 
@@ -72,12 +90,17 @@ class Queues:
         if len(items) >= self._sizes[name]:
             raise QueueFull(f"the queue '{name}' is full")
         items.append(item)
-        self.is_due = True
 
     def take(self, name: str) -> Any:
         """The oldest item. Raises IndexError when there is none."""
-        self.is_due = True
         return self.items[name].popleft()
+
+    def have_some(self, wanted: tuple[tuple[str | None, str | None], ...]) -> bool:
+        """Whether one of these has an item, or room."""
+        for queue, room in wanted:
+            if (queue is not None and self.items[queue]) or (room is not None and not self.full(room)):
+                return True
+        return False
 
     def empty(self, name: str) -> bool:
         return not self.items[name]
@@ -86,108 +109,245 @@ class Queues:
         return len(self.items[name]) >= self._sizes[name]
 
 
-class Machine:
+class Runs:
     """What all runs of an engine share, and how they go on.
 
-    `changed`: what runs wait for may be other than before; `stirred`: a lane may have room for something to begin.
     `monitor` is shown everything. `on_fault` is shown everything but frames, `on_send` is told of each frame that goes
     out: with these alone no frame is read for being shown. `last_frame`: when the last good frame came or went.
-    `delivered`: frames to be offered as if they had arrived. `callbacks`: to be called when everything else is done.
-    `is_open`: the line is there. `is_idle`: no byte was left to be looked at after the last event. `awaits_frames`:
-    some frames are wanted whenever they come, so what has come of one is no remainder of the past. `need_names`: the
-    frames that are built on names of the exchange. `shown_later`: those that can be read from their
-    bytes at any time, on these names as they were; none where a step changes fields.
+    `ready`: what is to be done next: runs that are over, lanes in which something may begin, frames to be offered as
+    if they had arrived, QUEUES, and calls. `changed`: the wanted frames may have changed. `need_names`: the frames that
+    are built on names of the exchange. `shown_later`: the frames that can be decoded from their bytes at any later
+    time, each with the names its decoding needs.
     """
 
-    def __init__(
-        self, scope: Scope, table: FrameTable, sequences: Mapping[str, CompiledSequence], output: Output
-    ) -> None:
+    server: RequestHandler | None
+    memory: MemoryAccess | None
+    ask_service: Ask | None
+    monitor: Monitor | None
+    on_fault: Monitor | None
+    on_send: Callable[[], None] | None
+    counters: LinkCounters
+
+    def __init__(self, protocol: Protocol, scope: Scope, program: Any, is_stream: bool) -> None:
         self.scope = scope
-        self.table = table
-        self.sequences = sequences
-        self.output = output
-        self.late = LateReplies(scope.protocol, scope)
-        self.queues = Queues(scope.protocol)
+        self.table = program.table
+        self.sequences: Mapping[str, CompiledSequence] = program.sequences
+        self.need_names, self.shown_later = program.need_names, program.shown_later
+        self.copies = program.changes
+        """Whether sequences change fields of frames, so that each exchange has to have a request of its own."""
+        self.commands: list[Command] = []
+        self.output = Output(protocol.line, scope, self.commands, is_stream)
+        self.late = LateReplies(protocol, scope)
+        self.queues = Queues(protocol)
         self.session = SessionState(None, scope)
-        self.server: RequestHandler | None = None
-        self.memory: MemoryAccess | None = None
-        self.ask_service: Ask | None = None
-        self.monitor: Monitor | None = None
-        self.on_fault: Monitor | None = None
-        self.on_send: Callable[[], None] | None = None
         self.last_frame = scope.now
-        self.flush: Callable[[], None] | None = None
-        self.delivered: deque[FrameValue] = deque()
-        self.callbacks: deque[Callable[[], None]] = deque()
-        self.ended: deque[Run] = deque()
-        self.need_names: Collection[str] = table.infos
-        self.shown_later: Mapping[str, tuple[str, ...]] = {}
+        self.ready: deque[Any] = deque()
+        self.order: tuple[Run, ...] = ()
         self.is_open = False
-        self.is_idle = True
-        self.awaits_frames = False
         self.changed = True
-        self.stirred = True
         self.asking: Run | None = None
-        self.has_bytes: Callable[[], bool] = lambda: False
-        self.count_bad: Callable[[], None] = lambda: None
-        self.stream_place: Callable[[], int] = lambda: 0
-        self.drop_stale: Callable[[], None] = lambda: None
+
+    def stir(self, lane: LaneState) -> None:
+        """Something may begin in a lane."""
+        if not lane.is_queued:
+            lane.is_queued = True
+            self.ready.append(lane)
+
+    # what an engine knows
+
+    def has_bytes(self) -> bool:
+        """Whether bytes are at hand that are no frame yet."""
+        raise NotImplementedError
+
+    def stream_place(self) -> int:
+        """How many bytes have been used."""
+        raise NotImplementedError
 
     # ---- going on -----------------------------------------------------------------------------------------
 
-    def start(self, run: Run, sequence: CompiledSequence, context: Exchange) -> None:
+    def begin(self, run: Run, sequence: CompiledSequence, x: Exchange) -> None:
         """A run begins a sequence, and does everything in it that takes no time."""
         run.state = GOING
-        run.top = sequence.frame(run, context, None, False, {})
-        run.has_always = sequence.has_always
+        run.top = level = run.base
+        level.generator, level.x = sequence.begin(run, x, NOTHING), x
         lane = run.lane
         if lane.steps_since != self.scope.now:
             lane.steps_since, lane.steps_done = self.scope.now, 1
-            self.go(run, sequence.begin, run.top)
         else:
-            self.go(run, _first, sequence, run.top)
-
-    def go(self, run: Run, do: Callable[..., Next], *arguments: Any) -> Next:
-        """Does something for a run, and what follows from it. Tells whether it was NOT_TAKEN."""
-        try:
-            following = do(*arguments)
-            if following is NOT_TAKEN:
-                return NOT_TAKEN
-            while following is not None:
-                following = following(run.top)
-        except EVALUATION_ERRORS as error:
-            self._trouble(run, error)
-        except CircleError:
-            self._circle(run)
-        return None
-
-    def _trouble(self, run: Run, error: Exception) -> None:
-        """Something a definition wrote could not be worked out: the sequence ends, its callers may go on."""
-        if self.server is not None and self._owes_reply(run):
-            run.owed = None
-            self.server.unanswered()
-        while run.state is not DONE:
-            run.cause = explain(error)
-            run.lane.steps_done += STEPS_OF_TROUBLE
-            self.show("trouble", reason=f"{run.lane.name}, step {run.top.step.name}: {run.cause}")
             try:
-                following = fail(run.top, "queue_full" if isinstance(error, OverflowError) else "expression")
-                while following is not None:
-                    following = following(run.top)
-                return
-            except EVALUATION_ERRORS as another:
-                error = another
+                count(run)
             except CircleError:
                 self._circle(run)
                 return
+        self.go(run, level, None)
 
-    def _owes_reply(self, run: Run) -> bool:
-        """Whether the request it took last has been carried out and its reply was not built yet."""
-        if run.owed is None or run.state is DONE:
-            return False
-        reply, taken = run.owed
-        d = run.top.d
-        return d.reply is reply and d.last_taken is taken and not reply.was_built
+    def go(self, run: Run, level: Level, value: Any) -> bool:
+        """Tells a generator of a run what came, and does what follows from it. Whether it applied."""
+        due = run.asked
+        try:
+            wait = level.generator.send(value)
+        except StopIteration as end:
+            result = end.value
+            if level is run.top and level.caller is None and type(result) is dict and run.kind != "listen":
+                self.finish(run, None, result)
+                return True
+            return run.state is DONE or self._go_on(run, *self._left(run, level, result), due)
+        except CircleError:
+            self._circle(run)
+            return True
+        if type(wait) is Wait and level is run.top:
+            self._park(run, level, wait)
+            return True
+        return self._waits(run, level, wait, due, False)
+
+    def _go_on(self, run: Run, level: Level | None, value: Any, due: Any, error: Exception | None = None) -> bool:
+        """The same for what follows, where something does; or something to be raised in it."""
+        while level is not None:
+            try:
+                wait = level.generator.send(value) if error is None else level.generator.throw(error)
+            except StopIteration as end:
+                if run.state is DONE:
+                    return True
+                level, value = self._left(run, level, end.value)
+                error = None
+                continue
+            except CircleError:
+                self._circle(run)
+                return True
+            return self._waits(run, level, wait, due, True)
+        return True
+
+    def _waits(self, run: Run, level: Level, wait: Any, due: Any, applied: bool) -> bool:
+        """A generator waits for something. Whether what it was told applied, or had already."""
+        if wait is NOT_TAKEN:
+            return applied
+        if wait is AGAIN or wait is RESTART or run.state is DONE:
+            run.asked = due
+            if wait is RESTART:
+                begin_clock(run, self.scope.now)
+            return True
+        if level is not run.top:
+            self._abandon_above(run, level)
+        kind = type(wait)
+        if kind is Wait:
+            self._park(run, level, wait)
+            return True
+        run.wait = level.wait = wait
+        run.expected = NO_NAMES
+        run.wait_number += 1
+        self.changed = True
+        if kind is Call:
+            try:
+                count(run)
+            except CircleError:
+                self._circle(run)
+                return True
+            name, given = run.wanted
+            run.state = GOING
+            run.top = called = Level(self.sequences[name].begin(run, level.x, given), level.x, level, False)
+            return self._go_on(run, called, None, due)
+        if kind is Pause:
+            self._pause(run)
+            if "on_byte" in wait.events and self.has_bytes():
+                return self._go_on(run, level, BYTE, due)
+        elif kind is Hold:
+            run.state, run.started, run.deadline = State.HELD, self.scope.now, self.late.until
+        elif kind is Changing:
+            run.state, run.deadline = State.CHANGING, NEVER
+            run.change.run, run.change.number = run, run.wait_number
+        else:
+            error = self._ask(run, level)
+            if error is not None:
+                return self._go_on(run, level, None, due, error)
+        return True
+
+    def _park(self, run: Run, level: Level, wait: Wait) -> None:
+        """A run waits for rows."""
+        x, now = level.x, self.scope.now
+        run.wait = level.wait = wait
+        run.state, run.candidate = RECEIVING, None
+        plan = wait.plans.get(x.expected) if level.caller is None else wait.plan_in(level)
+        run.plan = plan = plan or wait.plan(x.expected)
+        run.expected = plan.frames
+        run.wait_number += 1
+        if wait.queues and self.queues.have_some(wait.queues):
+            self.queues_changed()
+        if run.lane.waiting:
+            self.stir(run.lane)
+        if not wait.is_timed:
+            run.complete = run.gap = None
+            run.longest = NEVER
+        waits = run.clock_waits = run.unsent > 0
+        run.started = now
+        run.deadline = run.within = NEVER if waits or run.longest >= NEVER else now + run.longest
+        if not wait.numbered and x.checks_echo and x.last_sent is not None:
+            run.asked = x
+            self.late.within = run.longest
+        self.changed = True
+
+    def _pause(self, run: Run) -> None:
+        now = self.scope.now
+        run.state = PAUSING
+        run.candidate = None
+        run.clock_waits = run.unsent > 0
+        run.started = now
+        run.deadline = NEVER if run.clock_waits else after(now, run.pause)
+
+    def _ask(self, run: Run, level: Level) -> Exception | None:
+        """Runs a service; its exchanges run inside this step. What cannot be asked is an error of the step."""
+        run.state, run.deadline = ASKING, NEVER
+        service, given = run.wanted
+        before, self.asking = self.asking, run
+        try:
+            if self.ask_service is None:
+                raise ValueError("nobody here runs services")
+            self.ask_service(service, given, level.x.station, Asked(self, run, level))
+        except EVALUATION_ERRORS as error:
+            return error
+        finally:
+            self.asking = before
+        return None
+
+    def _left(self, run: Run, level: Level, result: Any) -> tuple[Level | None, Any]:
+        """A sequence has ended, with results or failed: its caller goes on, or the run is over."""
+        if level is not run.top:
+            self._abandon_above(run, level)
+        caller = level.caller
+        if caller is None:
+            if type(result) is dict:
+                if run.kind == "listen" and not run.lane.waiting and self.is_open:
+                    return self._listen_again(run, level.x)
+                self.finish(run, None, result)
+            else:
+                self.finish(run, failure_of(run, level.x, result))
+            return None, None
+        run.top = caller
+        if level.nested:
+            outcome = outcome_of(level.x, result) if type(result) is dict else failure_of(run, level.x, result)
+            self._end_nested(run, level.x, outcome)
+            return None, None
+        if run.asked is not None:
+            missed(run)
+        run.state, run.deadline, run.expected = GOING, NEVER, NO_NAMES
+        return caller, result
+
+    def _listen_again(self, run: Run, x: Exchange) -> tuple[Level | None, Any]:
+        """A listener begins anew: nothing else waits for its lane."""
+        lane = run.lane
+        if lane.steps_since != self.scope.now:
+            lane.steps_since, lane.steps_done = self.scope.now, 1
+        else:
+            try:
+                count(run)
+            except CircleError:
+                self._circle(run)
+                return None, None
+        run.cause, run.deadline = "", NEVER
+        level = run.top
+        x.request, x.buffer = None, b""
+        x.begin(self.scope, False)
+        level.generator = self.sequences[run.lane.listen or ""].begin(run, x, NOTHING)
+        return level, None
 
     def _circle(self, run: Run) -> None:
         run.cause = "steps go round without waiting"
@@ -198,20 +358,88 @@ class Machine:
         """The whole run ends, whatever its sequences would do about it."""
         if run.state is not DONE:
             *_, first = run.calls()
-            abandon_above(first)
-            finish(run, Outcome(False, outcome, run.cause))
+            self._abandon_above(run, first)
+            self.finish(run, Outcome(False, outcome, run.cause))
+
+    def finish(self, run: Run, outcome: Outcome | None, results: dict[str, Any] = NO_RESULTS) -> None:
+        """The run is over, with results, or as `outcome` says."""
+        if run.state is DONE:
+            return
+        if run.asked is not None:
+            missed(run)
+        run.state, run.deadline, run.expected = DONE, NEVER, NO_NAMES
+        run.top = run.base.generator = None  # type: ignore[assignment] # nothing leads from one to the other now
+        self.changed = True
+        run.outcome, run.results = outcome, results
+        self.ready.append(run)
+
+    def _abandon_above(self, run: Run, level: Level) -> None:
+        """Drops the calls above one."""
+        while run.top is not None and run.top is not level:
+            dropped = run.top
+            run.top = dropped.caller  # type: ignore[assignment] # of what stands above another one
+            if dropped.nested:
+                self.tell(dropped.x, Outcome(False, "abandoned", run.cause))
+
+    def go_on(self, run: Run) -> None:
+        """What has held it back, its pause or the change of the line is over."""
+        if run.asked is not None:
+            missed(run)
+        run.state, run.deadline = GOING, NEVER
+        self.changed = True
+        self.go(run, run.top, GO)
 
     def time_up(self, run: Run) -> None:
         """A time limit of the run has run out, or its pause is over."""
-        self.go(run, _time_up, run)
+        if run.state is PAUSING:
+            self.go_on(run)
+        elif run.state is RECEIVING:
+            run.deadline = run.within = NEVER
+            run.candidate = None
+            run.cause = run.cause or "nothing came in time"
+            self.go(run, run.top, TIMEOUT)
 
-    def go_on(self, run: Run) -> None:
-        """What has held it back is over: it sends now."""
-        self.go(run, _go_on, run)
+    # ---- services that steps ask for ----------------------------------------------------------------------
 
     def start_inside(self, run: Run, exchange: Exchange) -> None:
         """An exchange of the service that the run's `ask` step has asked for."""
-        self.go(run, _start_inside, run, exchange)
+        sequence = self.sequences[exchange.run or run.lane.exchange[0]]
+        x = exchange.begin(self.scope)
+        run.top = level = Level(sequence.begin(run, x, NOTHING), x, run.top, True)
+        run.state = GOING
+        try:
+            count(run)
+        except CircleError:
+            self._circle(run)
+        else:
+            self.go(run, level, None)
+
+    def _end_nested(self, run: Run, x: Exchange, outcome: Outcome) -> None:
+        if run.asked is not None:
+            missed(run)
+        run.state, run.deadline, run.expected = ASKING, NEVER, NO_NAMES
+        self.changed = True
+
+        def tell() -> None:
+            before, self.asking = self.asking, run
+            try:
+                x.ended(outcome)
+            finally:
+                self.asking = before
+
+        self.ready.append(tell)
+
+    def answered(self, run: Run, level: Level, x: Exchange, outcome: Outcome) -> None:
+        """The service that a step asked for is done."""
+        if run.state is not ASKING or run.top is not level or level.x is not x:
+            return
+        run.state, run.deadline = GOING, NEVER
+        self.changed = True
+        if outcome.ok:
+            self.go(run, level, outcome.results)
+        else:
+            run.cause = outcome.cause
+            self.go(run, level, Failed(outcome.outcome or "refused", {}))
 
     # ---- sending ------------------------------------------------------------------------------------------
 
@@ -231,9 +459,8 @@ class Machine:
     def put_out(self, run: Run, data: bytes, value: FrameValue, repeated: bool = False) -> None:
         """Gives the bytes of a frame to the line, and shows it."""
         self.last_frame = self.scope.now
-        reply = None if run.owed is None else run.owed[0]
-        if reply is not None and reply.raw is None and reply.pending is None and reply.frame in frames_in(value):
-            run.owed = None  # it was made anew of its fields, or stands deep inside
+        if run.owed is not None:
+            self.settle_owed(run, value)
         if self.on_send is not None:
             self.on_send()
         if self.monitor is not None:
@@ -241,19 +468,12 @@ class Machine:
         if self.output.put(Send(data, 0, False, run, self.table.infos[value.frame])):
             run.unsent += 1
 
-    def left(self, run: Run) -> None:
-        """The last bit of something the run sent has left the line: its clock may begin."""
-        run.unsent = unsent = run.unsent - 1 if run.unsent > 1 else 0
-        if unsent or not run.clock_waits or run.state is DONE:
-            return
-        now, run.clock_waits = self.scope.now, False
-        run.started = now
-        if run.state is PAUSING:
-            run.deadline = after(now, run.pause)
-            return
-        run.within = now + run.longest if run.longest < NEVER else NEVER
-        if run.candidate is None:
-            run.deadline = run.within
+    def settle_owed(self, run: Run, value: FrameValue) -> None:
+        """A frame is sent that may be, or hold, the reply to the last request."""
+        assert run.owed is not None
+        reply = run.owed[0]
+        if reply.raw is None and reply.pending is None and reply.frame in frames_in(value):
+            run.owed = None  # it was made anew of its fields, or stands deep inside
 
     def line_changed(self, change: ChangeLine, is_other: bool) -> None:
         """All that was sent before has left, and the line has these settings: a run that waits for that goes on."""
@@ -261,20 +481,28 @@ class Machine:
             self.show("line", "out", reason=str(change.line))
         run = change.run
         if run is not None and run.state is State.CHANGING and run.wait_number == change.number:
-            self.callbacks.append(partial(self.go_on, run))
+            self.ready.append(partial(self._changed, run, change.number))
+
+    def _changed(self, run: Run, number: int) -> None:
+        if run.state is State.CHANGING and run.wait_number == number:
+            self.go_on(run)
 
     # ---- queues, memory -----------------------------------------------------------------------------------
 
+    def queues_changed(self) -> None:
+        """A row that waits for an item or for room may have it now."""
+        if QUEUES not in self.ready:
+            self.ready.append(QUEUES)
+
     def take_item(self, queue: str) -> Any:
-        self.changed = self.stirred = True
+        self.queues_changed()
         return self.queues.take(queue)
 
     def deliver(self, value: Any) -> None:
         """A frame is offered as if it had arrived."""
         if type(value) is not FrameValue:
             raise TypeError("only a frame can be delivered")
-        self.delivered.append(value)
-        self.changed = self.stirred = True
+        self.ready.append(value)
 
     def store(self, address: str, data: bytes) -> None:
         if self.memory is None:
@@ -327,7 +555,7 @@ class Machine:
 
     def tell(self, exchange: Exchange, outcome: Outcome) -> None:
         """Calls back when everything that follows at this point has been done."""
-        self.callbacks.append(partial(exchange.ended, outcome))
+        self.ready.append(partial(exchange.ended, outcome))
 
 
 def _plain_of(value: FrameValue) -> dict[str, Any]:
@@ -338,7 +566,7 @@ def _plain_of(value: FrameValue) -> dict[str, Any]:
 class EngineFunctions(LinkFunctions):
     """What expressions find under the name `functions`: queues, the device's memory, the clock."""
 
-    def __init__(self, machine: Machine) -> None:
+    def __init__(self, machine: Runs) -> None:
         super().__init__(machine.scope)
         self._machine = machine
 
@@ -358,26 +586,25 @@ class EngineFunctions(LinkFunctions):
         return with_date(clock, frame, mode)
 
 
-class _Asked:
+class Asked:
     """What the callback of an `ask` step gets."""
 
-    def __init__(self, frame: CallFrame) -> None:
-        self.frame = frame
-        self.run = frame.run
-        self.params = frame.d.params
+    def __init__(self, machine: Runs, run: Run, level: Level) -> None:
+        self.machine, self.run, self.level, self.x = machine, run, level, level.x
+        self.params = level.x.params
 
     def __call__(self, outcome: Outcome) -> None:
-        machine, run, frame = self.run.machine, self.run, self.frame
-        machine.callbacks.append(lambda: machine.go(run, _answered, frame, outcome))
-        machine.changed = True
+        self.machine.ready.append(partial(self.machine.answered, self.run, self.level, self.x, outcome))
 
 
-# ---- from sequence to sequence ----------------------------------------------------------------------------------
+def failure_of(run: Run, x: Exchange, failed: Failed) -> Outcome:
+    """The outcome of a failure, with the results as far as there are any: a refusing reply, say."""
+    found = outcome_of(x, failed.results)
+    found.ok, found.outcome, found.cause = False, failed.outcome, run.cause
+    return found
 
 
-def _first(sequence: CompiledSequence, frame: CallFrame) -> Next:
-    count(frame.run)
-    return sequence.begin(frame)
+# ---- what generators call -------------------------------------------------------------------------------------------
 
 
 def count(run: Run) -> None:
@@ -393,299 +620,30 @@ def count(run: Run) -> None:
         lane.steps_at, lane.steps_done = place, 0  # thousands of frames that came at once
 
 
-def call(a: CallFrame, name: str, given: dict[str, Any]) -> Next:
-    """Begins another sequence; its results come to `back` of the step."""
-    run = a.run
-    count(run)
-    sequence = run.machine.sequences[name]
-    run.top = sequence.frame(run, a.d, a, False, given)
-    run.has_always = run.has_always or sequence.has_always
-    return sequence.begin
-
-
-def _start_inside(run: Run, exchange: Exchange) -> Next:
+def trouble(run: Run, x: Exchange, step: str, error: Exception) -> str:
+    """Something a definition wrote could not be worked out: that is shown, and the sequence fails."""
     machine = run.machine
-    sequence = machine.sequences[exchange.run or run.lane.exchange[0]]
-    run.top = sequence.frame(run, exchange.begin(machine.scope), run.top, True, {})
-    run.has_always = run.has_always or sequence.has_always
-    return _first(sequence, run.top)
+    if machine.server is not None and _owes_reply(run, x):
+        run.owed = None
+        machine.server.unanswered()
+    run.cause = explain(error)
+    run.lane.steps_done += STEPS_OF_TROUBLE
+    machine.show("trouble", reason=f"{run.lane.name}, step {step}: {run.cause}")
+    return "queue_full" if isinstance(error, OverflowError) else "expression"
 
 
-def ask(a: CallFrame, service: str, given: dict[str, Any]) -> None:
-    """Runs a service; its exchanges run inside this step."""
-    run, machine = a.run, a.m
-    if machine.ask_service is None:
-        raise ValueError("nobody here runs services")
-    run.state = ASKING
-    machine.changed = True
-    before, machine.asking = machine.asking, run
-    try:
-        machine.ask_service(service, given, a.d.station, _Asked(a))
-    finally:
-        machine.asking = before
+def _owes_reply(run: Run, x: Exchange) -> bool:
+    """Whether the request it took last has been carried out and its reply was not built yet."""
+    if run.owed is None or run.state is DONE:
+        return False
+    reply, taken = run.owed
+    return x.reply is reply and x.last_taken is taken and not reply.was_built
 
 
-def _answered(a: CallFrame, outcome: Outcome) -> Next:
-    """The service that a step asked for is done."""
-    run = a.run
-    if run.state is not ASKING or run.top is not a:
-        return None
-    run.state, run.deadline = GOING, NEVER
-    a.m.changed = True
-    if outcome.ok:
-        return a.step.back(a, outcome.results)
-    run.cause = outcome.cause
-    name = outcome.outcome or "refused"
-    a.outcome, a.cause = name, run.cause
-    return handled(a, "on_fail", name)
-
-
-def end(a: CallFrame) -> Next:
-    """A sequence has come to its end: results to its caller, or to what started it."""
-    run = a.run
-    results = a.results()
-    caller = a.caller
-    if caller is None:
-        machine = a.m
-        if run.kind == "listen" and not run.lane.waiting and machine.is_open and run.state is not DONE:
-            return _listen_again(run)
-        finish(run, _outcome(a.d, results))
-        return None
-    run.top = caller
-    if a.nested:
-        _end_nested(run, a.d, _outcome(a.d, results))
-        return None
-    if run.asked is not None:
-        missed(run)
-    run.state, run.deadline = GOING, NEVER
-    return partial(_back, results)
-
-
-def _back(results: dict[str, Any], a: CallFrame) -> Next:
-    return a.step.back(a, results)
-
-
-def _listen_again(run: Run) -> Next:
-    """A listener begins anew: nothing else waits for its lane."""
-    count(run)
-    run.cause = ""
-    run.deadline = NEVER
-    machine = run.machine
-    sequence = machine.sequences[run.lane.listen]
-    run.top = sequence.frame(run, Exchange().begin(machine.scope, False), None, False, {})
-    run.has_always = sequence.has_always
-    return sequence.begin
-
-
-def fail(a: CallFrame, outcome: str) -> Next:
-    """A sequence fails: its caller handles that, or fails too."""
-    run, caller = a.run, a.caller
-    if run.state is DONE:
-        return None
-    if caller is None:
-        finish(run, _failure(a, outcome))
-        return None
-    run.top = caller
-    if a.nested:
-        _end_nested(run, a.d, _failure(a, outcome))
-        return None
-    if run.asked is not None:
-        missed(run)
-    run.state, run.deadline = GOING, NEVER
-    caller.outcome, caller.cause = outcome, run.cause
-    return handled(caller, "on_fail", outcome)
-
-
-def _failure(a: CallFrame, outcome: str) -> Outcome:
-    """The outcome of a failure, with the results as far as there are any: a refusing reply, say."""
-    results = {}
-    for name, give in a.gives:
-        try:
-            results[name] = give(a)
-        except EVALUATION_ERRORS:
-            continue
-    found = _outcome(a.d, results)
-    found.ok, found.outcome, found.cause = False, outcome, a.run.cause
-    return found
-
-
-def _outcome(d: Exchange, results: dict[str, Any]) -> Outcome:
-    reply, buffer = results.get("reply"), results.get("buffer", b"")
-    return Outcome(
-        True,
-        "",
-        "",
-        reply if type(reply) is FrameValue else None,
-        buffer if isinstance(buffer, bytes) else b"",
-        results,
-        d.raw,
-    )
-
-
-def finish(run: Run, outcome: Outcome) -> None:
-    """The run is over."""
-    if run.state is DONE:
-        return
-    if run.asked is not None:
-        missed(run)
-    run.state = DONE
-    run.deadline = NEVER
-    run.outcome = outcome
-    run.top = None  # type: ignore[assignment] # nothing leads from one to the other when both are over
-    machine = run.machine
-    machine.changed = True
-    machine.ended.append(run)
-
-
-def _end_nested(run: Run, d: Exchange, outcome: Outcome) -> None:
-    if run.asked is not None:
-        missed(run)
-    run.state, run.deadline = ASKING, NEVER
-    machine = run.machine
-    machine.changed = True
-
-    def tell() -> None:
-        before, machine.asking = machine.asking, run
-        try:
-            d.ended(outcome)
-        finally:
-            machine.asking = before
-
-    machine.callbacks.append(tell)
-
-
-def abandon_above(a: CallFrame) -> None:
-    """Drops the calls above a call frame."""
-    run = a.run
-    while run.top is not None and run.top is not a:
-        dropped = run.top
-        run.top = dropped.caller  # type: ignore[assignment] # of what stands above another one
-        if dropped.nested:
-            run.machine.tell(dropped.d, Outcome(False, "abandoned", run.cause))
-
-
-# ---- handlers ---------------------------------------------------------------------------------------------------
-
-
-def handled(a: CallFrame, event: str, outcome: str) -> Next:
-    """What the step's handler of an event does; without one that applies the sequence fails with `outcome`."""
-    handler = a.step.handlers.get(event)
-    if handler is not None:
-        following = handler(a)
-        if following is not NOT_TAKEN:
-            return following
-    return fail(a.run.top, outcome)
-
-
-def exhausted(a: CallFrame) -> Next:
-    """A limit of the step is used up."""
-    return handled(a, "on_exhausted", "exhausted")
-
-
-def resend(a: CallFrame) -> Next:
-    """Sends again what the step has sent, if it may."""
-    run, retries = a.run, a.step.retries
-    if run.given_up or (retries is not None and a.resends >= retries(a)):
-        return exhausted(a)
-    a.resends += 1
-    still_due(run)
-    if a.sent is not None:
-        run.machine.put_out(run, a.sent[0], a.sent[1], True)
-    if run.state is RECEIVING:
-        begin_clock(run, run.machine.scope.now)
-        return None
-    return wait(a, a.step)
-
-
-def unclear(a: CallFrame, error: Exception) -> bool:
+def unclear(m: Runs, step: str, error: Exception) -> bool:
     """A condition that cannot be worked out for a frame does not hold; that is shown."""
-    a.m.show("trouble", reason=f"step {a.step.name}, condition of a row: {explain(error)}")
+    m.show("trouble", reason=f"step {step}, condition of a row: {explain(error)}")
     return False
-
-
-# ---- waiting ----------------------------------------------------------------------------------------------------
-
-
-def wait(a: CallFrame, step: CompiledStep) -> Next:
-    """Waits for the rows of the step."""
-    run = a.run
-    if run.state is DONE:
-        return None
-    machine, d = run.machine, a.d
-    run.state = RECEIVING
-    machine.changed = True
-    if run.lane.waiting:
-        machine.stirred = True
-    expected = d.expected
-    run.rows, run.expected = step.rows.known.get(expected) or step.rows.of(expected)
-    run.wants_others = step.wants_others
-    if run.has_always:
-        run.expected = _with_always(run)
-    run.candidate = None
-    run.wait_number += 1
-    if step.queue_rows:
-        machine.queues.is_due = True
-    if step.is_timed:
-        begin_clock(run, machine.scope.now)
-    else:
-        run.started = machine.scope.now
-        run.complete = run.gap = None
-        run.longest = run.within = run.deadline = NEVER
-        run.clock_waits = False
-    if d.checks_echo and d.last_sent is not None and not step.numbered:
-        run.asked = a
-        machine.late.within = run.longest
-    return None
-
-
-def _with_always(run: Run) -> tuple[str, ...]:
-    """The frames of the step's rows, then of `always` rows, its own sequence's and its callers'."""
-    found = dict.fromkeys(run.expected)
-    for frame in run.calls():
-        if frame.step.always is not None:
-            found.update(dict.fromkeys(frame.step.always.of(frame.d.expected)[1]))
-    return tuple(found)
-
-
-def pause(a: CallFrame, time: int, go_on: Any) -> Next:
-    """Waits for a time, then `go_on`; bytes that are there already count as coming now."""
-    run, machine = a.run, a.m
-    if run.state is DONE:
-        return None
-    run.state = PAUSING
-    run.pause = time
-    run.go_on = go_on
-    run.wait_number += 1
-    machine.changed = True
-    begin_clock(run, machine.scope.now)
-    handler = a.step.handlers.get("on_byte")
-    if handler is not None and machine.has_bytes():
-        following = handler(a)
-        if following is not NOT_TAKEN:
-            return following
-    return None
-
-
-def _go_on(run: Run) -> Next:
-    if run.asked is not None:
-        missed(run)
-    run.state, run.deadline = GOING, NEVER
-    run.machine.changed = True
-    return run.go_on(run.top)
-
-
-def _time_up(run: Run) -> Next:
-    if run.state is PAUSING:
-        return _go_on(run)
-    if run.state is not RECEIVING:
-        return None
-    run.deadline = run.within = NEVER
-    run.candidate = None
-    run.cause = run.cause or "nothing came in time"
-    return handled(run.top, "on_timeout", "timeout")
-
-
-# ---- late replies -----------------------------------------------------------------------------------------------
 
 
 def missed(run: Run) -> None:
@@ -697,7 +655,7 @@ def missed(run: Run) -> None:
 def still_due(run: Run) -> None:
     """What it has asked for has not come; it asks again, or does something else."""
     if run.asked is not None:
-        run.machine.late.missed(run.asked.names(), run.started, run.longest)
+        run.machine.late.missed(run.asked.names, run.started, run.longest)
 
 
 def replied(run: Run) -> None:
@@ -705,100 +663,65 @@ def replied(run: Run) -> None:
     asked, run.asked = run.asked, None
     late = run.machine.late
     if asked is not None and late.until:
-        late.extend(asked.names(), run.started, run.longest)
+        late.extend(asked.names, run.started, run.longest)
 
 
-def is_held(a: CallFrame, go_on: Any, value: Any = None) -> bool:
-    """Whether an exchange has to wait before it sends `value`, or a break: then it does, and `go_on` is done after."""
-    machine, d, run = a.m, a.d, a.run
-    late, now = machine.late, machine.scope.now
-    if not d.checks_echo or late.until <= now or _repeats(a, value):
+def is_held(m: Runs, run: Run, x: Exchange, value: Any, names: Names | None = None) -> bool:
+    """Whether an exchange has to wait before it sends `value`, or a break.
+
+    It need not where it has sent the same bytes last: whichever reply comes, it is one to this request.
+    """
+    if not x.checks_echo or m.late.until <= m.scope.now:
         return False
-    run.state = State.HELD
-    run.go_on = go_on
-    run.started, run.deadline = now, late.until
-    machine.changed = True
-    return True
+    last = x.last_sent
+    is_same = last is not None and type(value) is FrameValue and m.table.encode(value, names) == last.raw
+    return not is_same
 
 
-def _repeats(a: CallFrame, value: Any) -> bool:
-    """Whether the exchange has sent the same bytes last: whichever reply comes, it is one to this request."""
-    last = a.d.last_sent
-    return last is not None and type(value) is FrameValue and a.m.table.encode(value, a.names()) == last.raw
-
-
-# ---- what steps and rows do -------------------------------------------------------------------------------------
-
-
-def cut_parts(a: CallFrame, data: bytes, most: int) -> bool:
-    """Cuts what a step does piece by piece. Tells whether there is a piece."""
+def cut_parts(data: bytes, most: int) -> list[bytes]:
+    """Cuts what a step does piece by piece."""
     if most <= 0:
         raise ValueError(f"pieces of {most} bytes cannot be cut")
-    a.parts = [data[start : start + most] for start in range(0, len(data), most)]
-    return bool(a.parts)
+    return [data[start : start + most] for start in range(0, len(data), most)]
 
 
-def begin_part(a: CallFrame, index: int) -> None:
+def begin_part(run: Run, parts: list[bytes], index: int) -> dict[str, Any]:
     """The step is done for this piece."""
-    count(a.run)
-    if a.run.asked is not None:
-        missed(a.run)
-    parts = a.parts or []
+    count(run)
+    if run.asked is not None:
+        missed(run)
     following = len(parts[index + 1]) if index + 1 < len(parts) else 0
-    a.part_index = index
-    a.resends = 0
-    a.part = {"data": parts[index], "index": index, "last": int(not following), "next": following}
+    return {"data": parts[index], "index": index, "last": int(not following), "next": following}
 
 
-def has_more(a: CallFrame) -> bool:
-    """Whether another piece follows."""
-    return bool(a.parts) and a.part_index + 1 < len(a.parts or ())
-
-
-def hold_break(a: CallFrame, duration: int) -> None:
-    machine, run = a.m, a.run
-    if duration > 0 and machine.output.put(Break(duration, 0, run)):
+def hold_break(m: Runs, run: Run, duration: int) -> None:
+    if duration > 0 and m.output.put(Break(duration, 0, run)):
         run.unsent += 1
-        if machine.monitor is not None:
-            machine.show("break", "out")
+        if m.monitor is not None:
+            m.show("break", "out")
 
 
-def change_line(a: CallFrame, speed: Any, format: Any, go_on: Any) -> Next:
-    """Other speed and format when all that was sent has left; the run goes on then. None stays as it is."""
-    run, machine = a.run, a.m
-    line = machine.scope.line.line
-    if run.state is DONE:
-        return None
+def change_line(m: Runs, speed: Any, format: Any) -> ChangeLine | None:
+    """Other speed and format when all that was sent has left; None: that is so already. None stays as it is."""
+    line = m.scope.line.line
     if line is None:  # there is nothing to change on a stream
-        return go_on
+        return None
     shape = str(line).partition(" ")[2] if format is None else format
-    change = machine.output.change_line(parse_format(shape, line.speed if speed is None else speed))
-    if change is None:
-        return go_on
-    return _until_changed(run, change, go_on)
+    return m.output.change_line(parse_format(shape, line.speed if speed is None else speed))
 
 
-def own_line(a: CallFrame, go_on: Any) -> Next:
+def own_line(m: Runs) -> ChangeLine | None:
     """As `change_line`, to the line's own settings."""
-    own = a.m.scope.line.own
-    return go_on if own is None else change_line(a, own.speed, str(own).partition(" ")[2], go_on)
+    own = m.scope.line.own
+    return None if own is None else change_line(m, own.speed, str(own).partition(" ")[2])
 
 
-def _until_changed(run: Run, change: ChangeLine, go_on: Any) -> Next:
-    run.state, run.deadline = State.CHANGING, NEVER
-    run.go_on = go_on
-    run.wait_number += 1
-    run.machine.changed = True
-    change.run, change.number = run, run.wait_number
-    return None
-
-
-def decoded(a: CallFrame, frames: tuple[str, ...], data: Any) -> FrameValue | None:
-    """Bytes as the first of these frames that they are; None if they are none: that is counted and shown.
+def decoded(m: Runs, run: Run, names: Names, frames: tuple[str, ...], data: Any) -> FrameValue | Bad:
+    """Bytes as the first of these frames that they are; else what is wrong with them: that is counted and shown.
 
     Raises TypeError for what is no bytes.
     """
-    machine, run, names, table = a.m, a.run, a.names(), a.m.table
+    table = m.table
     if not isinstance(data, (bytes, bytearray)):
         raise TypeError("only bytes can be decoded")
     raw, found = bytes(data), list[tuple[int, str, FrameError]]()
@@ -808,78 +731,112 @@ def decoded(a: CallFrame, frames: tuple[str, ...], data: Any) -> FrameValue | No
         except FrameError as error:
             if error.refuse is not None:
                 value = table.received(name, dict(error.fields), raw, error.refuse)
-                machine.accept(value)
+                m.accept(value)
                 return value
             first = error.also or error
             found.append((len(raw) if first.cause == "check" else first.offset, name, error))
         else:
-            machine.accept(value)
+            m.accept(value)
             return value
     _, frame, fault = max(found, key=lambda one: one[0])  # the first of those that got furthest
-    a.cause, a.frame, run.state = fault.cause, frame, GOING
+    run.state = GOING
     run.cause = f"{frame}: {fault}"
-    machine.count_bad()
-    machine.show(
-        "bad", "in", raw, frame, reason=fault.cause, started_at=machine.scope.now, segment=fault.segment,
-        place=fault.offset,
-    )  # fmt: skip
-    return None
+    m.counters.bad += 1
+    m.show(
+        "bad", "in", raw, frame, reason=fault.cause, started_at=m.scope.now, segment=fault.segment, place=fault.offset
+    )
+    return Bad(fault.cause, frame)
 
 
-def serve(a: CallFrame, request: Any, buffer: bytes, station: Any, check_only: bool) -> None:
+def serve(m: Runs, run: Run, x: Exchange, request: Any, buffer: bytes, station: Any, check_only: bool) -> None:
     """Has a request done; its answer stands in `reply`, `reply_buffer` and `refusal` then."""
-    machine, d = a.m, a.d
-    if machine.server is None:
+    if m.server is None:
         raise ValueError("nobody here serves requests")
     if type(request) is not FrameValue:
         raise TypeError("only a frame can be served")
-    served = machine.server.serve(request, buffer, station, check_only, d.names)
+    served = m.server.serve(request, buffer, station, check_only, x.names)
     if served.trouble:
-        machine.show("trouble", frame=request.frame, reason=served.trouble)
-    d.reply, d.reply_buffer, d.refusal = served.reply, served.reply_buffer, served.refusal
-    d.answers(request)
+        m.show("trouble", frame=request.frame, reason=served.trouble)
+    x.reply, x.reply_buffer, x.refusal = served.reply, served.reply_buffer, served.refusal
+    x.answers(request)
     is_owed = not check_only and served.reply is not None and not served.refusal
-    a.run.owed = (served.reply, d.last_taken) if is_owed and served.reply is not None else None
+    run.owed = (served.reply, x.last_taken) if is_owed and served.reply is not None else None
     if not check_only:
-        d.buffer = served.reply_buffer
+        x.buffer = served.reply_buffer
 
 
-def put(a: CallFrame, queue: str, item: dict[str, Any]) -> None:
+def put(m: Runs, queue: str, item: dict[str, Any], names: Names) -> None:
     """Puts an item into a queue; a frame in it gets its computed fields now."""
-    machine = a.m
     for value in item.values():
         if type(value) is FrameValue and value.raw is None:
-            machine.table.encode(value, a.names())
+            m.table.encode(value, names)
             value.complete()
-    machine.queues.put(queue, item)
-    machine.changed = machine.stirred = True
+    m.queues.put(queue, item)
+    m.queues_changed()
 
 
-def set_field(a: CallFrame, holder: Any, field: str, value: Any) -> None:
+def set_field(m: Runs, holder: Any, field: str, value: Any) -> None:
     """Sets a field of a frame or a record."""
     if type(holder) is FrameValue:
-        numbers = a.m.table.infos[holder.frame].numbers.get(field)
+        numbers = m.table.infos[holder.frame].numbers.get(field)
         holder.set_field(field, numbers.get(value, value) if numbers and isinstance(value, str) else value)
     else:
         holder[field] = value
 
 
-def send_value(a: CallFrame, value: Any) -> tuple[bytes, FrameValue] | None:
-    """Sends a frame value; None sends nothing. Raises ValueError for values that the frame cannot carry."""
-    if value is None:
-        return None
+def needs_names(m: Runs, value: Any) -> bool:
+    """Whether a frame is built on names of the exchange."""
+    return type(value) is not FrameValue or value.frame in m.need_names
+
+
+def send_value(m: Runs, run: Run, x: Exchange, value: Any, names: Names) -> tuple[bytes, FrameValue]:
+    """Sends a frame value. Raises ValueError for values that the frame cannot carry."""
     if type(value) is not FrameValue:
         raise TypeError(f"{value!r} is no frame and cannot be sent")
-    return send_made(a, value, a.names() if value.frame in a.m.need_names else a.n)
+    return send_made(m, run, x, value, names)
 
 
-def send_made(a: CallFrame, value: FrameValue, names: Names) -> tuple[bytes, FrameValue]:
+def send_made(m: Runs, run: Run, x: Exchange, value: FrameValue, names: Names) -> tuple[bytes, FrameValue]:
     """Sends a frame that has been made; its fields are worked out on `names`."""
-    machine, d = a.m, a.d
-    if not d.checks_echo:
-        machine.table.fill_echo(value, d.answering, d.last_taken)
-    data = machine.table.encode(value, names)
-    machine.announce(value)
-    d.last_sent = value
-    machine.put_out(a.run, data, value)
+    if not x.checks_echo:
+        m.table.fill_echo(value, x.answering, x.last_taken)
+    return send_built(m, run, x, m.table.infos[value.frame], value, names)
+
+
+def send_built(
+    m: Runs, run: Run, x: Exchange, info: FrameInfo, value: FrameValue, names: Names
+) -> tuple[bytes, FrameValue]:
+    """Sends a frame all whose fields are there."""
+    data = value.built
+    if data is None:
+        fields, inner = value.fields, info.inner or ""
+        if not info.flat:
+            inside = fields[inner] if inner else None
+            if type(inside) is not FrameValue:
+                fields = plain(fields)
+            elif inside.built is not None:
+                fields = {**fields, inner: inside.built}
+            else:
+                fields = {**fields, inner: m.table.inner_plain(inside)}
+            data = info.encode(fields, names)
+            if inside is None or type(inside) is not FrameValue or inside.built is None:
+                m.table.mark_inner(info, value, data, names)
+        else:
+            data = info.encode(fields, names)
+    elif info.inners:
+        m.table.mark_inner(info, value, data, names)
+    value.raw, value.pending = data, (info, data, names, None)
+    if info.announces:
+        value.complete()
+        announce(info.announces, value, m.scope)
+    x.last_sent = value
+    m.last_frame = m.scope.now
+    if run.owed is not None:
+        m.settle_owed(run, value)
+    if m.on_send is not None:
+        m.on_send()
+    if m.monitor is not None:
+        m.show_sent(value, data)
+    if m.output.put(Send(data, 0, False, run, info)):
+        run.unsent += 1
     return data, value

@@ -1,6 +1,8 @@
-"""What a sequence under way consists of: its lane, its run, its call frames, and what belongs to one exchange.
+"""A sequence under way: its lane, its run, what its generators wait for and what they are sent; its time limits.
 
-Only state, the time limits of a waiting run, and small questions about both. What moves a run on is in `runtime`.
+A generator yields what it waits for: rows (`Wait`), or something else (`Pause`, `Hold`, `Call`, `Asking`, `Changing`).
+It is sent what came: a frame, or one of the events below. Where nothing applies it yields NOT_TAKEN; where it waits on
+AGAIN, or RESTART if its clock is set anew. It returns its results, or `Failed`.
 
 A clock begins when the last bit of what the run sent has left. While a frame is arriving that fits so far, `within`
 stands still; if it turns out to be none, the time it took is given back (guide: sequences).
@@ -10,23 +12,17 @@ from __future__ import annotations
 
 import enum
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Generator, Iterator, Mapping
+from typing import Any
 
 from framekit.definition.model.procedure import Lane, Session
 from framekit.definition.times import NEVER
 from framekit.link.events import Exchange, Outcome
 from framekit.link.scope import Scope
-from framekit.link.values import EVALUATION_ERRORS, FrameValue, Names, compile_optional
-
-Next = Any
-"""What a generated function gives: another one that goes on; None where the run waits; NOT_TAKEN."""
-
-NOT_TAKEN: Any = object()
-"""What a row or a handler gives that does not apply: nothing was done."""
+from framekit.link.values import EVALUATION_ERRORS, FrameValue, compile_optional
 
 MOST_STEPS = 20_000
-"""So many steps of a lane at one instant, while no byte of the stream is used, are a circle in which nothing waits."""
+"""So many jumps back of a lane at one instant, while no byte of the stream is used, are a circle."""
 
 
 class CircleError(Exception):
@@ -49,124 +45,201 @@ class State(enum.Enum):
     DONE = "done"
 
 
-class Rows:
-    """Rows of a step, or its `always` rows: for each frame the function that tries the rows which name it, in order.
+# ---- what generators are sent ---------------------------------------------------------------------------------------
 
-    `named`: for frames that the exchange does not expect; `expected`: for those that it does; `others`: for expected
-    frames that no row names. `order`: the frames in the order of the rows; EXPECTED stands for those of the exchange.
+
+class Event:
+    """Something that came, of which there is no more to say."""
+
+    __slots__ = ("name",)
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def __repr__(self) -> str:
+        return self.name
+
+
+GO, TIMEOUT, NOISE, BREAK, CLOSED, BYTE = map(Event, ("GO", "TIMEOUT", "NOISE", "BREAK", "CLOSED", "BYTE"))
+
+
+class Bad:
+    """A damaged frame."""
+
+    __slots__ = ("cause", "frame")
+
+    def __init__(self, cause: str, frame: str) -> None:
+        self.cause, self.frame = cause, frame
+
+
+class Other:
+    """A good frame that no row takes."""
+
+    __slots__ = ("value",)
+
+    def __init__(self, value: FrameValue) -> None:
+        self.value = value
+
+
+class Item:
+    """A queue has an item (`value`), or room, for the row at this place."""
+
+    __slots__ = ("row", "value")
+
+    def __init__(self, row: int, value: Any) -> None:
+        self.row, self.value = row, value
+
+
+class Failed:
+    """A sequence, or a service, has failed; `results` as far as there are any."""
+
+    __slots__ = ("outcome", "results")
+
+    def __init__(self, outcome: str, results: dict[str, Any]) -> None:
+        self.outcome, self.results = outcome, results
+
+
+# ---- what generators yield ------------------------------------------------------------------------------------------
+
+NOT_TAKEN, AGAIN, RESTART = map(Event, ("NOT_TAKEN", "AGAIN", "RESTART"))
+
+
+class Parked:
+    """What a step waits for that is no row. `events`: handlers that it has; `always`: frames of rows for every step."""
+
+    __slots__ = ("always", "events", "name")
+
+    def __init__(self, name: str, always: tuple[str, ...], events: tuple[str, ...]) -> None:
+        self.name, self.always, self.events = name, always, frozenset(events)
+
+    def names(self, expected: tuple[str, ...]) -> tuple[str, ...]:
+        """The frames of its rows, for an exchange that expects these."""
+        return names_of(self.always, expected)
+
+
+class Plan:
+    """What a run that waits for rows looks for: a wait for an exchange that expects these, its callers' rows too.
+
+    `frames`: in their order. `looks`: there is something to be looked for; `others`: other frames are too.
     """
 
-    EXPECTED = ""
-    __slots__ = ("expected", "known", "named", "order", "others")
+    __slots__ = ("frames", "looks", "others")
+
+    def __init__(self, wait: Wait, frames: dict[str, None]) -> None:
+        self.frames, self.others = frames, wait.wants_others
+        self.looks = bool(frames) or wait.looks
+
+
+class Pause(Parked):
+    """It waits for `run.pause`."""
+
+    __slots__ = ()
+
+
+class Hold(Parked):
+    """It waits because replies are due."""
+
+    __slots__ = ()
+
+
+class Call(Parked):
+    """It waits for the sequence `run.wanted`."""
+
+    __slots__ = ()
+
+
+class Asking(Parked):
+    """It waits for the service `run.wanted`."""
+
+    __slots__ = ()
+
+
+class Changing(Parked):
+    """It waits until the line has changed."""
+
+    __slots__ = ()
+
+
+class Wait:
+    """Rows of a step. `frames`, `always`: those that its rows, and rows for every step, name ("" for those expected).
+
+    `queues`: queue or None, queue that has to have room or None. `numbered`: a late reply to it is never taken for
+    another one. `is_timed`: it has a time limit. `wants_others`: other frames are looked for too.
+    """
+
+    __slots__ = (
+        "always", "events", "frames", "index", "is_timed", "looks", "name", "numbered", "plans",
+        "queues", "wants_others",
+    )  # fmt: skip
 
     def __init__(
-        self, named: Mapping[str, Any], expected: Mapping[str, Any], others: Any | None, order: tuple[str, ...]
-    ) -> None:
-        self.named = named
-        self.expected = expected
-        self.others = others
-        self.order = order
-        self.known: dict[tuple[str, ...], tuple[dict[str, Any], tuple[str, ...]]] = {}
+        self, name: str, index: int, frames: tuple[str, ...], always: tuple[str, ...],
+        queues: tuple[tuple[str | None, str | None], ...], events: tuple[str, ...], is_timed: bool, numbered: bool,
+    ) -> None:  # fmt: skip
+        self.name, self.index, self.queues, self.numbered = name, index, queues, numbered
+        self.frames, self.always = frames, always
+        self.events, self.is_timed = frozenset(events), is_timed
+        self.wants_others = "on_other" in self.events or "on_bad" in self.events
+        self.looks = self.wants_others or "on_noise" in self.events
+        self.plans: dict[Any, Plan] = {}
 
-    def of(self, expected: tuple[str, ...]) -> tuple[dict[str, Any], tuple[str, ...]]:
-        """The functions by frame, and the frames in order, for an exchange that expects these."""
-        found = self.known.get(expected)
+    def names(self, expected: tuple[str, ...]) -> dict[str, None]:
+        """The frames of its rows in order, for an exchange that expects these."""
+        return self.plan(expected).frames
+
+    def plan(self, expected: tuple[str, ...]) -> Plan:
+        """What is looked for, for an exchange that expects these."""
+        found = self.plans.get(expected)
         if found is None:
-            table = {name: (self.expected if name in expected else self.named)[name] for name in self.named}
-            if self.others is not None:
-                table = {**dict.fromkeys(expected, self.others), **table}
-            order = [one for name in self.order for one in (expected if name == self.EXPECTED else (name,))]
-            found = self.known[expected] = table, tuple(dict.fromkeys(order))
+            frames = dict.fromkeys(names_of((*self.frames, *self.always), expected))
+            found = self.plans[expected] = Plan(self, frames)
+        return found
+
+    def plan_in(self, level: Level) -> Plan:
+        """The same with the rows of those that have called it."""
+        names: list[Any] = [level.x.expected]
+        one = level.caller
+        while one is not None:
+            names.append(one.wait.names(one.x.expected))
+            one = one.caller
+        key = tuple(names)
+        found = self.plans.get(key)
+        if found is None:
+            own = self.names(level.x.expected)
+            frames = dict.fromkeys([*own, *(name for some in key[1:] for name in some)])
+            found = self.plans[key] = Plan(self, frames)
         return found
 
 
-class CompiledStep:
-    """A step, as its generated functions tell it: what it reacts to while it waits, and its time limits.
+def names_of(names: tuple[str, ...], expected: tuple[str, ...]) -> tuple[str, ...]:
+    """The names in order; "" stands for those expected."""
+    return tuple(one for name in names for one in (expected if name == "" else (name,)))
 
-    `queue_rows`: queue or None, queue that has to have room or None, function. `numbered`: a late reply to it is never
-    taken for another one. `is_timed`: it has a time limit. `back`: what goes on with results of a call or a service.
-    """
 
-    __slots__ = (
-        "always", "back", "complete", "gap", "handlers", "index", "is_timed", "name", "numbered", "queue_rows",
-        "retries", "rows", "wants_others", "within",
-    )  # fmt: skip
+NO_NAMES: dict[str, None] = {}
 
-    def __init__(
-        self,
-        name: str,
-        index: int,
-        rows: Rows,
-        always: Rows | None = None,
-        queue_rows: tuple[tuple[str | None, str | None, Any], ...] = (),
-        handlers: Mapping[str, Any] | None = None,
-        within: Any = None,
-        complete: Any = None,
-        gap: Any = None,
-        retries: Any = None,
-        back: Any = None,
-        numbered: bool = False,
-    ) -> None:
-        self.name, self.index = name, index
-        self.rows, self.always, self.queue_rows = rows, always, queue_rows
-        self.handlers: Mapping[str, Any] = handlers or {}
-        self.within, self.complete, self.gap, self.retries = within, complete, gap, retries
-        self.back, self.numbered = back, numbered
-        self.is_timed = within is not None or complete is not None or gap is not None
-        self.wants_others = "on_other" in self.handlers or "on_bad" in self.handlers
+# ---- sequences and runs ---------------------------------------------------------------------------------------------
+
+Sequence = Callable[["Run", Exchange, Mapping[str, Any]], Generator[Any, Any, Any]]
 
 
 class CompiledSequence:
-    """A sequence: its class of call frames and the function of its first step. `has_always`: rows for every step."""
+    """A sequence: what makes its generator, what it takes. `has_always`: it has rows for every step."""
 
-    __slots__ = ("begin", "frame", "has_always", "name", "takes")
+    __slots__ = ("begin", "has_always", "name", "takes")
 
-    def __init__(self, name: str, frame: type[CallFrame], begin: Any, takes: tuple[str, ...], has_always: bool) -> None:
-        self.name, self.frame, self.begin, self.takes, self.has_always = name, frame, begin, takes, has_always
+    def __init__(self, name: str, begin: Sequence, takes: tuple[str, ...], has_always: bool) -> None:
+        self.name, self.begin, self.takes, self.has_always = name, begin, takes, has_always
 
 
-class CallFrame:
-    """One sequence of a run's calls. Generated classes add a slot `v_…` for each variable, `c_…` for each counter.
+class Level:
+    """One generator of a run's calls. `nested`: a service that its caller has asked for runs it. `wait`: its last."""
 
-    `it`, `cause`, `frame`, `outcome` and `part` are the language's names. `sent`: what `resend` repeats.
-    """
+    __slots__ = ("caller", "generator", "nested", "wait", "x")
 
-    __slots__ = (
-        "caller", "cause", "d", "frame", "it", "m", "n", "nested", "outcome", "part", "part_index", "parts", "resends",
-        "run", "s", "sent", "step",
-    )  # fmt: skip
-
-    gives: tuple[tuple[str, Callable[[Any], Any]], ...] = ()
-
-    def results(self) -> dict[str, Any]:
-        """What the sequence gives; generated classes have it in one."""
-        return {}
-
-    if TYPE_CHECKING:
-        it: Any
-        cause: str
-        frame: str
-        outcome: str
-        part: dict[str, Any]
-        caller: CallFrame | None
-        d: Exchange
-        m: Any
-        n: Names
-        nested: bool
-        part_index: int
-        parts: list[bytes] | None
-        resends: int
-        run: Run
-        s: Scope
-        sent: tuple[bytes, FrameValue] | None
-        step: CompiledStep
-
-        def __init__(
-            self, run: Run, d: Exchange, caller: CallFrame | None, nested: bool, given: Mapping[str, Any]
-        ) -> None: ...
-
-        def names(self) -> Names:
-            """Variables and what is above them by name, for frames whose fields are worked out."""
+    def __init__(self, generator: Generator[Any, Any, Any], x: Exchange, caller: Level | None, nested: bool) -> None:
+        self.generator, self.x, self.caller, self.nested = generator, x, caller, nested
+        self.wait: Any = None
 
 
 class LaneState:
@@ -178,7 +251,11 @@ class LaneState:
         self.listen = lane.listen
         self.waiting: deque[Exchange] = deque()
         self.running: list[Run] = []
+        self.spare: Run | None = None
+        """A run that is over and has kept its place in the order, to be used once more."""
         self.listener: Run | None = None
+        self.is_queued = False
+        """It stands in the queue of what is to be done: something may begin in it."""
         self.held_until = 0
         self.steps_since = -1
         self.steps_done = 0
@@ -196,22 +273,39 @@ class LaneState:
 
 
 class Run:
-    """Sequences that call each other, in a lane; `top` is the call frame that is doing something.
+    """Sequences that call each other, in a lane; `top` is the one that is doing something.
 
     `unsent`: frames handed over that have not left; clocks wait for them. Times: `started` is when the step's clock
     began, `within` when it runs out before a frame has begun, `candidate` when the first byte of a frame came that fits
     so far, `deadline` when something has to happen. `exchange` is told the end. `agenda` are the sequences it runs one
     after the other, `doing` what the present one is for. `given_up`: nothing is repeated any more. `asked`: the
-    sequence of an exchange that waits for what it has asked for. `rows`: by frame, what tries the rows of the step;
-    `has_always`: callers may have rows too. `go_on`: what a pause, or a request held back, goes on with. `owed`: the
-    reply to the last request that it has had carried out, until that is sent, and what it is to.
+    exchange that waits for what it has asked for. `expected`: the frames it takes now. `wanted`: what it calls or
+    asks. `owed`: the reply to the last request that it has had carried out, until that is sent, and what it is to.
     """
 
     __slots__ = (
-        "agenda", "asked", "candidate", "cause", "clock_waits", "complete", "deadline", "doing", "exchange", "expected",
-        "gap", "given_up", "go_on", "has_always", "kind", "lane", "longest", "machine", "outcome", "owed", "pause",
-        "rows", "started", "state", "top", "unsent", "wait_number", "wants_others", "within",
+        "agenda", "asked", "base", "candidate", "cause", "change", "clock_waits", "complete", "deadline", "doing",
+        "exchange", "expected", "gap", "given_up", "kind", "lane", "longest", "machine", "outcome", "owed", "pause",
+        "plan", "results", "started", "state", "top", "unsent", "wait", "wait_number", "wanted", "within",
     )  # fmt: skip
+
+    def __init__(self, machine: Any, lane: LaneState, kind: str, exchange: Exchange | None = None) -> None:
+        self.machine = machine
+        self.lane = lane
+        self.base = Level(None, None, None, False)  # type: ignore[arg-type] # given when it begins
+        self.unsent = self.wait_number = 0
+        self.kind = self.doing = kind
+        self.exchange = exchange
+        self.top: Level = None  # type: ignore[assignment] # as long as it has not begun, and when it is over
+        self.agenda: list[tuple[str, str, Exchange]] | None = None
+        self.owed: tuple[FrameValue, FrameValue | None] | None = None
+        self.state = State.GOING
+        self.candidate: int | None = None
+        self.deadline = NEVER
+        self.clock_waits = self.given_up = False
+        self.cause = ""
+        self.asked: Exchange | None = None
+        self.expected: Mapping[str, None] = NO_NAMES
 
     started: int
     within: int
@@ -219,42 +313,27 @@ class Run:
     complete: int | None
     gap: int | None
     pause: int
-    go_on: Any
-    expected: tuple[str, ...]
-    rows: Mapping[str, Any]
-    wants_others: bool
-
-    def __init__(self, machine: Any, lane: LaneState, kind: str, exchange: Exchange | None = None) -> None:
-        """What a wait needs is set when it begins."""
-        self.machine = machine
-        self.lane = lane
-        self.kind = self.doing = kind
-        self.exchange = exchange
-        self.top: CallFrame = None  # type: ignore[assignment] # as long as it has not begun, and when it is over
-        self.agenda: list[tuple[str, str, Exchange]] = []
-        self.outcome: Outcome | None = None
-        self.owed: tuple[FrameValue, FrameValue | None] | None = None
-        self.state = State.GOING
-        self.unsent = self.wait_number = 0
-        self.candidate: int | None = None
-        self.deadline = NEVER
-        self.clock_waits = self.has_always = self.given_up = False
-        self.cause = ""
-        self.asked: CallFrame | None = None
+    wait: Any
+    plan: Plan
+    outcome: Outcome | None
+    results: dict[str, Any]
+    wanted: tuple[str, dict[str, Any]]
+    change: Any
 
     @property
     def gives_way(self) -> bool:
         """Whether it is a listener in its first step."""
-        if self.kind != "listen" or self.state is not State.RECEIVING:
-            return False
-        return self.top.caller is None and self.top.step.index == 0
+        return (
+            self.kind == "listen" and self.state is State.RECEIVING
+            and self.top.caller is None and self.wait.index == 0
+        )  # fmt: skip
 
-    def calls(self) -> Iterator[CallFrame]:
-        """The call frames, innermost first."""
-        frame: CallFrame | None = self.top
-        while frame is not None:
-            yield frame
-            frame = frame.caller
+    def calls(self) -> Iterator[Level]:
+        """The levels, innermost first."""
+        level: Level | None = self.top
+        while level is not None:
+            yield level
+            level = level.caller
 
 
 # ---- time limits ----------------------------------------------------------------------------------------------
@@ -269,15 +348,7 @@ def begin_clock(run: Run, now: int) -> None:
     """The run begins to wait, or its clock is set anew."""
     waits = run.clock_waits = run.unsent > 0
     run.started = now
-    if run.state is State.PAUSING:
-        run.deadline = NEVER if waits else after(now, run.pause)
-        return
-    frame = run.top
-    step = frame.step
-    run.complete = None if step.complete is None else int(step.complete(frame))
-    run.gap = None if step.gap is None else int(step.gap(frame))
-    longest = run.longest = NEVER if step.within is None else int(step.within(frame))
-    run.within = within = NEVER if waits or longest >= NEVER else now + longest
+    run.within = within = NEVER if waits or run.longest >= NEVER else now + run.longest
     if run.candidate is None:
         run.deadline = within
 

@@ -1,7 +1,8 @@
-"""Writes Python functions for the parts of a sequence: names, values, settings, sends, actions, and where they lead.
+"""Writes what the steps of a sequence do into the generator of that sequence: names, values, sends, actions, waits.
 
 Text of a definition reaches the source only by `quoted`, `literal` and the expression emitter. What a step's keys come
-to stands in the table STEP_KEYS; how functions become a module in `compiler`.
+to stands in the table STEP_KEYS; how generators become a module in `compiler`. Where it may go on is a number, `pc`: a
+block runs `if pc <= N`, so the next step is fallen into, and every other one is a jump.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import builtins
 import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 from framekit.codec.evaluate import home_of
@@ -49,6 +51,7 @@ from framekit.definition.model.segments import Bits, Data, Field, Inner, Repeat,
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
 from framekit.definition.schema import add_keys
 from framekit.link.frame_table import FrameInfo, FrameTable
+from framekit.link.late import is_numbered
 from framekit.link.sequences import runtime
 from framekit.link.variables import empty_of
 
@@ -58,11 +61,11 @@ OF_EXCHANGE = frozenset({"request", "buffer", "expected", "station", "reply", "r
 OF_CALL = frozenset({"part", "cause", "frame", "outcome"})
 """Names that a call frame has while a step does its pieces, or handles an event."""
 
-MOST_DEEP = 16
-"""A step goes on to the next one by calling it; after so many the machine does, so that no stack grows."""
+ENTRY, PART, WAIT, BLOCKS = 0, 1, 2, 3
+"""Where a step may be gone on with: at its beginning, with its next piece, with waiting; so many places has a step."""
 
-_LOCALS = {"m": "a.m", "s": "a.s", "d": "a.d", "device": "a.s.device"}
-"""Locals that functions may use, and where they come from."""
+GOING, WAITING, PARKED, CALLING = "going", "waiting", "parked", "calling"
+"""What the generator does where something is written: it runs, it waits for rows, for a time, or for a call."""
 
 
 class Frames:
@@ -124,6 +127,7 @@ class SequenceModule:
 
     def __init__(self) -> None:
         self.functions = Source()
+        self.constants: dict[str, str] = {}
         self._constants: dict[str, str] = {}
 
     def constant(self, kind: str, source: str) -> str:
@@ -138,11 +142,13 @@ class SequenceModule:
         out.docstring(about)
         for source, name in self._constants.items():
             out.add(f"{name} = {source}")
+        for name, source in self.constants.items():
+            out.add(f"{name} = {source}")
         return out.text() + self.functions.text()
 
 
 class SequenceNames:
-    """How names are written in a function of a sequence. `frames`: those that `it`, a received frame, may be."""
+    """How names are written in a generator. `frames`: those that a frame which has come may be, in a row for it."""
 
     def __init__(self, writer: StepWriter, in_row: bool, frames: tuple[str, ...] = ()) -> None:
         self.writer = writer
@@ -154,18 +160,18 @@ class SequenceNames:
         if name in writer.own:
             return writer.slot(name)
         if name == "it":
-            return "it" if self.in_row else "a.it"
+            return "got" if self.in_row else "it"
         if name in OF_CALL:
-            return f"a.{name}"
+            return name
         if name in OF_EXCHANGE:
-            return f"{writer.local('d')}.{name}"
+            return f"x.{name}"
         if name in writer.protocol.state:
             return f"{writer.holder(name)}[{quoted(name)}]"
         if name == "now":
-            return f"{writer.local('s')}.now"
+            return "s.now"
         if name in writer.protocol.params:
-            return f"a.n[{quoted(name)}]"
-        return f"{writer.local('s')}[{quoted(name)}]"
+            return f"n[{quoted(name)}]"
+        return f"s[{quoted(name)}]"
 
     def attribute(self, node: Attribute) -> str:
         inner, frames = self._typed(node.value)
@@ -186,7 +192,7 @@ class SequenceNames:
         known = self.writer.frames
         if isinstance(node, Name) and not known.delivers:
             if node.name == "it" and self.frames and "it" not in self.writer.own:
-                return "it", self.frames
+                return "got", self.frames
             if node.name in self.writer.received:
                 return self.writer.slot(node.name), self.writer.received[node.name]
         if isinstance(node, Attribute):
@@ -196,100 +202,129 @@ class SequenceNames:
         return emit(node, self, ATOM), None
 
     def line_time(self, node: LineTime) -> str:
-        return f'{self.writer.local("s")}["line"].{node.unit}({node.count[0]}, {node.count[1]})'
+        return f's["line"].{node.unit}({node.count[0]}, {node.count[1]})'
 
     def call(self, function: str, arguments: list[str]) -> str:
         if function in ENGINE_FUNCTIONS:
-            return f'{self.writer.local("s")}["functions"].{function}({", ".join(arguments)})'
+            return f's["functions"].{function}({", ".join(arguments)})'
         return f"{home_of(function)}.{function}({', '.join(arguments)})"
 
 
 class StepWriter:
-    """Writes the functions of one step. `own`: the variables of its sequence and their types ("" for any).
+    """Writes one step into the generator of its sequence. `own`: the sequence's variables and types ("" for any).
 
     `received`: variables that hold received frames only, and which these may be. `held`: its sequence runs for
-    exchanges, so replies that are due may hold its request back.
+    exchanges, so replies that are due may hold its request back. `doing`: what the generator does at this place.
     """
 
     def __init__(
-        self, module: SequenceModule, frames: Frames, sequence: Sequence, number: int, index: int, held: bool
-    ) -> None:
+        self, module: SequenceModule, frames: Frames, sequence: Sequence, number: int, index: int, held: bool,
+        out: Source,
+    ) -> None:  # fmt: skip
         self.module = module
         self.frames = frames
         self.protocol = frames.protocol
         self.sequence = sequence
         self.step: Step = sequence.steps[index]
-        self.index = index
+        self.number, self.index = number, index
         self.held = held
-        self.prefix = f"q{number}_"
         self.own = own_variables(sequence, self.protocol)
         self.received = received_variables(sequence)
-        self.out = Source()
-        self.repeats = False
+        self.out = out
+        self.doing = GOING
         self._steps = {step.name: place for place, step in enumerate(sequence.steps)}
-        self._used: dict[str, None] = {}
-        self._after = ""
         actions = actions_of(sequence, self.step)
         self._counted = {id(action): f"c{index}_{place}" for place, action in enumerate(actions) if action.at_most}
         self.repeats = "on_exhausted" in {*self.step.handlers, *sequence.handlers} or any(
             action.then == "resend" for action in actions
         )
+        self._deep = 0
+        self.uses_it = "it" in self.own or self.uses_item(sequence)
 
-    # ---- functions ----------------------------------------------------------------------------------------
+    @staticmethod
+    def uses_item(sequence: Sequence) -> bool:
+        """Whether what has come is looked at anywhere but in the row that it came for."""
+        actions = [action for step in sequence.steps for action in step.branch or ()]
+        actions += [action for step in sequence.steps for one in step.handlers.values() for action in one]
+        actions += [action for one in sequence.handlers.values() for action in one]
+        others = [replace(step, receive=None) for step in sequence.steps]
+        expressions = expressions_of([actions, others, tuple(sequence.gives.values())])
+        rows = [row for step in sequence.steps for row in step.receive or ()]
+        inside = expressions_of([row.otherwise for row in rows])
+        return any("it" in names_in(one.root) for one in (*expressions, *inside))
 
-    def called(self, what: str = "", index: int | None = None) -> str:
-        """The name of a function of this step, or of another one."""
-        return f"{self.prefix}{self.index if index is None else index}{what and '_'}{what}"
+    # ---- the generator ------------------------------------------------------------------------------------
+
+    def write(self) -> None:
+        """The whole step."""
+        with self.at(ENTRY):
+            if self.repeats:
+                self.add("resends, sent = 0, None")
+            for key in STEP_KEYS:
+                if key.write_into(self):
+                    return
+            self.leave()
 
     @contextmanager
-    def function(self, what: str = "", parameters: str = "a") -> Iterator[None]:
-        """A function of the step; what is added inside is its body."""
-        self._begin(what, parameters)
+    def at(self, place: int) -> Iterator[None]:
+        """What is added inside can be gone on with at this place."""
+        number = self.index * BLOCKS + place
+        self.out.add(f"if pc <= {number}:")
+        self.out.depth += 1
+        self.add(f"pc = {number}")
         yield
-        self._end()
+        self.out.depth -= 1
 
-    def _begin(self, what: str, parameters: str) -> None:
-        self._open = what, parameters
-        self.out, self._used = Source(), {}
+    def place(self, place: int) -> None:
+        """From here on it can be gone on with at this place."""
+        number = self.index * BLOCKS + place
+        self.out.depth -= 1
+        self.out.add(f"if pc <= {number}:")
+        self.out.depth += 1
+        self.add(f"pc = {number}")
 
-    def _end(self) -> None:
-        what, parameters = self._open
-        functions = self.module.functions
-        functions.add()
-        functions.add()
-        with functions.block(f"def {self.called(what)}({parameters}):"):
-            if self._used:
-                sources = ", ".join(_LOCALS[name] for name in self._used)
-                functions.add(f"{', '.join(self._used)} = {sources}")
-            functions.extend(self.out)
-
-    def split(self, what: str, parameters: str = "a") -> None:
-        """What follows is a function of its own."""
-        self._end()
-        self._begin(what, parameters)
+    def called(self, what: str) -> str:
+        """The name of a constant of this step."""
+        return f"q{self.number}_{self.index}_{what}"
 
     def local(self, name: str) -> str:
-        """A local of the function."""
-        self._used[name] = None
-        return name
+        """A local of the generator: `m` the machine, `s` its names, `x` the exchange, `n` the parameters."""
+        return "x" if name == "d" else name
 
     def add(self, text: str) -> None:
         self.out.add(text)
+
+    def jump(self, place: int) -> None:
+        """Goes on somewhere else."""
+        self.add(f"pc = {place}")
+        self.add("continue" if self.doing == GOING else "break")
+
+    def jump_to_end(self) -> None:
+        """Leaves with a failure; `outcome` says which."""
+        self.jump(len(self.sequence.steps) * BLOCKS)
 
     # ---- names and values ---------------------------------------------------------------------------------
 
     def slot(self, name: str) -> str:
         """A variable of the sequence."""
         assert re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name), name
-        return f"a.v_{name}"
+        return f"v_{name}"
 
     def holder(self, variable: str) -> str:
         """Where a state variable is kept."""
-        return self.local("device" if self.protocol.state[variable].scope == "device" else "s")
+        return "device" if self.protocol.state[variable].scope == "device" else "s"
 
     def expression(self, expression: Expression, row: tuple[str, ...] | None = None) -> str:
         """Source of an expression; `row`: it stands in a row for these frames."""
         return emit(expression.root, SequenceNames(self, row is not None, row or ()))
+
+    @property
+    def names(self) -> str:
+        """Source of the variables and what is above them by name."""
+        shared = [name for name in sorted(OF_EXCHANGE) if name not in self.own]
+        fields = [f"{quoted(name)}: x.{name}" for name in shared]
+        fields += [f"{quoted(name)}: {self.slot(name)}" for name in self.own]
+        return f"Names({{**x.arguments, {', '.join(fields)}}}, n)"
 
     def value(self, value: Value, row: tuple[str, ...] | None = None) -> str:
         match value:
@@ -297,19 +332,19 @@ class StepWriter:
                 return self.expression(value, row)
             case FrameOf(frame=frame, fields=fields):
                 make = self.module.constant("make", "TABLE.made")
-                return f"{make}({quoted(frame)}, {self.record(fields, row)}, a.names())"
+                return f"{make}({quoted(frame)}, {self.record(fields, row)}, {self.names})"
             case LayoutOf(layout=layout, fields=fields):
                 encode = self.module.constant("layout", f"LAYOUTS[{quoted(layout)}][0]")
-                return f"{encode}(plain({self.record(fields, row)}), a.names())"
+                return f"{encode}(plain({self.record(fields, row)}), {self.names})"
             case ReadAs(layout=layout, source=source):
                 functions = self.module.constant("layout", f"LAYOUTS[{quoted(layout)}]")
-                return f"read_as({functions}, {self.value(source, row)}, a.names())"
+                return f"read_as({functions}, {self.value(source, row)}, {self.names})"
             case ListOf(items=items):
                 return f"[{', '.join(self.value(item, row) for item in items)}]"
             case RecordOf(fields=fields):
                 return self.record(fields, row)
             case EachOf():
-                return "a.names()[EACH]"  # there is none in a sequence: it cannot be worked out
+                return f"{self.names}[EACH]"  # there is none in a sequence: it cannot be worked out
         raise TypeError(f"no value of a definition: {value!r}")
 
     def record(self, fields: Mapping[str, Value], row: tuple[str, ...] | None = None) -> str:
@@ -322,11 +357,11 @@ class StepWriter:
         name = target.name
         if target.field is not None:
             holder = SequenceNames(self, row is not None).name(Name(self.step.at, name))
-            self.add(f"set_field(a, {holder}, {quoted(target.field)}, {source})")
+            self.add(f"set_field(m, {holder}, {quoted(target.field)}, {source})")
         elif target.key is not None:
             key = self.expression(target.key, row)
             if name not in self.own:
-                self.add(f"{self.local('s')}.set_entry({quoted(name)}, {key}, {source})")
+                self.add(f"s.set_entry({quoted(name)}, {key}, {source})")
                 return
             self.add(f"found = {self.slot(name)}.copy()")
             self.add(f"found[{key}] = {source}")
@@ -342,7 +377,7 @@ class StepWriter:
             if not fits and type_ not in ("", "frame", "record"):
                 source = f"{self.module.constant('fit', f'FIT({quoted(type_)})')}({source})"
             if name == "request":
-                source = f"{self.local('d')}.answers({source})"
+                source = f"x.answers({source})"
             self.add(f"{self.slot(name)} = {source}")
         elif (variable := self.protocol.state.get(name)) is not None and variable.most is None:
             mask = re.fullmatch(r"u([0-9]+)", variable.type) if is_number and not variable.values else None
@@ -354,49 +389,39 @@ class StepWriter:
             self.add(f"{holder}[{quoted(name)}] = {source}")
             self.add(f"{holder}.{'changes' if holder == 'device' else 'writes'} += 1")
         else:
-            self.add(f"{self.local('s')}.set({quoted(name)}, {source})")
+            self.add(f"s.set({quoted(name)}, {source})")
 
     # ---- send ---------------------------------------------------------------------------------------------
 
     def send(self, value: Value, row: tuple[str, ...] | None = None, repeats: bool = False) -> None:
         """Sends a frame; `repeats`: it is what `resend` sends again."""
+        kept = "sent = " if repeats and self.repeats else ""
         if not isinstance(value, FrameOf):
-            self.add(f"{'a.sent = ' if repeats else ''}send_value(a, {self.value(value, row)})")
+            self.add(f"value = {self.value(value, row)}")
+            with self.out.block("if value is not None:"):
+                self.add(f"{kept}send_value(m, run, x, value, {self.names} if needs_names(m, value) else n)")
+            if kept:
+                with self.out.block("else:"):
+                    self.add("sent = None")
         elif not self.frames.made_plainly(value.frame):
-            self.add(f"{'a.sent = ' if repeats else ''}send_made(a, {self.value(value, row)}, a.names())")
+            self.add(f"{kept}send_made(m, run, x, {self.value(value, row)}, {self.names})")
         else:
             self._send_made(value, row, repeats)
 
     def _send_made(self, value: FrameOf, row: tuple[str, ...] | None, repeats: bool) -> None:
         frame, info = value.frame, self.frames.infos[value.frame]
-        names = self.context_of(frame)
-        d, constant = self.local("d"), self.module.constant
+        names, constant = self.context_of(frame), self.module.constant
         fields = [f"{quoted(name)}: {self._sent_field(info, name, one, row)}" for name, one in value.fields.items()]
         known = {name: one for name, one in info.known.items() if name not in value.fields}
         fields += [f"{quoted(name)}: {literal(one)}" for name, one in known.items()]
-        encode = constant("encode", f"INFOS[{quoted(frame)}].encode")
+        kept = "sent = " if repeats and self.repeats else ""
+        held = constant("info", f"INFOS[{quoted(frame)}]")
+        echoes = self.frames.echoes(frame)
         self.add(f"value = FrameValue({quoted(frame)}, {{{', '.join(fields)}}})")
-        if names == "names":
-            self.add("names = a.names()")
-        if self.frames.echoes(frame):
-            with self.out.block(f"if not {d}.checks_echo:"):
-                self.add(f"{constant('fill_echo', 'TABLE.fill_echo')}(value, {d}.answering, {d}.last_taken)")
-        if info.flat:
-            self.add(f"data = {encode}(value.fields, {names})")
-        elif info.inner in value.fields and len(info.shape) == 1:
-            inner = quoted(info.inner or "")
-            self.add("fields = value.fields")
-            inner_plain = constant("inner_plain", "TABLE.inner_plain")
-            self.add(f"data = {encode}({{**fields, {inner}: {inner_plain}(fields[{inner}])}}, {names})")
-        else:
-            self.add(f"data = {encode}(plain_fields(value.fields), {names})")
-        self.add(f"{constant('mark_sent', 'TABLE.mark_sent')}(value, data, {names})")
-        if info.announces:
-            self.add(f"{self.local('m')}.announce(value)")
-        self.add(f"{d}.last_sent = value")
-        if repeats and self.repeats:
-            self.add("a.sent = data, value")
-        self.add(f"{self.local('m')}.put_out(a.run, data, value)")
+        if echoes:
+            with self.out.block("if not x.checks_echo:"):
+                self.add(f"{constant('fill_echo', 'TABLE.fill_echo')}(value, x.answering, x.last_taken)")
+        self.add(f"{kept}send_built(m, run, x, {held}, value, {names})")
 
     def _sent_field(self, info: FrameInfo, name: str, value: Value, row: tuple[str, ...] | None) -> str:
         """Source of a field of a frame that is sent: names of numbers become these."""
@@ -414,35 +439,203 @@ class StepWriter:
 
     def context_of(self, frame: str) -> str:
         """Source of the names on which a frame is built."""
-        needed = self.frames.reads(frame)
-        is_own = needed & (OF_EXCHANGE | self.own.keys())
-        return "names" if is_own else "a.n"
+        return self.names if self.frames.reads(frame) & (OF_EXCHANGE | self.own.keys()) else "n"
+
+    # ---- waiting ------------------------------------------------------------------------------------------
+
+    def limits(self) -> None:
+        """The time limits of the wait that begins, or whose clock is set anew."""
+        step = self.step
+        if step.within is None and step.complete is None and step.gap is None:
+            return
+        self.add(f"run.longest = {'NEVER' if step.within is None else f'int({self.expression(step.within)})'}")
+        self.add(f"run.complete = {'None' if step.complete is None else f'int({self.expression(step.complete)})'}")
+        self.add(f"run.gap = {'None' if step.gap is None else f'int({self.expression(step.gap)})'}")
+
+    def handlers(self, *events: str) -> dict[str, tuple[Action, ...]]:
+        """What is done at these events, of those for which the step, or the sequence, says something."""
+        found = {event: self.step.handlers.get(event) or self.sequence.handlers.get(event) or () for event in events}
+        return {event: actions for event, actions in found.items() if actions}
+
+    def park(self, what: str, doing: str = PARKED) -> None:
+        """Waits for something that is no row; what it may react to meanwhile is done in a loop."""
+        events = self.handlers("on_break", "on_closed", *(("on_byte",) if what == "pause" else ()))
+        always = self.sequence.always if doing == CALLING else ()
+        name = self.called(what)
+        arguments = [quoted(self.step.name), self._always(list(always)), literal(tuple(events))]
+        self.module.constants[name] = f"{PARKS[what]}({', '.join(arguments)})"
+        self.add(f"got = yield {name}")
+        if doing != CALLING and not events:
+            return
+        before, self.doing = self.doing, doing
+        with self.out.block("while got is not GO:"):
+            if doing == CALLING:
+                self._results()
+            if always:
+                with self.out.block("if type(got) is FrameValue:"):
+                    self.rows(list(always), "always")
+                    self.add("got = yield NOT_TAKEN")
+                    self.add("continue")
+            for event, actions in events.items():
+                with self.out.block(f"if got is {EVENTS[event]}:"):
+                    self.handle(event, actions)
+            self.add("got = yield NOT_TAKEN")
+        self.doing = before
+        with self.out.block("if got is not GO:"):
+            self.add("continue")
+
+    def _results(self) -> None:
+        """What a call, or a service that was asked for, has brought."""
+        into = self.step.call.into if self.step.call is not None else self.step.ask_into
+        with self.out.block("if type(got) is dict:"):
+            for variable, result in into.items():
+                self.assign(variable, f"got[{quoted(result)}]", fits=True)
+            self.add("got = GO")
+            self.add("break")
+        with self.out.block("if type(got) is Failed:"):
+            self.add("outcome, cause = got.outcome, run.cause")
+            self.handle("on_fail", self.handlers("on_fail").get("on_fail", ()), "outcome")
+
+    def _always(self, rows: list[Row]) -> str:
+        """Source of the frames that rows for every step name."""
+        named = tuple(dict.fromkeys(name for row in rows for name in (*row.frames, *(("",) if row.expected else ()))))
+        return literal(named)
+
+    def wait(self) -> None:
+        """Waits for the rows of the step."""
+        step, sequence = self.step, self.sequence
+        rows = [row for row in step.receive or () if is_plain_row(row)]
+        queued = [row for row in step.receive or () if not is_plain_row(row)]
+        handlers = self.handlers("on_timeout", "on_bad", "on_other", "on_noise", "on_break", "on_closed")
+        arguments = [quoted(step.name), str(self.index), self._always(rows), self._always(list(sequence.always))]
+        arguments.append(literal(tuple((row.queue, row.room) for row in queued)))
+        arguments.append(literal(tuple(handlers)))
+        timed = step.within is not None or step.complete is not None or step.gap is not None
+        arguments += [str(timed), str(is_numbered(step, self.protocol))]
+        name = self.called("wait")
+        self.module.constants[name] = f"Wait({', '.join(arguments)})"
+        if self.repeats:
+            self.place(WAIT)
+        self.limits()
+        self.add(f"got = yield {name}")
+        self.doing = WAITING
+        with self.out.block("while True:"):
+            if rows or sequence.always:
+                with self.out.block("if type(got) is FrameValue:"):
+                    self.rows(rows, "")
+                    self.rows(list(sequence.always), "always")
+            if queued:
+                with self.out.block("if type(got) is Item:"):
+                    for place, row in enumerate(queued):
+                        with self.out.block(f"if got.row == {place}:"):
+                            self._queue_row(row)
+            if timed:
+                with self.out.block("if got is TIMEOUT:"):
+                    self.handle("on_timeout", handlers.get("on_timeout", ()), '"timeout"')
+            if "on_bad" in handlers:
+                with self.out.block("if type(got) is Bad:"):
+                    self.add("cause, frame = got.cause, got.frame")
+                    self.handle("on_bad", handlers["on_bad"])
+            if "on_other" in handlers:
+                with self.out.block("if type(got) is Other:"):
+                    self.add("it = got.value")
+                    self.handle("on_other", handlers["on_other"])
+            for event in ("on_noise", "on_break", "on_closed"):
+                if event in handlers:
+                    with self.out.block(f"if got is {EVENTS[event]}:"):
+                        self.handle(event, handlers[event])
+            self.add("got = yield NOT_TAKEN")
+        self.doing = GOING
+        self.add("continue")
+
+    def rows(self, rows: list[Row], event: str) -> None:
+        """Tries rows on the frame that has come, in their order."""
+        for row in rows:
+            tests = [f"got.frame in {literal(frozenset(row.frames))}"] if len(row.frames) > 1 else []
+            tests += [f"got.frame == {quoted(name)}" for name in row.frames] if len(row.frames) == 1 else []
+            tests += ["got.frame in x.expected"] if row.expected else []
+            frames = row.frames if not row.expected else ()
+            with self.out.block(f"if {' or '.join(tests) or 'False'}:"):
+                if row.when is None:
+                    self._taken(row, frames, event)
+                    continue
+                self._condition(row.when, frames)
+                with self.out.block("if fits:"):
+                    self._taken(row, frames, event)
+
+    def _condition(self, when: Expression, frames: tuple[str, ...]) -> None:
+        with self.out.block("try:"):
+            self.add(f"fits = {self.expression(when, frames)}")
+        with self.out.block("except EVALUATION_ERRORS as error:"):
+            self.add(f"fits = unclear(m, {quoted(self.step.name)}, error)")
+
+    def _taken(self, row: Row, frames: tuple[str, ...], event: str) -> None:
+        self.add("it = x.taken = got" if self.uses_it else "x.taken = got")
+        with self.out.block("if run.asked is not None:"):
+            self.add("replied(run)")
+        self.add('run.cause = ""')
+        self.act(row, "next", frames, event=event)
+
+    def _queue_row(self, row: Row) -> None:
+        self.add("got = got.value")
+        if row.when is not None:
+            self._condition(row.when, ())
+            with self.out.block("if not fits:"):
+                self.add("got = yield NOT_TAKEN")
+                self.add("continue")
+        with self.out.block("if run.asked is not None:"):
+            self.add("replied(run)")
+        if row.queue is not None:
+            self.add("it = got")
+            self.add(f"m.queues.take({quoted(row.queue)})")
+        self.act(row, "next", ())
+
+    def handle(self, event: str, actions: tuple[Action, ...], outcome: str = "") -> None:
+        """What the handler of an event does; without one that applies it fails with `outcome`, or waits on."""
+        usual = "next" if event == "on_byte" else "again"
+        default = outcome if event in ("on_timeout", "on_exhausted", "on_fail") else ""
+        for action in actions:
+            if action.when is None:
+                self.act(action, usual, None, default, event)
+                return
+            with self.out.block(f"if {self.expression(action.when)}:"):
+                self.act(action, usual, None, default, event)
+        if outcome:
+            self.add(f"outcome = {outcome}")
+            self.jump_to_end()
+        else:
+            self.add("got = yield NOT_TAKEN")
+            self.add("continue")
 
     # ---- where it leads -----------------------------------------------------------------------------------
 
     def leaves(self) -> None:
         """In a handler: what was asked for is waited for no longer."""
-        with self.out.block("if a.run.asked is not None:"):
-            self.add("missed(a.run)")
+        with self.out.block("if run.asked is not None:"):
+            self.add("missed(run)")
 
     def reset_counters(self, but: str | None = None) -> None:
         for counter in self._counted.values():
             if counter != but:
-                self.add(f"a.{counter} = 0")
+                self.add(f"{counter} = 0")
 
     @property
     def counters(self) -> tuple[str, ...]:
         return tuple(self._counted.values())
 
+    def end(self) -> None:
+        """The sequence has come to its end, with its results."""
+        fields = [f"{quoted(name)}: {self.expression(one)}" for name, one in self.sequence.gives.items()]
+        self.add(f"return {{{', '.join(fields)}}}")
+
     def to_index(self, index: int) -> None:
         """On to a step."""
         if index >= len(self.sequence.steps):
-            self.add("return end(a)")
-        elif index > self.index and index % MOST_DEEP:
-            self.add(f"return {self.called(index=index)}(a)")
-        else:
-            self.add("count(a.run)")
-            self.add(f"return {self.called(index=index)}")
+            self.end()
+            return
+        if index <= self.index:
+            self.add("count(run)")
+        self.jump(index * BLOCKS)
 
     def leave(self, handler: bool = False) -> None:
         """The step is done: its next piece, or where it says it goes."""
@@ -450,27 +643,22 @@ class StepWriter:
         if handler:
             self.leaves()
         if self.step.parts is not None:
-            with self.out.block("if has_more(a):"):
+            with self.out.block("if part_index + 1 < len(parts):"):
                 self.reset_counters()
-                self.add("begin_part(a, a.part_index + 1)")
-                self.add(f"return {self.called('part')}")
+                self.add("part_index += 1")
+                self.jump(self.index * BLOCKS + PART)
         if then == "end":
-            self.add("return end(a)")
+            self.end()
             return
         self.reset_counters()
         self.to_index(self.index + 1 if then == "next" else self._steps.get(then, self.index))
-
-    @property
-    def goes_on(self) -> str:
-        """What the step does behind its call or its service; "" if it has none."""
-        return self.called("after") if self.step.call is not None or self.step.ask is not None else ""
 
     # ---- actions ------------------------------------------------------------------------------------------
 
     def act(
         self, action: Action, usual: str, row: tuple[str, ...] | None = None, outcome: str = "", event: str = ""
     ) -> None:
-        """Does an action, and returns what follows.
+        """Does an action, and goes where that leads.
 
         `usual` is where it leads when it does not say; `outcome` source of the failure it stands for then. `event`: the
         handler it stands in; "always": a row that may be a caller's; "branch": nothing waits.
@@ -480,77 +668,104 @@ class StepWriter:
             self._count(action, counter, row, event)
         asks_again = action.send is not None and action.fail is None and action.then in (None, "again", "restart")
         if asks_again and event == "on_timeout":
-            self.add("still_due(a.run)")
+            self.add("still_due(run)")
         if action.take is not None:
-            self.add(f"{'it = ' if row is not None else ''}a.it = {self.local('m')}.take_item({quoted(action.take)})")
+            self.add(f"{'got = ' if row is not None else ''}it = m.take_item({quoted(action.take)})")
         for target, value in action.set:
             self.set(target, value, row)
         for place, address in action.store:
-            self.add(f"{self.local('m')}.store({quoted(address)}, {self.expression(place, row)})")
+            self.add(f"m.store({quoted(address)}, {self.expression(place, row)})")
         for queue, fields in action.put:
-            self.add(f"put(a, {quoted(queue)}, {self.record(fields, row)})")
+            self.add(f"put(m, {quoted(queue)}, {self.record(fields, row)}, {self.names})")
         if action.deliver is not None:
-            self.add(f"{self.local('m')}.deliver({self.value(action.deliver, row)})")
+            self.add(f"m.deliver({self.value(action.deliver, row)})")
         if action.send is not None:
             self.send(action.send, row)
         if action.because is not None:
-            self.add(f"a.run.cause = str({self.expression(action.because, row)})")
+            self.add(f"run.cause = str({self.expression(action.because, row)})")
         if action.fail is not None or (action.then is None and outcome):
-            self.add("abandon_above(a)")
-            self.add(f"return fail(a, {outcome if action.fail is None else quoted(action.fail)})")
+            self.add(f"outcome = {outcome if action.fail is None else quoted(action.fail)}")
+            self.jump_to_end()
             return
         self._follow(action.then or usual, counter, event)
 
     def _count(self, action: Action, counter: str, row: tuple[str, ...] | None, event: str) -> None:
         assert action.at_most is not None
-        given_up = " or a.run.given_up" if action.then == "resend" else ""
+        given_up = " or run.given_up" if action.then == "resend" else ""
         names = SequenceNames(self, row is not None, row or ())
-        with self.out.block(f"if a.{counter} >= {emit(action.at_most.root, names, BIT_OR)}{given_up}:"):
+        with self.out.block(f"if {counter} >= {emit(action.at_most.root, names, BIT_OR)}{given_up}:"):
             if action.otherwise is not None:
                 self.act(action.otherwise, "next", row, "", event)
             else:
-                if event == "branch":
-                    self.add("a.run.state = State.GOING")
-                self.add("return exhausted(a)")
-        self.add(f"a.{counter} += 1")
+                self.exhausted()
+        self.add(f"{counter} += 1")
+
+    def exhausted(self) -> None:
+        """A limit of the step is used up."""
+        self._deep += 1
+        if self._deep > 3:  # it can't end by going on with itself
+            self.add('outcome = "exhausted"')
+            self.jump_to_end()
+        else:
+            self.handle("on_exhausted", self.handlers("on_exhausted").get("on_exhausted", ()), '"exhausted"')
+        self._deep -= 1
 
     def _follow(self, word: str, counter: str | None, event: str) -> None:
         handler = event.startswith("on_")
         if word == "again":
             self._again(event)
-            return
-        if word == "restart" and event != "branch":
-            with self.out.block("if a.run.state is State.RECEIVING:"):
-                self.add(f"begin_clock(a.run, {self.local('s')}.now)")
-                self.add("return None")
-        if event in ("always", "on_break", "on_closed"):
-            self.add("abandon_above(a)")
-        if word == "resend":
-            if event == "branch":
-                self.add("a.run.state = State.GOING")
-            self.add("return resend(a)")
+        elif word == "restart" and self.doing == WAITING:
+            self.limits()
+            self.add("got = yield RESTART")
+            self.add("continue")
+        elif word == "resend":
+            self._resend()
         elif word in ("next", "restart"):
+            if word == "restart" and self.doing == CALLING:
+                with self.out.block("if run.state is State.RECEIVING:"):
+                    self.add("got = yield RESTART")
+                    self.add("continue")
             self.leave(handler)
         elif word == "end":
-            self.add("return end(a)")
+            self.end()
         else:
             if handler:
                 self.leaves()
             self.reset_counters(counter)
             self.to_index(self._steps[word])
 
+    def _resend(self) -> None:
+        """Sends again what the step has sent, if it may."""
+        most = "" if self.step.retries is None else f" or resends >= {self.expression(self.step.retries)}"
+        with self.out.block(f"if run.given_up{most}:"):
+            self.exhausted()
+        self.add("resends += 1")
+        self.add("still_due(run)")
+        with self.out.block("if sent is not None:"):
+            self.add("m.put_out(run, sent[0], sent[1], True)")
+        if self.doing == WAITING:
+            self.limits()
+            self.add("got = yield RESTART")
+            self.add("continue")
+        else:
+            self.jump(self.index * BLOCKS + WAIT)
+
     def _again(self, event: str) -> None:
         """Waits on; where nothing waits, the step goes on."""
         if event == "branch":
             self.leave()
-            return
-        if event in ("on_fail", "on_exhausted") or (event == "on_bad" and self.step.decode is not None):
-            with self.out.block("if a.run.state is State.GOING:"):
-                if self.goes_on:
-                    self.add(f"return {self.goes_on}(a)")
-                else:
-                    self.leave(handler=True)
-        self.add("return None")
+        elif event == "on_fail" and self.doing == CALLING:
+            self.add("got = GO")
+            self.add("break")
+        elif self.doing == GOING:
+            self.leave(handler=True)
+        else:
+            self.add("got = yield AGAIN")
+            self.add("continue")
+
+
+EVENTS = {"on_noise": "NOISE", "on_break": "BREAK", "on_closed": "CLOSED", "on_byte": "BYTE"}
+PARKS = {"pause": "Pause", "hold": "Hold", "call": "Call", "ask": "Asking", "line": "Changing"}
 
 
 def own_variables(sequence: Sequence, protocol: Protocol) -> dict[str, str]:
@@ -631,37 +846,63 @@ def _when(step: StepWriter, condition: Expression) -> None:
 
 
 def _session(step: StepWriter, kind: str) -> None:
-    step.add(f"{step.local('m')}.set_session({kind == 'new'})")
+    step.add(f"m.set_session({kind == 'new'})")
 
 
 def _parts(step: StepWriter, parts: Parts) -> None:
-    with step.out.block(f"if not cut_parts(a, {step.expression(parts.of)}, {step.expression(parts.size)}):"):
+    step.add(f"parts, part_index = cut_parts({step.expression(parts.of)}, {step.expression(parts.size)}), 0")
+    with step.out.block("if not parts:"):
+        step.add("part_index = 0")
         step.leave()
-    step.add("begin_part(a, 0)")
-    step.add(f"return {step.called('part')}(a)")
-    step.split("part")
+    step.place(PART)
+    step.add("part = begin_part(run, parts, part_index)")
+    if step.repeats:
+        step.add("resends = 0")
 
 
 def _wait(step: StepWriter, time: Expression) -> None:
-    step.add(f"time = {step.expression(time)}")
-    with step.out.block("if time > 0:"):
-        step.add(f"return pause(a, time, {step.called('waited')})")
-    step.add(f"return {step.called('waited')}(a)")
-    step.split("waited")
+    step.add(f"run.pause = {step.expression(time)}")
+    with step.out.block("if run.pause > 0:"):
+        step.park("pause")
 
 
 def _hold_break(step: StepWriter, time: Expression) -> None:
     if step.held:
-        step.add(f"return {step.called('break')}(a)")
-        step.split("break")
-        with step.out.block(f"if {step.local('m')}.late.until and is_held(a, {step.called('break')}):"):
-            step.add("return None")
-    step.add(f"hold_break(a, {step.expression(time)})")
+        with step.out.block("while late.until and is_held(m, run, x, None):"):
+            _hold(step)
+        _gone(step)
+    step.add(f"hold_break(m, run, {step.expression(time)})")
+
+
+def _hold(step: StepWriter) -> None:
+    """Inside the loop of something that is held back; `held` is set where it goes on somewhere else."""
+    before, step.doing = step.doing, PARKED
+    events = step.handlers("on_break", "on_closed")
+    name = step.called("hold")
+    step.module.constants[name] = f"Hold({quoted(step.step.name)}, (), {literal(tuple(events))})"
+    step.add(f"got = yield {name}")
+    if events:
+        with step.out.block("while got is not GO:"):
+            for event, actions in events.items():
+                with step.out.block(f"if got is {EVENTS[event]}:"):
+                    step.handle(event, actions)
+            step.add("got = yield NOT_TAKEN")
+        with step.out.block("if got is not GO:"):
+            step.add("break")
+    step.doing = before
+
+
+def _gone(step: StepWriter) -> None:
+    """Behind that loop."""
+    if step.handlers("on_break", "on_closed"):
+        with step.out.block("else:"):  # it was not broken off
+            step.add("got = GO")
+        with step.out.block("if got is not GO:"):
+            step.add("continue")
 
 
 def _flush(step: StepWriter, _: bool) -> None:
-    with step.out.block(f"if {step.local('m')}.flush is not None:"):
-        step.add("m.flush()")
+    step.add("m.flush()")
 
 
 def _set(step: StepWriter, settings: tuple[Any, ...]) -> None:
@@ -671,68 +912,58 @@ def _set(step: StepWriter, settings: tuple[Any, ...]) -> None:
 
 def _decode(step: StepWriter, decode: Decode) -> None:
     frames = literal(decode.frames)
-    step.add(f"found = decoded(a, {frames}, {step.expression(decode.of)})")
-    with step.out.block("if found is None:"):
-        step.add('return handled(a, "on_bad", "damaged_frame")')
+    step.add(f"found = decoded(m, run, {step.names}, {frames}, {step.expression(decode.of)})")
+    with step.out.block("if type(found) is Bad:"):
+        step.add("cause, frame = found.cause, found.frame")
+        step.handle("on_bad", step.handlers("on_bad").get("on_bad", ()), '"damaged_frame"')
     step.assign(decode.into, "found", fits=True)
 
 
 def _serve(step: StepWriter, serve: Serve) -> None:
     buffer = 'b""' if serve.buffer is None else step.expression(serve.buffer)
-    station = f"{step.local('d')}.station" if serve.station is None else step.expression(serve.station)
-    step.add(f"serve(a, {step.expression(serve.request)}, {buffer}, {station}, {serve.check_only})")
+    station = "x.station" if serve.station is None else step.expression(serve.station)
+    step.add(f"serve(m, run, x, {step.expression(serve.request)}, {buffer}, {station}, {serve.check_only})")
 
 
 def _call(step: StepWriter, called: CallOf) -> None:
-    step.add(f"return call(a, {quoted(called.sequence)}, {step.record(called.arguments)})")
-    _goes_on(step, called.into)
+    step.add(f"run.wanted = {quoted(called.sequence)}, {step.record(called.arguments)}")
+    step.park("call", CALLING)
 
 
 def _ask(step: StepWriter, asked: FrameOf) -> None:
-    step.add(f"ask(a, {quoted(asked.frame)}, {step.record(asked.fields)})")
-    step.add("return None")
-    _goes_on(step, step.step.ask_into)
-
-
-def _goes_on(step: StepWriter, into: Mapping[str, str]) -> None:
-    """What follows when the results are there."""
-    step.split("back", "a, results")
-    for variable, result in into.items():
-        step.assign(variable, f"results[{quoted(result)}]", fits=True)
-    step.add(f"return {step.goes_on}(a)")
-    step.split("after")
+    step.add(f"run.wanted = {quoted(asked.frame)}, {step.record(asked.fields)}")
+    step.park("ask", CALLING)
 
 
 def _put(step: StepWriter, puts: tuple[Any, ...]) -> None:
     for queue, fields in puts:
-        step.add(f"put(a, {quoted(queue)}, {step.record(fields)})")
+        step.add(f"put(m, {quoted(queue)}, {step.record(fields)}, {step.names})")
 
 
 def _deliver(step: StepWriter, value: Value) -> None:
-    step.add(f"{step.local('m')}.deliver({step.value(value)})")
+    step.add(f"m.deliver({step.value(value)})")
 
 
 def _send(step: StepWriter, value: Value) -> None:
     if step.held and not step.step.urgent:
-        step.add(f"return {step.called('send')}(a)")
-        step.split("send")
-        held = f"is_held(a, {step.called('send')}, {step.value(value)})"
-        with step.out.block(f"if {step.local('m')}.late.until and {held}:"):
-            step.add("return None")
+        with step.out.block(f"while late.until and is_held(m, run, x, {step.value(value)}, {step.names}):"):
+            _hold(step)
+        _gone(step)
     step.send(value, repeats=True)
 
 
 def _line(step: StepWriter, change: LineChange) -> None:
     if change.speed is None and change.format is None:
-        step.add(f"return own_line(a, {step.called('lined')})")
+        step.add("run.change = own_line(m)")
     else:
         speed, format_ = ("None" if one is None else step.expression(one) for one in (change.speed, change.format))
-        step.add(f"return change_line(a, {speed}, {format_}, {step.called('lined')})")
-    step.split("lined")
+        step.add(f"run.change = change_line(m, {speed}, {format_})")
+    with step.out.block("if run.change is not None:"):
+        step.park("line")
 
 
 def _receive(step: StepWriter, _: Any) -> bool:
-    step.add(f"return wait(a, {step.called('step')})")
+    step.wait()
     return True
 
 
@@ -740,10 +971,16 @@ def _branch(step: StepWriter, actions: tuple[Action, ...]) -> bool:
     for action in actions:
         if action.when is None:
             step.act(action, "next", event="branch")
-            return True
+            break
         with step.out.block(f"if {step.expression(action.when)}:"):
             step.act(action, "next", event="branch")
-    return False
+    else:
+        if not step.repeats:
+            return False
+        step.leave()
+    if step.repeats:  # a branch may send the frame again, and then waits
+        step.wait()
+    return True
 
 
 STEP_KEYS = [

@@ -8,7 +8,7 @@ errors.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Protocol
@@ -19,14 +19,14 @@ from framekit.definition.model import protocol as model
 from framekit.definition.model.frames import expressions_of, parts_of
 from framekit.definition.model.values import FrameOf, LayoutOf, Value
 from framekit.link.addresses import Address
-from framekit.link.events import Asked, Command, Exchange, Outcome
-from framekit.link.frame_table import ProtocolCodec
+from framekit.link.events import Asked, Command, Exchange, Outcome, outcome_of
+from framekit.link.frame_table import FrameTable, ProtocolCodec
 from framekit.link.packing import cut_memory, in_unit, join_memory, memory_of, reader_of
 from framekit.link.scope import Scope
 from framekit.link.services.replies import ErrorReader, ReplyReader, UnfitReplyError
 from framekit.link.services.rows import Piece, Plan, Planner, RowFacts, ServiceError, ServiceRows, arguments_of, rows_of
 from framekit.link.services.writing import ValueWriter, WriterLevel, function_of
-from framekit.link.values import EACH, EVALUATION_ERRORS, Evaluate, FrameValue, Names, compile_expression
+from framekit.link.values import EACH, EVALUATION_ERRORS, Evaluate, FrameValue, Names, compile_expression, plain
 from framekit.memory.memory import unit_bits
 
 __all__ = ["Client", "Done", "ServiceError", "TransferResult"]
@@ -194,20 +194,39 @@ class TransferPlan:
     `sent`: what the exchanges send, unless `is_new_each_time`, so that it is made for every transfer.
     """
 
-    __slots__ = ("_read", "exchanges", "is_new_each_time", "plans", "sent", "wanted")
+    __slots__ = (
+        "_replies",
+        "exchanges",
+        "is_new_each_time",
+        "is_single",
+        "numbers",
+        "plans",
+        "sent",
+        "wanted",
+    )
 
     def __init__(self, plans: Sequence[Plan], exchanges: Sequence[Prepared], wanted: Sequence[Wanted]) -> None:
         self.plans, self.exchanges, self.wanted = plans, exchanges, wanted
         self.sent = [one.made for one in exchanges]
         self.is_new_each_time = False
-        self._read: Callable[[bytes], Iterable[int]] | None = None
+        self.numbers: Callable[[bytes], Iterable[int]] | None = None
+        """Return the numbers in the data of the only piece; None if the transfer has several pieces or views."""
         if len(wanted) == len(plans) == len(exchanges) == len(exchanges[0].pieces) == 1:
             unit, count, order = wanted[0]
             bits, own = plans[0].bits, exchanges[0].pieces[0].address.unit
-            if order != "little" and unit != own:
-                return
-            if not plans[0].skip and exchanges[0].pieces[0].bits == bits == count * unit_bits(unit):
-                self._read = reader_of(unit, count)
+            is_alike = (order == "little" or unit == own) and not plans[0].skip
+            if is_alike and exchanges[0].pieces[0].bits == bits == count * unit_bits(unit):
+                self.numbers = reader_of(unit, count)
+        row = exchanges[0].row if len(exchanges) == 1 else None
+        self.is_single = self.numbers is not None and row is not None and not row.gives and row.reads
+        self._replies: dict[str, Callable[[FrameValue], bytes] | None] = {}
+
+    def read_reply(self, reply: FrameValue) -> Callable[[FrameValue], bytes] | None:
+        """What reads the data of the one place out of such a reply, in memory's form; None where more is to be done."""
+        frame = reply.frame
+        if frame not in self._replies:
+            self._replies[frame] = self.exchanges[0].row.reply.reader(reply, self.exchanges[0])
+        return self._replies[frame]
 
     def made(self) -> list[Made]:
         """What the exchanges send, made for one transfer. Raises ServiceError."""
@@ -215,8 +234,8 @@ class TransferPlan:
 
     def result(self, data: Sequence[bytes]) -> TransferResult:
         """What it comes to when all exchanges have brought these data."""
-        if self._read is not None:
-            return TransferResult(True, list(self._read(data[0])), data[0])
+        if self.numbers is not None:
+            return TransferResult(True, list(self.numbers(data[0])), data[0])
         if not self.wanted:
             return TransferResult(True)
         parts, place = [], 0
@@ -246,8 +265,9 @@ class TransferPlan:
 class ReadyReads:
     """Reads by what was asked for. They hold as long as no parameter changes; rows that read more are never kept."""
 
-    def __init__(self, scope: Names) -> None:
+    def __init__(self, scope: Names, need_names: Collection[str] | None) -> None:
         self._scope = scope if isinstance(scope, Scope) else None
+        self._need_names = need_names
         self._settings = -1
         self._kept: dict[Hashable, TransferPlan] = {}
         self._chosen: dict[RowFacts, bool] = {}
@@ -276,7 +296,22 @@ class ReadyReads:
         # what is inside a request takes note of being sent, so that it cannot be sent twice
         lasts = self._lasts(facts, self._scope) and not any(_has_parts(one.made[0]) for one in read.exchanges)
         read.is_new_each_time = not lasts
+        if lasts:
+            self._build(read, facts.shared.table)
         self._kept[key] = read
+
+    def _build(self, read: TransferPlan, table: FrameTable) -> None:
+        """The bytes of the requests are made once, where nothing of an exchange is in them."""
+        for request, _, _ in read.sent:
+            needing = self._need_names
+            if request is None or needing is None or request.frame in needing:
+                continue
+            info = table.infos[request.frame]
+            if info.on_line or len(request.fields) == info.count:
+                try:
+                    request.built = info.encode(plain(request.fields), self._scope)
+                except EVALUATION_ERRORS:
+                    continue
 
     def _is_chosen_the_same(self, facts: RowFacts, scope: Scope) -> bool:
         """Whether nothing that changes by itself decides on a row and its cuts."""
@@ -297,8 +332,12 @@ class ReadyReads:
         return self._lasting[facts]
 
 
-def _has_parts(request: FrameValue | None) -> bool:
-    return request is not None and any(isinstance(one, (FrameValue, dict, list)) for one in request.fields.values())
+def _has_parts(value: Any) -> bool:
+    """Whether frames stand in a request."""
+    if isinstance(value, FrameValue):
+        value = value.fields
+    parts = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    return any(isinstance(one, FrameValue) or _has_parts(one) for one in parts)
 
 
 class Transfer(Exchange):
@@ -316,10 +355,10 @@ class Transfer(Exchange):
         self._plan, self._engine, self._done = plan, engine, on_done
         self._made = plan.made() if plan.is_new_each_time else plan.sent
         self._next = self._written = 0
-        self.given_up = False
-        self._data: list[bytes] = []
-        self._gives: dict[str, Any] = {}
-        self._last = NOTHING_YET
+        self.given_up = self._going = False
+        self._data: list[bytes] | None = None
+        self._gives: dict[str, Any] | None = None
+        self._last: Outcome | None = None
         self.commands: list[Command] = []
         self._goes_on = True
         if self._made:
@@ -344,6 +383,24 @@ class Transfer(Exchange):
             self.commands += self._engine.start(self, now)
         self._going = False
 
+    def succeeded(self, results: dict[str, Any]) -> None:
+        """What one place alone brings is read at once."""
+        reply, plan = results.get("reply"), self._plan
+        numbers = plan.numbers if plan.is_single else None
+        if numbers is None or not isinstance(reply, FrameValue) or (read := plan.read_reply(reply)) is None:
+            self.ended(outcome_of(self, results))
+            return
+        try:
+            data = read(reply)
+            values = list(numbers(data))
+        except EVALUATION_ERRORS:
+            self.ended(outcome_of(self, results))
+            return
+        done, self._done = self._done, _told  # nothing is left that refers to itself, so it is freed at once
+        done(
+            TransferResult(True, values, data, "", "", None, "", 1, 0, {}, reply, self.raw, results.get("buffer", b""))
+        )
+
     def ended(self, outcome: Outcome) -> None:
         self._last = outcome
         place = self._next - 1
@@ -353,8 +410,8 @@ class Transfer(Exchange):
             self._end(answer)
             return
         data, gives = answer
-        self._data += data
-        self._gives.update(gives)
+        self._data = data if self._data is None else self._data + data
+        self._gives = gives if self._gives is None else {**self._gives, **gives}
         self._written += one.written
         if self._next == len(self._made):
             self._end(self._plan.result(self._data))
@@ -366,8 +423,9 @@ class Transfer(Exchange):
     def _end(self, result: TransferResult) -> None:
         result.exchanges, result.written = self._next, self._written
         if result.ok:
-            result.gives = self._gives
-        result.reply, result.raw, result.buffer = self._last.reply, self._last.raw, self._last.buffer
+            result.gives = self._gives or {}
+        last = self._last or NOTHING_YET
+        result.reply, result.raw, result.buffer = last.reply, last.raw, last.buffer
         done, self._done = self._done, _told  # nothing is left that refers to itself, so it is freed at once
         done(result)
 
@@ -396,7 +454,7 @@ class Client:
         errors = ErrorReader(self.shared)
         default = protocol.station.default
         self._default_station = None if default is None else compile_expression(default)(Names())
-        self._ready = ReadyReads(engine.scope)
+        self._ready = ReadyReads(engine.scope, getattr(engine, "need_names", None))
         self._rows = {facts: ClientRow(facts, errors) for rows in self.shared.rows.values() for facts in rows}
 
     # ---- read and write -----------------------------------------------------------------------------------

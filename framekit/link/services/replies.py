@@ -127,6 +127,27 @@ class ReplyReader:
                 problem = problem or _unfit(error)
         return self._nothing_found(outcome, problem)
 
+    def reader(self, reply: FrameValue, exchange: Any) -> Callable[[FrameValue], bytes] | None:
+        """What takes the data of one place out of such replies, in memory's form; None where more is to be done.
+
+        It raises EVALUATION_ERRORS where a reply does not fit.
+        """
+        finds = self._fitting(reply)
+        if reply.frame in self.error_frames or len(finds) != 1 or len(exchange.pieces) != 1:
+            return None
+        (find,), (piece,), names = finds, exchange.pieces, exchange.names
+        start, count = piece.address.start, piece.count
+        packer = self.facts.packers[piece.address.unit]
+        to_memory, size = packer.to_memory, packer.size(start, count)
+
+        def read(reply: FrameValue) -> bytes:
+            ((data, padded),) = find(reply, b"", names)
+            if type(data) is not bytes:
+                raise UnfitReplyError("no bytes")
+            return to_memory(data[:size] if padded else data, start, count)
+
+        return read
+
     def blocks(self, outcome: Outcome, names: Names) -> list[bytes]:
         """The data as they stand in the reply, of a service that was not asked for places. Raises UnfitReplyError."""
         problem: UnfitReplyError | None = None
