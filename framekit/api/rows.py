@@ -57,8 +57,9 @@ def ascii_of(data: bytes) -> str:
 
 def shown_bytes(data: bytes, as_ascii: bool = False, longest: int = LONGEST_SHOWN) -> str:
     """The bytes as hex pairs or as ASCII, no more than `longest` of them."""
-    cut = " …" if len(data) > longest else ""
-    return (ascii_of(data[:longest]) if as_ascii else spaced(data[:longest])) + cut
+    if len(data) > longest:
+        return f"{shown_bytes(data[:longest], as_ascii)} …"
+    return ascii_of(data) if as_ascii else spaced(data)
 
 
 def what_was_seen(seen: Seen) -> str:

@@ -19,12 +19,14 @@ from framekit.codec.shown import explain
 from framekit.definition.problems import DefinitionError
 from framekit.definition.times import parse_time
 from framekit.link.events import Seen
-from framekit.run.block_state import BlockStatus
+from framekit.run.block_state import BlockState, BlockStatus
+from framekit.run.block_words import status_of
 from framekit.run.edit import Edit as Edit
 from framekit.run.edit import RemovedBlocks as RemovedBlocks
 from framekit.run.job_table import JobStatus as JobStatus
-from framekit.run.model import BLOCKS_IN_SET, POINTS_SET, Channel, OwnPlace
+from framekit.run.model import BLOCKS_IN_SET, POINTS_SET, OwnPlace
 from framekit.run.model import Block as Block
+from framekit.run.model import Channel as Channel
 from framekit.run.model import RunModel as RunModel
 from framekit.run.own_memory import stored_by
 from framekit.run.status import ChannelStatus as ChannelStatus
@@ -196,7 +198,7 @@ class RunCalls:
     def _make(self, monitor: OnSeen | None) -> RunService:
         try:
             watch = monitor if self._told_seen is None else self._seen
-            return RunService(self.run, self._clock, watch, self._ended)
+            return RunService(self.run, self._clock, watch, None if self._told_end is None else self._ended)
         except DefinitionError:
             raise
         except (ValueError, StateError) as error:
@@ -221,10 +223,10 @@ class RunCalls:
         if told is not None:
             self._clock.call_soon(lambda: told(channel, seen))
 
-    def _ended(self, status: BlockStatus, ok: bool) -> None:
+    def _ended(self, state: BlockState, ok: bool) -> None:
+        told, status = self._told_end, status_of(state)
         for listener in list(self._listeners):
             listener(status, ok)
-        told = self._told_end
         if told is not None:
             self._clock.call_soon(lambda: told(status, ok))
 
@@ -302,6 +304,10 @@ class RunCalls:
 
         self._do(lambda: self._clock.call_at(self.began + period, go_on))
 
+    def later(self, delay: int, call: Callable[[], None]) -> None:
+        """Calls back once, so many ns later; to be called from inside of what happens."""
+        self._clock.call_at(self._clock.now() + delay, call)
+
     @property
     def now(self) -> int:
         """The time of the run's clock, in nanoseconds."""
@@ -370,8 +376,14 @@ class RunCalls:
             if number in (None, status.id):
                 told(status)
 
+        def end() -> None:
+            self._listeners.remove(listen)
+            if not self._listeners and self._told_end is None:
+                self._service.on_end = None
+
         self._listeners.append(listen)
-        return lambda: self._listeners.remove(listen)
+        self._service.on_end = self._ended
+        return end
 
     async def _end_of(self, number: int | None, fire: bool, timeout: float | None) -> BlockStatus:
         """The status at the next completion, of a block that is made due first or by itself. Raises NoReplyError."""

@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TextIO, TypeVar
 
@@ -450,6 +451,17 @@ class Unread:
             raise self.error
 
 
+_ARROWS = {"in": "←", "out": "→", "": " "}
+
+
+@cache
+def _rows() -> Any:
+    """What shows rows, imported when something is shown."""
+    from framekit.api import rows
+
+    return rows
+
+
 def seen_text(
     seen: Seen, time: float | str, where: str, as_ascii: bool = False, stream: TextIO | None = None
 ) -> str:  # fmt: skip
@@ -457,17 +469,19 @@ def seen_text(
 
     Without a stream it is standard output.
     """
-    from framekit.api.rows import shown_bytes, what_was_seen
-
-    arrow = {"in": "←", "out": "→"}.get(seen.direction, " ")
-    size = f"{len(seen.raw):4d} " if seen.raw else "     "
-    place = "".join(f"{one} " for one in (where, seen.client) if one)
-    told = time if isinstance(time, str) else f"{time:10.3f}"
-    what = f"{what_was_seen(seen):<22}"
-    colour = COLOUR_OF_KIND.get(seen.kind)
-    if colour is not None:
-        what = painted(what, colour, sys.stdout if stream is None else stream)
-    return f"{told}  {place}{arrow} {what}{size}{shown_bytes(seen.raw, as_ascii)}".rstrip()
+    raw, kind, place = seen.raw, seen.kind, _ARROWS[seen.direction]
+    if seen.client:
+        place = f"{seen.client} {place}"
+    if where:
+        place = f"{where} {place}"
+    what = f"{seen.frame if kind == 'frame' else _rows().what_was_seen(seen):<22}"
+    if kind in COLOUR_OF_KIND:
+        what = painted(what, COLOUR_OF_KIND[kind], sys.stdout if stream is None else stream)
+    if type(time) is float:
+        time = f"{time:10.3f}"
+    if raw:
+        return f"{time}  {place} {what}{len(raw):4d} {_rows().shown_bytes(raw, as_ascii)}"
+    return f"{time}  {place} {what}".rstrip()
 
 
 def seen_data(seen: Seen, seconds: float, plain: PlainValues, **more: Any) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from framekit.api.check import BlockLoad, ChannelLoad
     from framekit.api.run import (
         Block,
+        Channel,
         Edit,
         JobsStatus,
         RemovedBlocks,
@@ -167,6 +169,13 @@ def _plain(channel: dict[str, Any]) -> dict[str, Any]:
     return channel
 
 
+SOON = 20_000_000
+"""What was seen is printed so much later (ns) at most, together with all that was seen meanwhile."""
+
+MOST = 500
+"""So many lines do not wait any longer."""
+
+
 class RunOutput:
     """Watches a run, which is `at_work` once it has been made with this output as its monitor."""
 
@@ -175,6 +184,8 @@ class RunOutput:
         self.loads = loads
         self.as_ascii = False
         self.at_work: RunCalls | None = None
+        self._noted: list[tuple[Channel, Seen]] = []
+        self._channels: dict[int, Channel] = {}
 
     def seconds(self, time: int) -> float:
         return (time - self.at_work.began) / 1e9 if self.at_work is not None else 0.0
@@ -182,11 +193,46 @@ class RunOutput:
     def warning(self, text: str) -> None:
         print(text, file=sys.stderr)
 
+    @property
+    def run_at_work(self) -> RunCalls:
+        assert self.at_work is not None
+        return self.at_work
+
+    def watches(self, run: RunCalls) -> None:
+        """It is the output of this run, which has been made and not begun."""
+        self.at_work = run
+        self._channels.clear()
+        run.on_channel = self._is_other
+
+    def _is_other(self, channel: int) -> None:
+        self._channels.pop(channel, None)
+
     def seen(self, channel: int, seen: Seen) -> None:
+        """Something was seen: it is printed soon."""
+        noted = self._noted
+        try:
+            noted.append((self._channels[channel], seen))
+        except KeyError:
+            self._channels[channel] = self.run_at_work.channel(channel)
+            noted.append((self._channels[channel], seen))
+        if len(noted) == 1:
+            self.run_at_work.later(SOON, self.catch_up)
+        elif len(noted) >= MOST:
+            self.catch_up()
+
+    def catch_up(self) -> None:
+        """Prints what was seen and has not been printed yet."""
+        if self._noted:
+            noted, self._noted = self._noted, []
+            put("\n".join([*self.lines(noted), ""]))
+
+    def lines(self, noted: list[tuple[Channel, Seen]]) -> Iterable[str]:
+        """What is printed of what was seen."""
         raise NotImplementedError
 
     def edited(self, edit: Edit) -> None:
         """An edited run is at work; what was worked out for channels that are others now is forgotten."""
+        self.catch_up()
         self.run = edit.run
         self.loads = tuple(load for load in self.loads if load.channel.number not in edit.touched)
         for warning in edit.warnings:
@@ -194,6 +240,7 @@ class RunOutput:
 
     def refused(self, reasons: list[str]) -> None:
         """An edited run cannot be; the one before goes on."""
+        self.catch_up()
         for reason in reasons:
             self.warning(reason)
 
@@ -210,11 +257,21 @@ class RunOutput:
         raise NotImplementedError
 
 
+def put(text: str) -> None:
+    """Prints whole lines in one go."""
+    sys.stdout.write(text)
+    sys.stdout.flush()
+
+
 class TextOutput(RunOutput):
     """A line for everything seen, and a table at the end."""
 
-    def seen(self, channel: int, seen: Seen) -> None:
-        print(seen_text(seen, self.seconds(seen.at), f"ch {channel}", self.as_ascii), flush=True)
+    def lines(self, noted: list[tuple[Channel, Seen]]) -> Iterable[str]:
+        began, as_ascii = self.run_at_work.began, self.as_ascii
+        where = {channel.number: f"ch {channel.number}" for channel, _ in noted}
+        return [
+            seen_text(seen, (seen.at - began) / 1e9, where[channel.number], as_ascii) for channel, seen in noted
+        ]  # fmt: skip
 
     def edited(self, edit: Edit) -> None:
         super().edited(edit)
@@ -225,6 +282,7 @@ class TextOutput(RunOutput):
         print("edit refused, the run goes on as before", flush=True)
 
     def summary(self, run: RunCalls) -> None:
+        self.catch_up()
         status = run.status()
         rows = []
         for block, one, last in self.blocks(status):
@@ -256,15 +314,14 @@ class TextOutput(RunOutput):
 class JsonOutput(RunOutput):
     """One JSON object a line: `seen` for what goes by, `block` and `channel` for each of these at the end."""
 
-    def seen(self, channel: int, seen: Seen) -> None:
+    def lines(self, noted: list[tuple[Channel, Seen]]) -> Iterable[str]:
         from framekit.api.monitor import result_of
         from framekit.codec.plain import PlainValues
 
-        assert self.at_work is not None
-        model = self.at_work.channel(channel)
-        result = result_of(model.protocol, seen, model.role)
-        line = seen_data(seen, self.seconds(seen.at), PlainValues(model.protocol), channel=channel, result=result)
-        print(json.dumps(line, ensure_ascii=False), flush=True)
+        for channel, seen in noted:
+            result, plain = result_of(channel.protocol, seen, channel.role), PlainValues(channel.protocol)
+            line = seen_data(seen, self.seconds(seen.at), plain, channel=channel.number, result=result)
+            yield json.dumps(line, ensure_ascii=False)
 
     def edited(self, edit: Edit) -> None:
         super().edited(edit)
@@ -274,9 +331,11 @@ class JsonOutput(RunOutput):
         self.data(event="refused", reasons=reasons)
 
     def data(self, **line: Any) -> None:
+        self.catch_up()
         print(json.dumps(line, ensure_ascii=False, default=str), flush=True)
 
     def summary(self, run: RunCalls) -> None:
+        self.catch_up()
         status = run.status()
         for block, one, last in self.blocks(status):
             self.data(

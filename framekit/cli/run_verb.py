@@ -70,6 +70,7 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add(parser, "--screen", "--ascii", "--capture")
     add_web(parser)
+    parser.add_argument("--quiet", action="store_true", help="do not show what goes over the lines")
     parser.add_argument("--status", action="store_true", help="show the status of channels and blocks at the end")
     parser.add_argument(
         "--status-every", metavar="TIME", help="show the status of channels and blocks so often; SIGUSR1 shows it once"
@@ -144,7 +145,7 @@ def run_run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def made(make: Callable[..., R], run: RunModel, monitor: OnSeen, watch: RunWatch) -> R:
+def made(make: Callable[..., R], run: RunModel, monitor: OnSeen | None, watch: RunWatch) -> R:
     """The run, not yet begun. Raises DefinitionError for a wrong device, VerbError for a port of no known kind."""
     from framekit.api.errors import RequestError
 
@@ -158,8 +159,9 @@ def _virtual(loaded: RunModel, output: RunOutput, watch: RunWatch, duration: int
     """Runs for a simulated time."""
     from framekit.api.run import VirtualRun
 
-    run = output.at_work = made(VirtualRun, loaded, output.seen, watch)
-    watch.begin(run)
+    run = made(VirtualRun, loaded, None if watch.quiet else output.seen, watch)
+    output.watches(run)
+    watch.begin(run, output.catch_up)
     run.start()
     run.run_for(duration / 1e9)
     watch.at_end()
@@ -230,20 +232,25 @@ class RealRun:
 
         gateway = self._gateway
         try:
-            return made(AsyncRun, loaded, page.monitor(self._output.seen), self.watch)
+            return made(AsyncRun, loaded, self._monitor(page), self.watch)
         except (OSError, ValueError, VerbError) as error:
             if gateway is None or gateway.next_run is None:
                 raise
             before = gateway.has_failed(reasons(error) if isinstance(error, ValueError) else [str(error)])
             self._output = self._make_output(before)
-            return made(AsyncRun, before, page.monitor(self._output.seen), self.watch)
+            return made(AsyncRun, before, self._monitor(page), self.watch)
+
+    def _monitor(self, page: WebPage) -> OnSeen | None:
+        """Who is told what goes over the lines."""
+        return page.monitor(None if self.watch.quiet else self._output.seen)
 
     async def _one(self, loaded: RunModel, page: WebPage, unread: Unread) -> Ended:
         gateway, loop = self._gateway, asyncio.get_running_loop()
         run = self._begun(loaded, page)
         output = self._output
-        output.at_work = self._run = run
-        self.watch.begin(run)
+        self._run = run
+        output.watches(run)
+        self.watch.begin(run, output.catch_up)
         if gateway is not None:
             gateway.begins(run)
         async with page.of_run(run):
@@ -338,14 +345,15 @@ class RunWatch:
         """Raises WordsError."""
         self.capture: Path | None = arguments.capture
         self._json: bool = arguments.json
+        self.quiet: bool = arguments.quiet
         self._run: RunCalls | None = None
         self._every = period_of(arguments.status_every)
         self._at_end: bool = arguments.status or arguments.status_every is not None
         begin_log(arguments.log)
 
-    def begin(self, run: RunCalls) -> None:
-        """Asks for the times of the status."""
-        self._run = run
+    def begin(self, run: RunCalls, catch_up: Callable[[], None]) -> None:
+        """Asks for the times of the status; `catch_up` prints what was seen before."""
+        self._run, self._catch_up = run, catch_up
         if self._every:
             run.each(self._every, self.show)
         with suppress(RuntimeError):  # on simulated time there is no loop
@@ -362,6 +370,7 @@ class RunWatch:
 
         if self._run is None:
             return
+        self._catch_up()
         status, began = self._run.status(), self._run.began
         if self._json:
             print_json(status_data(status, began))

@@ -57,12 +57,12 @@ class WebPage:
         elif arguments.web_token is not None:
             raise WordsError("--web-token has no effect without --web")
 
-    def monitor(self, seen: OnSeen) -> OnSeen:
+    def monitor(self, seen: OnSeen | None) -> OnSeen | None:
         """Who is told what goes over the lines: `seen`, or the page that shows it instead; both for programs."""
         if self.server is None:
             return seen
         shows = self.log.add
-        if not self._json:
+        if not self._json or seen is None:
             return shows
 
         def both(channel: int, what: Seen) -> None:

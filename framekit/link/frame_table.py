@@ -17,7 +17,19 @@ from framekit.definition.kinds.base import all_fixed
 from framekit.definition.model import procedure
 from framekit.definition.model import protocol as model
 from framekit.definition.model.frames import WIRE, Frame, StaticSizes, by_value_name, certain, everything, parts_of
-from framekit.definition.model.segments import Bits, BitsPart, Check, Const, Field, Inner, Segment, Wrap
+from framekit.definition.model.segments import (
+    Bits,
+    BitsPart,
+    Check,
+    Const,
+    Count,
+    Data,
+    Field,
+    Inner,
+    Length,
+    Segment,
+    Wrap,
+)
 from framekit.link.quick_look import (
     NO_SIZES,
     NOT_QUICK,
@@ -86,12 +98,17 @@ def _never(*_: Any) -> bool:
     raise KeyError
 
 
+SINGLE = (Field, Data, Length, Count, Check, Const, Bits, Inner)
+"""Segments that hold no lists."""
+
+
 class FrameInfo:
     """One frame. `first`: the byte it begins with, if that is certain. `known`: fields that are constants.
 
     `extent`: as `measure` if the frame is good and, where it `guesses`, the frame inside is one that is known.
-    `inner`: the field with the only frame inside; `behind`: the most that stands behind it. `intact`: a quick look at
-    its check code, where there is one; what fails it is bad, never refused. The table of all frames sets `make`.
+    `has_lists`: it may hold lists or records. `inner`: the field with the only frame inside; `behind`: the most that
+    stands behind it. `intact`: a quick look at its check code, where there is one; what fails it is bad, never refused.
+    The table of all frames sets `make`.
     `carries`: frames that may be put into this one when `insert` holds. `value_names`: its fields. `sizes`: what
     `extent` says by one byte. `quick`: how a frame that is good is read by it. `usual`: fields that replies repeat, and
     the names that give them where the frame does not. `optional`: fields that need not be given, and their defaults;
@@ -101,9 +118,9 @@ class FrameInfo:
 
     __slots__ = (
         "_diagnose", "announces", "behind", "carries", "computed", "count", "counted", "decode", "echo", "echo_fields",
-        "encode", "extent", "first", "fixed_bytes", "flat", "frame", "guesses", "inner", "inners", "insert", "intact",
-        "is_fixed", "known", "make", "may_lack", "measure", "most", "name", "numbers", "on_line", "optional", "quick",
-        "refuse", "restricted", "rests", "shape", "sizes", "usual", "value_names",
+        "encode", "extent", "first", "fixed_bytes", "flat", "frame", "guesses", "has_lists", "inner", "inners",
+        "insert", "intact", "is_fixed", "known", "make", "may_lack", "measure", "most", "name", "numbers", "on_line",
+        "optional", "quick", "refuse", "restricted", "rests", "shape", "sizes", "usual", "value_names",
     )  # fmt: skip
 
     def __init__(self, frame: Frame, codec: FrameCodec) -> None:
@@ -120,6 +137,7 @@ class FrameInfo:
         self.is_fixed = frame.size is None and all_fixed(frame.segments) is not None
         self.shape = shape_of(frame.segments)
         self.flat = not self.shape
+        self.has_lists = any(not isinstance(segment, SINGLE) for segment in frame.segments)
         self.inners = tuple(name for kind, name, _ in self.shape if kind == "inner")
         self.inner = self.shape[0][1] if len(self.shape) == 1 and self.shape[0][0] == "inner" else None
         self.guesses = codec.extent is not None and self.inner is not None

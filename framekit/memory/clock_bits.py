@@ -87,6 +87,10 @@ class SystemBits:
         self._locate = locate
         self._scan = profile.scan
         self._origin: int | None = None
+        self.look_at = 0
+        """Before this time `update` has nothing to do."""
+        self.due = NEVER
+        """When a bit changes that is waited for."""
         self._time = 0
         self._next_edge = 0
         self._words: dict[tuple[str, int], _Word] = {}
@@ -117,6 +121,7 @@ class SystemBits:
                 clock.waited_for = self._wake is None or place in self._wake
         self._waited_for = [clock for word in self._words.values() for clock in word.clocks if clock.waited_for]
         self._calendar_counts = self._counts_calendar()
+        self._note_due()
 
     def _add_clock(self, address: str, period: int, first: int) -> None:
         word, mask = self._place(address)
@@ -163,11 +168,16 @@ class SystemBits:
         """When `update` has something to do, `now` if it has already; NEVER when nothing changes any more."""
         if self._origin is None:
             raise DeviceMemoryError("the system bits have not been started")
+        return max(now, self.due)
+
+    def _note_due(self) -> None:
+        if self._origin is None:
+            return
         due = self._scan if self._has_scan_bits and self._time < self._scan else NEVER
         for clock in self._waited_for:
             due = min(due, clock.edge)
-        change = max(now, self._origin + due) if due < NEVER else NEVER
-        return min(change, max(now, self._next_second)) if self._calendar_counts else change
+        change = self._origin + due if due < NEVER else NEVER
+        self.due = min(change, self._next_second) if self._calendar_counts else change
 
     def update(self, now: int) -> None:
         """Brings all bits to what they are at `now`; an earlier time than the last does nothing.
@@ -175,11 +185,14 @@ class SystemBits:
         A clock that is waited for and has risen since the last update shows one rising edge, even if its on
         phase has passed or a new one has begun: the word is then written up to three times.
         """
+        if now < self.look_at:
+            return
         if self._origin is None:
             raise DeviceMemoryError("the system bits have not been started")
         time = now - self._origin
         if now >= self._next_second:
             self._show_calendar(now)
+            self._note_times()
         if time < self._next_edge or time <= self._time:
             return
         self._time = time
@@ -210,12 +223,18 @@ class SystemBits:
 
     def _look_again(self, *_: object) -> None:
         """These bits have been written over: the next update puts them right."""
-        self._next_edge = 0
+        self._next_edge = self.look_at = 0
 
     def _note_next_edge(self) -> None:
         """Between two edges an update has nothing to do, and they are far apart."""
         words = self._words.values()
         self._next_edge = min((word.next_edge(self._time, self._scan) for word in words), default=NEVER)
+        self._note_times()
+
+    def _note_times(self) -> None:
+        assert self._origin is not None
+        self.look_at = min(self._origin + self._next_edge, self._next_second)
+        self._note_due()
 
     def _show(self, word: _Word, time: int) -> None:
         risen = 0

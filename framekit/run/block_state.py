@@ -8,18 +8,22 @@ from __future__ import annotations
 import csv
 import enum
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from operator import attrgetter
 from pathlib import Path
 from types import MappingProxyType
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from framekit.codec.shown import code_text
 from framekit.link.services.client import TransferResult
 from framekit.run.model import STATIONED, Block, block_id, block_label
 from framekit.run.triggers import ArmedTriggers
+
+if TYPE_CHECKING:
+    from framekit.run.block_words import Given
+    from framekit.run.lanes import BlockLane
+    from framekit.run.transfer import BlockStarts
 
 TABLE = Path(__file__).with_name("error_codes.csv")
 FIRST_OWN = 0xFF00
@@ -181,22 +185,22 @@ class BlockStatus:
 Shown: TypeAlias = "BlockStatus | BlockState"
 """What the words of a block show."""
 
-ITEMS: Mapping[str, Callable[[Shown], int]] = MappingProxyType(
+ITEMS: Mapping[str, str] = MappingProxyType(
     {
-        "error": lambda status: 0 if status.last_failure is None else status.last_failure.error,
-        "reason": lambda status: 0 if status.last_failure is None else status.last_failure.reason,
-        "device_code": lambda status: 0 if status.last_failure is None else status.last_failure.device_code or 0,
-        "started_count": attrgetter("started"),
-        "done_count": attrgetter("done"),
-        "failed_count": attrgetter("failed"),
-        "overrun_count": attrgetter("overruns"),
-        "enabled": attrgetter("enabled"),
-        "waiting": attrgetter("waiting"),
-        "running": attrgetter("running"),
-        "dead": attrgetter("dead"),
+        "error": "(0 if block.last_failure is None else block.last_failure.error)",
+        "reason": "(0 if block.last_failure is None else block.last_failure.reason)",
+        "device_code": "(0 if block.last_failure is None else block.last_failure.device_code or 0)",
+        "started_count": "block.started",
+        "done_count": "block.done",
+        "failed_count": "block.failed",
+        "overrun_count": "block.overruns",
+        "enabled": "block.enabled",
+        "waiting": "block.waiting",
+        "running": "block.running",
+        "dead": "block.dead",
     }
 )
-"""What the words of a block can show, by the names that memory profiles use."""
+"""What the words of a block can show, by the names that memory profiles use: expressions on a block."""
 
 PULSES = ("done", "failed")
 """Bits that go on at a normal and at an abnormal completion, and off again by themselves."""
@@ -217,13 +221,18 @@ class BlockState:
     `companions`: blocks whose data come with the exchange of this one. `probing`: it asks a dead station. `round`
     counts how often it has been armed; timers of earlier rounds mean nothing. `key`: its set, and its
     number there. `chain`: the blocks that made it due one after the other, each of which ended while it was being
-    started. `switched_on`: the block itself is on; `set_on`: its set is.
+    started. `switched_on`: the block itself is on; `set_on`: its set is. `queue`: the lane in which it waits.
+    `given`: its settings in memory; `effective`: the block as they say, from the look at its station to its start;
+    `at_station`: a block that names a station, and that station. `ending`: what is told of the end of its exchange,
+    `starts`: what begins one.
     """
 
+    queue: BlockLane
+
     __slots__ = (
-        "armed", "block", "chain", "companions", "dead", "done", "failed", "has_station", "id", "key", "lane",
-        "last_end", "last_failure", "overruns", "probing", "reasons", "round", "running", "set_on",
-        "started", "started_at", "starts_left", "switched_on", "waiting",
+        "armed", "at_station", "block", "chain", "companions", "dead", "done", "effective", "ending", "failed", "given",
+        "has_station", "id", "key", "lane", "last_end", "last_failure", "overruns", "probing", "queue", "reasons",
+        "round", "running", "set_on", "started", "started_at", "starts", "starts_left", "switched_on", "waiting",
     )  # fmt: skip
 
     def __init__(self, block: Block) -> None:
@@ -233,6 +242,11 @@ class BlockState:
         self.has_station = block.instruction in STATIONED
         self.lane = block.lane
         self.chain: tuple[int, ...] = ()
+        self.given: Sequence[Given] = ()
+        self.effective: Block | None = None
+        self.at_station: tuple[Block, Hashable] | None = None
+        self.ending: Callable[[Failure | None], None] | None = None
+        self.starts: BlockStarts | None = None
         self.started = self.done = self.failed = self.overruns = 0
         self.switched_on = block.enabled
         self.set_on = True

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from struct import Struct
 
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import UNIT_BITS
@@ -22,7 +21,8 @@ from framekit.run.own_memory import fixed_bytes, parts_of, read_piece
 Key = tuple[int, int]
 """Set and number of a block."""
 
-_NUMBERS = {16: Struct("<H"), 32: Struct("<I"), 64: Struct("<Q")}
+_COUNTED = (16, 32, 64)
+"""Bits that a count can have."""
 
 
 def status_sections(sections: Iterable[BlockWords]) -> tuple[BlockWords, ...]:
@@ -45,6 +45,7 @@ class StatusWords:
         self._ends: list[tuple[int, Key]] = []
         self._end_of: dict[Key, int] = {}
         self._places: dict[Key, tuple[_WordPlace, ...]] = {}
+        self._layouts = {id(section): _Layout(section) for section in self._sections}
         shown = {name for section in self._sections for name in section.items}
         self.shows_starts = any(name in shown for name in ("started_count", "waiting", "running", "overrun_count"))
 
@@ -61,10 +62,11 @@ class StatusWords:
         for place in self._places.get(key) or self._places_of(key):
             pulses |= place.completed(status, PULSES[0] if ok else PULSES[1])
         if pulses:
+            end = now + self._pulse
             if key not in self._end_of:
-                heapq.heappush(self._ends, (now + self._pulse, key))
+                heapq.heappush(self._ends, (end, key))
                 self.deadline = self._ends[0][0]
-            self._end_of[key] = now + self._pulse
+            self._end_of[key] = end
 
     def forget(self, key: Key) -> None:
         """A block is no more: its words are 0."""
@@ -100,74 +102,85 @@ class StatusWords:
     def _places_of(self, key: Key) -> tuple[_WordPlace, ...]:
         found = self._places.get(key)
         if found is None:
-            places = [
-                _WordPlace(self._memory.area(one.area), first, one) for one, first in words_of(self._sections, key)
-            ]
-            found = self._places[key] = tuple(place for place in places if place.shows_something)
+            places = [(one, first, self._layouts[id(one)]) for one, first in words_of(self._sections, key)]
+            found = self._places[key] = tuple(
+                _WordPlace(self._memory.area(one.area), first, layout)
+                for one, first, layout in places
+                if layout.shows_something
+            )
         return found
 
 
+class _Layout:
+    """What one section says of a block, in its words as one number.
+
+    `content(block)`: the counts and flags as they are now; `rest`: the bits that are none of them, and no pulse.
+    """
+
+    __slots__ = ("content", "every_pulse", "pulses", "rest", "shows_something", "size")
+
+    def __init__(self, section: BlockWords) -> None:
+        self.size = 2 * section.words
+        self.pulses = dict.fromkeys(PULSES, 0)
+        parts, owned = [], 0
+        for name, item in section.items.items():
+            known, first = ITEMS.get(name), 16 * item.word
+            if name in self.pulses and item.bit is not None:
+                self.pulses[name] = 1 << first + item.bit
+            elif known is not None and item.bit is not None:
+                parts.append(f"({1 << first + item.bit} if {known} else 0)")
+                owned |= 1 << first + item.bit
+            elif known is not None and (bits := UNIT_BITS[item.unit]) in _COUNTED:
+                mask = (1 << bits) - 1  # bits beyond a counter's size are lost, so it begins anew at 0
+                parts.append(f"({known} & {mask}) << {first}")
+                owned |= mask << first
+        self.every_pulse = sum(self.pulses.values())
+        self.rest = (1 << 8 * self.size) - 1 & ~owned
+        self.shows_something = bool(parts or self.every_pulse)
+        self.content: Callable[[Shown], int] = eval(f"lambda block: {' | '.join(parts) or 0}")
+
+
 class _WordPlace:
-    """The words of one block in one section, with where everything in them stands."""
+    """The words of one block in one section."""
 
-    __slots__ = ("_every_pulse", "_flags", "_numbers", "_pulses", "_read", "_size", "_write", "shows_something")
+    __slots__ = ("_every_pulse", "_layout", "_pulses", "_read", "_size", "_write")
 
-    def __init__(self, area: Area, first: int, section: BlockWords) -> None:
-        self._size = 2 * section.words
+    def __init__(self, area: Area, first: int, layout: _Layout) -> None:
+        self._layout, self._size = layout, layout.size
+        self._pulses, self._every_pulse = layout.pulses, layout.every_pulse
         self._read = area.bytes_reader(2 * first, self._size)
         self._write = area.bytes_writer(2 * first, self._size)
-        self._numbers: list[tuple[Callable[[Shown], int], Callable[..., None], int, int]] = []
-        self._flags: list[tuple[Callable[[Shown], int], int]] = []
-        self._pulses = dict.fromkeys(PULSES, 0)
-        for name, item in section.items.items():
-            read = ITEMS.get(name)
-            if name in self._pulses and item.bit is not None:
-                self._pulses[name] = 1 << 16 * item.word + item.bit
-            elif read is not None and item.bit is not None:
-                self._flags.append((read, 1 << 16 * item.word + item.bit))
-            elif read is not None and (bits := UNIT_BITS[item.unit]) in _NUMBERS:
-                self._numbers.append((read, _NUMBERS[bits].pack_into, 2 * item.word, (1 << bits) - 1))
-        self._every_pulse = sum(self._pulses.values())
-        self.shows_something = bool(self._numbers or self._flags or self._every_pulse)
 
-    def show(self, status: Shown, pulse: int = 0) -> None:
-        """What the counts are now, and then a pulse: both are there when the pulse is seen.
-
-        Bits beyond a counter's size are lost, so it begins anew at 0.
-        """
-        before = self._read()
-        data = bytearray(before)
-        for read, pack_into, at, most in self._numbers:
-            pack_into(data, at, read(status) & most)
-        if self._flags or pulse:
-            bits = int.from_bytes(data, "little") | pulse
-            for read, bit in self._flags:
-                bits = bits | bit if read(status) else bits & ~bit
-            data[:] = bits.to_bytes(self._size, "little")
-        if data != before:
-            self._write(bytes(data))
+    def show(self, status: Shown) -> None:
+        """What the counts are now; its pulses stay as they are."""
+        before = int.from_bytes(self._read(), "little")
+        number = before & self._layout.rest | self._layout.content(status)
+        if number != before:
+            self._write(number.to_bytes(self._size, "little"))
 
     def completed(self, status: Shown, kind: str) -> bool:
-        """An exchange has ended: other pulses end. Whether there is a pulse for its kind."""
-        pulse = self._pulses[kind]
-        self.end_pulses()
-        self.show(status, pulse)
-        return bool(pulse)
+        """An exchange has ended: other pulses end, then come the counts and the pulse of its kind together.
+
+        Whether there is a pulse for its kind.
+        """
+        layout, pulse, before = self._layout, self._pulses[kind], int.from_bytes(self._read(), "little")
+        if before & self._every_pulse:
+            before &= ~self._every_pulse
+            self._write(before.to_bytes(self._size, "little"))
+        number = before & layout.rest | layout.content(status) | pulse
+        if number != before:
+            self._write(number.to_bytes(self._size, "little"))
+        return pulse != 0
 
     def end_pulses(self) -> None:
         """Ends the pulses that are on."""
-        if self._every_pulse:
-            number = int.from_bytes(self._read(), "little")
-            if number & self._every_pulse:
-                self._write((number & ~self._every_pulse).to_bytes(self._size, "little"))
+        number = int.from_bytes(self._read(), "little")
+        if number & self._every_pulse:
+            self._write((number & ~self._every_pulse).to_bytes(self._size, "little"))
 
     def clear(self) -> None:
         """Everything that this place shows is 0."""
-        data = bytearray(self._read())
-        for _, pack_into, at, _ in self._numbers:
-            pack_into(data, at, 0)
-        bits = self._every_pulse | sum(bit for _, bit in self._flags)
-        left = int.from_bytes(data, "little") & ~bits
+        left = int.from_bytes(self._read(), "little") & self._layout.rest & ~self._every_pulse
         self._write(left.to_bytes(self._size, "little"))
 
 
@@ -219,7 +232,7 @@ class _Slot:
     sets: str | None = None
 
 
-class _Given:
+class Given:
     """The words of one section for a block as the run gives them, and where they stand: from word `first` of `area`.
 
     `holds` tells whether they do.
@@ -247,9 +260,9 @@ class BlockSettings:
         self._memory = memory
         self._sections = tuple(section for section in sections if any(name in SETTINGS for name in section.items))
         self._protocols: dict[Key, Protocol] = {}
-        self._given: dict[Key, list[_Given]] = {}
+        self._given: dict[Key, list[Given]] = {}
 
-    def show(self, block: Block, protocol: Protocol) -> None:
+    def show(self, block: Block, protocol: Protocol) -> Sequence[Given]:
         """Puts a block's settings into its words, as the run gives them, over what stood there."""
         key = (block.set, block.number)
         self._protocols[key] = protocol
@@ -260,8 +273,19 @@ class BlockSettings:
                 put_item(words, item, value)
             area = self._memory.area(section.area)
             area.write("word", first, words, force=True)
-            shown.append(_Given(section, area, first, words))
+            shown.append(Given(section, area, first, words))
         self._given[key] = shown
+        return shown
+
+    def look(self, state: BlockState) -> Block:
+        """As `effective`, kept as the block's."""
+        state.effective, block = None, state.block
+        for given in state.given:
+            if block.station_from is not None or not given.holds():
+                block = self.effective(block)
+                break
+        state.effective = block
+        return block
 
     def forget(self, key: Key) -> None:
         """A block is no more: its words are free memory, and 0."""
@@ -301,7 +325,7 @@ class BlockSettings:
                 changed = self._changed(changed, given, words)
         return changed
 
-    def _show_station(self, given: _Given, block: Block) -> None:
+    def _show_station(self, given: Given, block: Block) -> None:
         """A station that the run takes from elsewhere is only shown."""
         item, place = given.section.items.get("station"), block.station_from
         if item is None or place is None or self._protocols[block.set, block.number].station.type != "number":
@@ -312,7 +336,7 @@ class BlockSettings:
         put_item(words, item, number)
         given.area.write("word", given.first, words, force=True)
 
-    def _changed(self, block: Block, given: _Given, words: list[int]) -> Block:
+    def _changed(self, block: Block, given: Given, words: list[int]) -> Block:
         section, shown = given.section, list(given.words)
         settable = [(item, slot, get_item(words, item)) for item, slot in self._settable(block, section)]
         for item, _, value in settable:
@@ -412,7 +436,7 @@ class BlockMemory:
     def add(self, state: BlockState, protocol: Protocol | None) -> None:
         """A block of the run: its state is put into its words, and its settings, if a protocol says what they are."""
         if protocol is not None:
-            self.settings.show(state.block, protocol)
+            state.given = self.settings.show(state.block, protocol)
         self.words.show(state.key, state)
 
     def remove(self, block: Block) -> None:

@@ -61,13 +61,15 @@ class _Failing:
 class BlockLane:
     """One channel. `station_of` says which station a block talks to; None counts as no station.
 
-    `order`: its place among the lanes. `asked_for`: when it is to be looked at, as `ReadyQueue` has it. `changed`:
+    `order`: its place among the lanes. `asked_for`: when it is to be looked at, and `noted`: soon, as `ReadyQueue` has
+    it. `waiting`: the blocks whose turn comes, a heap. `changed`:
     stations that have died (True) or come back (False).
     """
 
     def __init__(self, rules: LaneRules, station_of: Callable[[BlockState], Hashable], order: int = 0) -> None:
         self.order = order
         self.asked_for = NEVER
+        self.noted = False
         self.rules = rules
         self.station_of = station_of
         self.waiting: list[Entry] = []
@@ -81,14 +83,15 @@ class BlockLane:
         self.changed: list[tuple[Hashable, bool]] = []
 
     @property
+    def has_failed(self) -> bool:
+        """Whether a station does not answer."""
+        return bool(self._failing)
+
+    @property
     def busy(self) -> bool:
         return bool(self.running)
 
     # ---- waiting ------------------------------------------------------------------------------------------
-
-    def push(self, state: BlockState, due: int) -> None:
-        """A block waits for its turn from `due` on."""
-        heapq.heappush(self.waiting, (due, -state.block.priority, state.id, state))
 
     def look_again(self, state: BlockState) -> None:
         """A block that stands aside may talk to another station by now: it waits among the others again."""
@@ -125,7 +128,7 @@ class BlockLane:
         if self.running or not self.open or self.held or now < self.free_from:
             return None
         if not self._failing:
-            taken = self._next(now)
+            taken = self._next(now) if self.waiting else None
         elif self._probed:
             taken = self._next(now) or (self._probe(now) if now >= self.free_from else None)
         else:
@@ -167,15 +170,16 @@ class BlockLane:
         return now >= ready
 
     def _next(self, now: int) -> Taken | None:
-        while self.waiting:
-            entry = heapq.heappop(self.waiting)
-            state, last = entry[3], self._last
+        waiting, last = self.waiting, self._last
+        while waiting:
+            entry = heapq.heappop(waiting)
+            state = entry[3]
             station = self.station_of(state) if state.has_station else None
             if self._failing and self.is_dead(station):
                 heapq.heappush(self._failing[station].parked, entry)
                 continue
             if last is not None and station != last[0] and not self._silent_for(station, now):
-                heapq.heappush(self.waiting, entry)
+                heapq.heappush(waiting, entry)
                 return None
             return state, station
         return None
@@ -198,7 +202,8 @@ class BlockLane:
         station = self.running.pop(state.id)
         state.probing = False
         self._last = station, now
-        self.free_from = now + max(self.rules.silence.between, least)
+        between = self.rules.silence.between
+        self.free_from = now + (least if least > between else between)
         if station is not None and (failure is not None or self._failing):
             self._count_failure(station, failure, now)
 

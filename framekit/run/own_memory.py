@@ -129,7 +129,7 @@ def piece_writer(
         raise MemoryRangeError(f"{bits} bits from {place.text} on are not in area {area.name}")
     if (first | bits) % 8:
         return partial(area.write_bits, first, bits, force=force)
-    return partial(area.write_bytes, first // 8, force=force)
+    return area.bytes_writer(first // 8, bits // 8)
 
 
 def store_pieces(memory: DeviceMemory, pieces: Sequence[Piece]) -> None:

@@ -21,11 +21,12 @@ from typing import Any, Literal
 from framekit.codec.codec import compile_protocol
 from framekit.definition.times import NEVER, format_time
 from framekit.link.addresses import Address
-from framekit.link.packing import values_of
+from framekit.link.packing import reader_of
 from framekit.link.scope import Scope
 from framekit.link.services.rows import Piece, Planner, rows_of
 from framekit.link.values import EVALUATION_ERRORS, Names
 from framekit.memory.memory import DeviceMemory, unit_bits
+from framekit.memory.views import NumberView
 from framekit.run.block_state import Failure
 from framekit.run.model import POINTS_AREA, POINTS_SET, Block, Channel, Merge, OwnPlace, Point
 from framekit.run.own_memory import piece_reader
@@ -273,19 +274,92 @@ def _place(address: Address) -> tuple[str, str, int, int]:
 # ---- at work ----------------------------------------------------------------------------------------------------
 
 
-class _State:
-    """A point at work: what it is now, how it is read from memory, and when its value is too old."""
+def decoder_of(point: Point) -> Callable[[bytes], Any]:
+    """What makes a point's value of its data in memory. It raises ValueError where they hold none."""
+    form = point.form
+    if form.view is not None and (form.is_float or not isinstance(form.view, NumberView)):
+        return lambda data: scaled(point, form.values(data, ())[0])
+    value = _exactly(point)
+    if form.view is not None:
+        return lambda data: value(form.values(data, ())[0])
+    read = reader_of(form.carrier, form.units)
+    return lambda data: value(next(iter(read(data))))
 
-    __slots__ = ("due", "failed_blocks", "point", "read", "told", "value", "waits")
+
+def _exactly(point: Point) -> Callable[[int], Any]:
+    """The same as `scaled`, for whole numbers: the scale as a fraction, which is worked out once."""
+    scaling, decimals = point.scaling, point.decimals
+    if scaling is None:
+        return lambda number: number
+    (a, c), (b, d) = scaling.factor.as_integer_ratio(), scaling.offset.as_integer_ratio()
+    under = math.lcm(c, d)
+    a, b = a * under // c, b * under // d
+    if scaling.is_whole:
+        return lambda number: number * a + b
+
+    def value(number: int) -> float:
+        try:
+            found = (number * a + b) / under  # rounded once, to the nearest
+        except OverflowError:
+            raise ValueError("the scaled value is beyond all numbers") from None
+        return found if decimals is None else round(found, decimals)
+
+    return value
+
+
+class _State:
+    """A point at work: what it is now, and how it is read from memory.
+
+    `data`: what its `number` was made of; `read_at`: when it was read last. `made_at`: the reading that `value` is of;
+    while the point is good, another one is made when it is asked for.
+    """
+
+    __slots__ = (
+        "data", "decode", "failed_blocks", "groups", "made_at", "number", "point", "read", "read_at", "told", "value",
+    )  # fmt: skip
 
     def __init__(self, point: Point, memory: DeviceMemory) -> None:
         self.point = point
         self.value = PointValue(point.name)
         self.told: Any = None
-        self.due = NEVER
-        self.waits = False
+        self.data: bytes | None = None
+        self.number: Any = None
+        self.read_at = self.made_at = 0
         self.failed_blocks: set[int] = set()
+        self.groups: list[_Group] = []
         self.read = piece_reader(memory, point.place, point.bits)
+        self.decode = decoder_of(point)
+
+    @property
+    def last_read(self) -> int:
+        """When it was read last, alone or with its block."""
+        return max(self.read_at, *(group.same_at for group in self.groups))
+
+
+class _Group:
+    """The points that a block brings, or one that none does.
+
+    `read`: reads all that is theirs, where it stands together and no other block brings any of it; `data`: what that
+    was when all of them were good; `same_at`: when it was the same again. `read_at`: when they were read last. `stale`:
+    how soon one of them is too old; `waits`: it is among those that are looked at then.
+    """
+
+    __slots__ = ("data", "read", "read_at", "same_at", "stale", "states", "waits")
+
+    def __init__(self, states: Sequence[_State], memory: DeviceMemory) -> None:
+        self.states = states
+        self.data: bytes | None = None
+        self.read_at = self.same_at = 0
+        self.stale = min(state.point.stale for state in states)
+        self.waits = False
+        self.read: Callable[[], bytes] | None = None
+        places = [(one.point.place.address, one.point.bits) for one in states]
+        if len({place.area for place, _ in places}) == 1 and all(len(one.point.blocks) == 1 for one in states):
+            first = min(place.first_bit for place, _ in places) // 8
+            end = max(place.first_bit + bits + 7 for place, bits in places) // 8
+            self.read = memory.area(places[0][0].area).bytes_reader(first, end - first)
+        for state in states:
+            state.groups.append(self)
 
 
 class PointTable:
@@ -301,19 +375,22 @@ class PointTable:
     ) -> None:
         self.wall, self._wake = wall, wake
         self._states = {point.name: _State(point, memory) for point in points}
-        self._by_block: dict[int, list[_State]] = {}
         self._changed: dict[str, _State] = {}
-        self._ages: list[tuple[int, int, _State]] = []
+        self._ages: list[tuple[int, int, _Group]] = []
         self._order = itertools.count()
         self.listeners: list[Callable[[PointValue], None]] = []
+        by_block: dict[int, list[_State]] = {}
         for state in self._states.values():
             point = state.point
             for block in point.blocks:
-                self._by_block.setdefault(block, []).append(state)
+                by_block.setdefault(block, []).append(state)
+            if not point.blocks:
+                _Group([state], memory)
             if point.channel is None:  # others than its blocks may write it, too
                 self._watch(state, memory)
                 if not point.blocks:
                     self._changed[point.name] = state
+        self._by_block = {block: _Group(states, memory) for block, states in by_block.items()}
 
     def _watch(self, state: _State, memory: DeviceMemory) -> None:
         """Notes changes of the bits of a point, and of no others in the words that they stand in."""
@@ -328,11 +405,25 @@ class PointTable:
         self._wake()
 
     def __iter__(self) -> Iterator[PointValue]:
-        return iter([state.value for state in self._states.values()])
+        return iter([self._value(state) for state in self._states.values()])
 
     def __getitem__(self, name: str) -> PointValue:
         """What a point is now. Raises KeyError."""
-        return self._states[name].value
+        return self._value(self._states[name])
+
+    def _value(self, state: _State) -> PointValue:
+        """What a point is, with the time of its last reading."""
+        if state.value.quality == "good" and (last := state.last_read) > state.made_at:
+            self._make(state, last)
+        return state.value
+
+    def _make(self, state: _State, at: int) -> PointValue:
+        """The value of a good point, read at that time."""
+        point, number = state.point, state.number
+        name = point.names.get(number, number) if point.names else number
+        state.made_at = at
+        state.value = value = PointValue(point.name, name, "good", "", self.wall(at), number)
+        return value
 
     def point(self, name: str) -> Point:
         """What a point is. Raises KeyError."""
@@ -352,14 +443,30 @@ class PointTable:
 
         A point that several blocks store in is good when the last end of each was.
         """
-        for state in self._by_block.get(block, ()):
-            if failure is not None:
+        group = self._by_block.get(block)
+        if group is None:
+            return
+        if failure is not None:
+            for state in group.states:
                 state.failed_blocks.add(block)
                 self._fail(state, str(failure), now)
-                continue
-            state.failed_blocks.discard(block)
-            if not state.failed_blocks:
-                self._read(state, now)
+            return
+        group.read_at = now
+        if not group.waits:
+            self._wait(group, now + group.stale)
+        data = None if group.read is None else group.read()
+        if data is not None and data == group.data:
+            group.same_at = now
+            return
+        good = True
+        for state in group.states:
+            if state.failed_blocks:
+                state.failed_blocks.discard(block)
+                if state.failed_blocks:
+                    continue
+            if not self._read(state, now):
+                good = False
+        group.data = data if good else None
 
     def closed(self, channel: int, reason: str, now: int) -> None:
         """A channel has no port: its points that were never read have failed. Others grow old."""
@@ -376,48 +483,71 @@ class PointTable:
         if self._changed:
             changed, self._changed = self._changed, {}
             for state in changed.values():
-                if not state.failed_blocks:
-                    self._read(state, now)
+                if not state.failed_blocks and self._read(state, now):
+                    for group in state.groups:
+                        group.read_at = now
+                        self._wait(group, now + group.stale)
         while self._ages and self._ages[0][0] <= now:
-            _, _, state = heapq.heappop(self._ages)
-            state.waits = False
-            if state.due > now:
-                self._wait(state)
-            elif state.value.quality == "good":
-                age = f"not read for {format_time(state.point.stale)}"
-                self._tell(state, replace(state.value, quality="stale", reason=age, time=self.wall(now)))
+            _, _, group = heapq.heappop(self._ages)
+            group.waits = False
+            due = group.read_at + group.stale
+            self._wait(group, due if due > now else self._grown_old(group, now))
 
-    def _wait(self, state: _State) -> None:
-        """Looks again when the value is too old; each point has one place among those that wait."""
-        if not state.waits and state.due < NEVER:
-            state.waits = True
-            heapq.heappush(self._ages, (state.due, next(self._order), state))
+    def _grown_old(self, group: _Group, now: int) -> int:
+        """Tells which of them are too old; when the next one is."""
+        due = NEVER
+        for state in group.states:
+            if state.value.quality == "good":
+                end = state.last_read + state.point.stale
+                if end > now:
+                    due = min(due, end)
+                    continue
+                age = f"not read for {format_time(state.point.stale)}"
+                self._tell(state, replace(self._value(state), quality="stale", reason=age, time=self.wall(now)))
+                self._is_new(state)
+        return due
+
+    @staticmethod
+    def _is_new(state: _State) -> None:
+        """Whatever is read of it next says something new."""
+        state.data = None
+        for group in state.groups:
+            group.data = None
+
+    def _wait(self, group: _Group, due: int) -> None:
+        """Looks again when one of them is too old; each group has one place among those that wait."""
+        if not group.waits and due < NEVER:
+            group.waits = True
+            heapq.heappush(self._ages, (due, next(self._order), group))
 
     @property
     def deadline(self) -> int:
         """When the next point may be too old."""
         return self._ages[0][0] if self._ages else NEVER
 
-    def _read(self, state: _State, now: int) -> None:
-        point, data = state.point, state.read()
+    def _read(self, state: _State, now: int) -> bool:
+        """Reads a point, whatever its blocks say; whether it is good."""
+        data = state.read()
+        state.read_at = now
+        if data == state.data:
+            return True
         try:
-            number = scaled(point, point.form.values(data, values_of(data, point.form.carrier, point.form.units))[0])
+            number = state.decode(data)
         except ValueError as error:
             self._fail(state, str(error), now)
-            return
-        if point.stale < NEVER:
-            state.due = now + point.stale
-            self._wait(state)
-        name = point.names.get(number, number) if point.names else number
-        value = PointValue(point.name, name, "good", "", self.wall(now), number)
-        if state.value.quality == "good" and not _differs(point, number, state.told):
-            state.value = value
-        else:
+            return False
+        is_other = state.value.quality != "good"
+        state.data, state.number, state.made_at = data, number, -1
+        deadband = state.point.deadband
+        if is_other or (number != state.told and (not deadband or _differs(state.point, number, state.told))):
             state.told = number
-            self._tell(state, value)
+            if is_other or self.listeners:
+                self._tell(state, self._make(state, now))
+        return True
 
     def _fail(self, state: _State, reason: str, now: int) -> None:
-        before, state.due = state.value, NEVER
+        before = self._value(state)
+        self._is_new(state)
         if (before.quality, before.reason) == ("failed", reason):
             state.value = replace(before, time=self.wall(now))
         else:

@@ -24,7 +24,7 @@ class TriggerRegistry:
     """Arms blocks. `wake` is called when one comes due by its memory triggers.
 
     `fired`: those that have come due since they were last taken, always the same list. `timers`: a heap of times when
-    blocks are due next.
+    blocks are due next. `after`: blocks that wait for an end, by the block's id and whether it is a good one.
     """
 
     def __init__(self, memory: DeviceMemory, resolve: Resolve, wake: Callable[[], None]) -> None:
@@ -34,14 +34,14 @@ class TriggerRegistry:
         self._wake = wake
         self.timers: list[tuple[int, int, Cycle | None, BlockState, int]] = []
         self._order = itertools.count()
-        self._after: dict[tuple[int, bool], list[BlockState]] = {}
+        self.after: dict[tuple[int, bool], list[BlockState]] = {}
 
     def await_ends(self, state: BlockState) -> None:
         """From now on the block hears of the ends it waits for: those of blocks of its set."""
         for trigger in state.block.triggers:
             if trigger.follows is not None:
                 number, ok = trigger.follows
-                self._after.setdefault((BLOCKS_IN_SET * (state.block.set - 1) + number, ok), []).append(state)
+                self.after.setdefault((BLOCKS_IN_SET * (state.block.set - 1) + number, ok), []).append(state)
 
     def arm(self, state: BlockState, now: int) -> None:
         """Arms the triggers of a block; its time triggers count from here."""
@@ -63,7 +63,7 @@ class TriggerRegistry:
         """A block is no more."""
         self.disarm(state)
         self.fired[:] = [fired for fired in self.fired if fired is not state]
-        for waiting in self._after.values():
+        for waiting in self.after.values():
             waiting[:] = [other for other in waiting if other is not state]
 
     def clear(self) -> None:
@@ -73,15 +73,9 @@ class TriggerRegistry:
 
     # ---- what happens -------------------------------------------------------------------------------------
 
-    def ended(self, state: BlockState, ok: bool) -> None:
-        """A block has ended, well or not."""
-        waiting = self._after.get((state.id, ok))
-        if waiting:
-            self.fired.extend(waiting)
-
     def ended_at_once(self, state: BlockState, ok: bool, later: int) -> None:
         """A block has ended while it was being started; one in whose chain it is already is due only `later`."""
-        waiting = self._after.get((state.id, ok))
+        waiting = self.after.get((state.id, ok))
         if not waiting:
             return
         chain = (*state.chain, state.id)
@@ -115,12 +109,13 @@ class TriggerRegistry:
 
 
 class ReadyQueue:
-    """Lanes by number. What changes a lane says so by `schedule`; `due` then names it when its time has come."""
+    """Lanes by number. What changes a lane says so by `note` or `postpone`; `due` names it when its time has come."""
 
     def __init__(self, station_of: Callable[[BlockState], Hashable]) -> None:
         self.lanes: dict[int, BlockLane] = {}
         self._station_of = station_of
         self._number = itertools.count()
+        self.noted: list[BlockLane] = []
         self._heap: list[tuple[int, int, BlockLane]] = []
 
     def add(self, number: int, rules: LaneRules) -> BlockLane:
@@ -138,7 +133,7 @@ class ReadyQueue:
         """Nothing starts in these lanes until the next call; in all others it does."""
         for number, lane in self.lanes.items():
             lane.held = number in numbers
-            self.schedule(lane)
+            self.note(lane)
 
     def idle(self, numbers: Collection[int]) -> bool:
         """Whether nothing runs in any of these lanes."""
@@ -149,30 +144,41 @@ class ReadyQueue:
         for lane in self.lanes.values():
             lane.clear(which)
 
-    def schedule(self, lane: BlockLane) -> None:
-        """Something about the lane is different: it may have something to do at another time."""
-        if lane.running or not lane.open or lane.held:
-            return
-        when = lane.free_from if lane.waiting else lane.deadline
+    def note(self, lane: BlockLane) -> None:
+        """Something about the lane is different: it may have something to do now."""
+        if not lane.noted:
+            lane.noted = True
+            self.noted.append(lane)
+
+    def postpone(self, lane: BlockLane) -> None:
+        """It has nothing to do now: it is looked at when its time has come."""
+        when = lane.deadline
         if when < lane.asked_for:
             lane.asked_for = when
             heapq.heappush(self._heap, (when, lane.order, lane))
 
     def due(self, now: int) -> Sequence[BlockLane]:
-        """Lanes that may start something now, in their order; each has to be scheduled afterwards."""
-        heap, found = self._heap, []
+        """Lanes that may start something now, in their order; one that starts nothing has to be postponed."""
+        heap = self._heap
         while heap and heap[0][0] <= now:
             when, _, lane = heapq.heappop(heap)
             if when == lane.asked_for:
                 lane.asked_for = NEVER
-                found.append(lane)
-        if len(found) > 1:
-            found.sort(key=lambda lane: lane.order)
+                self.note(lane)
+        found = self.noted
+        if found:
+            self.noted = []
+            for lane in found:
+                lane.noted = False
+            if len(found) > 1:
+                found.sort(key=lambda lane: lane.order)
         return found
 
     @property
     def deadline(self) -> int:
-        """When the first of them has something to do."""
+        """When the first of them has something to do; 0: now."""
+        if self.noted:
+            return 0
         heap = self._heap
         while heap:
             when, _, lane = heap[0]
@@ -181,7 +187,7 @@ class ReadyQueue:
             heapq.heappop(heap)
             if when == lane.asked_for:
                 lane.asked_for = NEVER
-                self.schedule(lane)
+                self.postpone(lane)
         return NEVER
 
 
@@ -202,7 +208,8 @@ class Scheduler:
     `tick` soon: something came due between two ticks. `ended(state, ok, now)` hears of every completion, after it has
     been counted and before anything that waits for it comes due. `station_of` tells which station a block talks to,
     `joins` which waiting blocks may come with another one's exchange, `sets` which parameter sets are enabled,
-    `died(channel, station, dead)` hears of stations that are given up or back.
+    `died(channel, station, dead)` hears of stations that are given up or back. `look()`: nothing came due by the end of
+    an exchange, but `deadline` may be another one.
     """
 
     def __init__(
@@ -219,6 +226,7 @@ class Scheduler:
         joins: Joins | None = None,
         sets: Mapping[int, bool] | None = None,
         died: Callable[[int, Hashable, bool], None] = lambda channel, station, dead: None,
+        look: Callable[[], None] | None = None,
     ) -> None:
         self.states = {block.id: BlockState(block) for block in blocks}
         self.sets = dict(sets or {})
@@ -227,6 +235,7 @@ class Scheduler:
         self.lanes = self._ready.lanes
         self._start = start
         self._wake = wake
+        self._look = wake if look is None else look
         self._tell_ended = ended
         self._joins = joins
         self._died = died
@@ -241,7 +250,7 @@ class Scheduler:
         """A block without a channel waits for nothing: it has a lane of its own."""
         state.set_on = self.sets.get(state.block.set, True)
         self._registry.await_ends(state)
-        self._ready.add(state.lane, LaneRules())
+        state.queue = self._ready.add(state.lane, LaneRules())
 
     # ---- life ---------------------------------------------------------------------------------------------
 
@@ -284,7 +293,7 @@ class Scheduler:
             lane.open = False
         elif not lane.open:
             lane.opened(now)
-            self._ready.schedule(lane)
+            self._ready.note(lane)
             self._mark_changes(channel, lane)
             self._wake()
 
@@ -375,18 +384,19 @@ class Scheduler:
         return triggers is None or triggers.unless is None or not triggers.unless()
 
     def _due(self, state: BlockState, now: int) -> None:
-        lane = self.lanes[state.lane]
         if not self._may_start(state):
             return
+        lane = state.queue
         if state.waiting or state.running:
             state.overruns += 1
             if state.waiting:
                 lane.look_again(state)
-                self._ready.schedule(lane)
+                self._ready.note(lane)
             return
         state.waiting = True
-        lane.push(state, now)
-        self._ready.schedule(lane)
+        heapq.heappush(lane.waiting, (now, -state.block.priority, state.id, state))
+        if not lane.running:
+            self._ready.note(lane)
 
     # ---- time ---------------------------------------------------------------------------------------------
 
@@ -396,40 +406,42 @@ class Scheduler:
         registry = self._registry
         if registry.fired:
             return 0
-        turns = self._ready.deadline
-        return min(registry.timers[0][0], turns) if registry.timers else turns
+        turns, timers = self._ready.deadline, registry.timers
+        return timers[0][0] if timers and timers[0][0] < turns else turns
 
     def tick(self, now: int) -> None:
         """Makes due what is due now, and starts what can start."""
         registry = self._registry
-        if registry.timers and registry.timers[0][0] <= now:
-            for state, due, missed in self._registry.due(now):
+        timers, fired = registry.timers, registry.fired
+        if timers and timers[0][0] <= now:
+            for state, due, missed in registry.due(now):
                 self._due(state, due)
                 if missed and self._may_start(state):
                     state.overruns += missed
-        if registry.fired:
-            fired = registry.fired.copy()
-            registry.fired.clear()
-            for state in fired:
+        if fired:
+            came = fired.copy()
+            fired.clear()
+            for state in came:
                 self._due(state, now)
         for lane in self._ready.due(now):
-            self._start_next(lane, now)
+            first = lane.take(now)
+            if first is None:  # else its end says when the lane has something to do
+                self._ready.postpone(lane)
+                continue
+            if lane.waiting and self._joins is not None and not first.probing:
+                self._join(lane, first, self._joins, now)
+            else:
+                first.companions = ()
+                self._starting = first
+            first.begun(now)
+            self._start(first, now)
+            self._starting = None
 
-    def _start_next(self, lane: BlockLane, now: int) -> None:
-        state = lane.take(now)
-        if state is None:  # else its end says when the lane has something to do
-            self._ready.schedule(lane)
-            return
-        joins, state.companions = self._joins, ()
-        if joins is None or not lane.waiting or state.probing:
-            self._starting = state
-        else:
-            state.companions = tuple(lane.companions(lambda others: joins(state, others)))
-            for one in state.companions:
-                one.begun(now)
-        state.begun(now)
-        self._start(state, now)
-        self._starting = None
+    def _join(self, lane: BlockLane, state: BlockState, joins: Joins, now: int) -> None:
+        """Waiting blocks may come with the exchange of this one."""
+        state.companions = tuple(lane.companions(lambda others: joins(state, others)))
+        for one in state.companions:
+            one.begun(now)
 
     def finished(self, number: int, failure: Failure | None, now: int) -> None:
         """An exchange has ended, well if `failure` is None; blocks that wait for this come due.
@@ -439,19 +451,26 @@ class Scheduler:
         state = self.states.get(number)
         if state is None or not state.running:
             return
-        channel = state.lane
-        lane = self.lanes[channel]
+        lane = state.queue
         at_once = now - state.started_at < (1 if failure is None else LEAST_TIME)  # real time goes on meanwhile
         lane.ended(state, failure, now, LEAST_TIME if at_once else 0)
-        self._ready.schedule(lane)
+        if lane.waiting or lane.has_failed:
+            if lane.free_from > now:
+                self._ready.postpone(lane)
+            else:
+                self._ready.note(lane)
         if lane.changed:
-            self._mark_changes(channel, lane)
+            self._mark_changes(state.lane, lane)
         if state.dead:
             state.dead = lane.is_dead(lane.station_of(state))
         self._ended(state, failure, now)
-        if state.armed is not None and state.armed.level_holds():
+        armed = state.armed
+        if armed is not None and armed.levels and armed.level_holds():
             self._registry.at(now + LEAST_TIME, state)
-        self._wake()
+        if self._registry.fired or self._ready.noted:
+            self._wake()
+        else:
+            self._look()
 
     def _mark_changes(self, channel: int, lane: BlockLane) -> None:
         """The blocks that talk to a station that has died, or is back, show it."""
@@ -471,11 +490,12 @@ class Scheduler:
         self._wake()
 
     def _ended(self, state: BlockState, failure: Failure | None, now: int) -> None:
+        ok = failure is None
         state.ended(failure, now)
-        self._tell_ended(state, failure is None, now)
+        self._tell_ended(state, ok, now)
         if self._starting is state:
-            self._registry.ended_at_once(state, failure is None, now + LEAST_TIME)
-        else:
-            self._registry.ended(state, failure is None)
+            self._registry.ended_at_once(state, ok, now + LEAST_TIME)
+        elif waiting := self._registry.after.get((state.id, ok)):
+            self._registry.fired.extend(waiting)
         if state.chain:
             state.chain = ()

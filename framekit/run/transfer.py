@@ -24,7 +24,7 @@ from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.link.engine import Engine
 from framekit.link.events import Command
 from framekit.link.packing import Packer, cut_memory, join_memory, values_of
-from framekit.link.services.client import Client, Done, Transfer, TransferResult
+from framekit.link.services.client import Client, Done, ReadKey, Transfer, TransferPlan, TransferResult
 from framekit.link.values import EVALUATION_ERRORS, FrameValue, Names, compile_expression
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits
 from framekit.memory.views import as_signed
@@ -69,7 +69,6 @@ class BlockTransfers:
         self.commands = CommandTransfers(engine, client, memory, mapping or {}, later, params_of)
         self._parts: dict[str, dict[str, FramePart]] = {}
         self._fields: dict[tuple[int, int], FrameFields] = {}
-        self._writers: dict[tuple[int, int], tuple[Block, Callable[[bytes], None]]] = {}
         self._sending: list[Ended] = []
 
     def closed(self, reason: str) -> None:
@@ -81,7 +80,6 @@ class BlockTransfers:
     def forget(self, block: Block) -> None:
         """A block is no more: what was prepared for it is not kept."""
         self._fields.pop((block.set, block.number), None)
-        self._writers.pop((block.set, block.number), None)
 
     def prepare(self, block: Block) -> None:
         """Works out what the first start of a block would take longer for; what is wrong is told then."""
@@ -89,29 +87,28 @@ class BlockTransfers:
             with suppress(DeviceMemoryError, ValueError):
                 self.fields_of(block)
 
-    def start(self, block: Block, now: int, ended: Ended) -> list[Command]:
-        """Begins the exchange of a block; `ended` is called exactly once, perhaps before this returns."""
-        try:
-            if block.frame is not None and block.instruction == "send":
-                fields, told = self.fields_of(block).read(), partial(self._has_sent, ended)
-                commands = self.engine.send_frame(block.frame, now, fields, told)
-                self._sending.append(ended)
-                return commands
-            station = block.station if block.station_from is None else self.station_of(block)
-            if block.instruction == "command":
-                return self.commands.start(block, station, now, ended)
-            return self._transfer(block, station, now, partial(self._done, block, ended)).commands
-        except (DeviceMemoryError, *EVALUATION_ERRORS) as error:
-            ended(Failure(outcome="cannot_send", cause=explain(error)))
-            return []
+    def starts_of(self, block: Block) -> BlockStarts:
+        """What starts the exchanges of a block, as often as it comes due."""
+        if block.instruction == "read" and len(block.targets) == 1:
+            return BlockReads(self, block)
+        return BlockStarts(self, block)
+
+    def begin(self, block: Block, station: Any, now: int, ended: Ended) -> list[Command]:
+        """Begins one exchange. Raises DeviceMemoryError, EVALUATION_ERRORS."""
+        if block.frame is not None and block.instruction == "send":
+            fields, told = self.fields_of(block).read(), partial(self._has_sent, ended)
+            commands = self.engine.send_frame(block.frame, now, fields, told)
+            self._sending.append(ended)
+            return commands
+        if block.instruction == "command":
+            return self.commands.start(block, station, now, ended)
+        return self._transfer(block, station, now, partial(self._done, block, ended)).commands
 
     def _transfer(self, block: Block, station: Any, now: int, done: Done) -> Transfer:
         client, targets, unit = self.client, block.targets, block.unit
         assert client is not None
         if block.instruction == "read":
-            if len(targets) > 1:
-                return client.read_variables(targets, station=station, unit=unit, now=now, on_done=done)
-            return client.read(targets[0], station=station, unit=unit, count=block.count, now=now, on_done=done)
+            return client.read_variables(targets, station=station, unit=unit, now=now, on_done=done)
         if block.instruction == "write":
             values = self.values_of(block)
             if len(targets) > 1:
@@ -189,12 +186,8 @@ class BlockTransfers:
                 if block.results:
                     store_pieces(self.memory, list(result_pieces(block, result)))
                 elif len(block.targets) == 1:
-                    key = block.set, block.number
-                    known = self._writers.get(key)
-                    if known is None or known[0] is not block:
-                        bits = block.count * unit_bits(block.units[0])
-                        known = self._writers[key] = block, piece_writer(self.memory, block.places[0], bits)
-                    known[1](result.data)
+                    bits = block.count * unit_bits(block.units[0])
+                    piece_writer(self.memory, block.places[0], bits)(result.data)
                 else:
                     store_pieces(self.memory, self.pieces_of(block, result.data))
             except (DeviceMemoryError, ValueError) as error:
@@ -242,6 +235,86 @@ class BlockTransfers:
                 bits, data = to_memory(parts[name], place, value, block.sizes.get(name))
                 pieces.append((place, bits, data))
         store_pieces(self.memory, pieces)
+
+
+class BlockStarts:
+    """Starts the exchanges of one block, with what was worked out for all of them; another block has others."""
+
+    def __init__(self, transfers: BlockTransfers, block: Block) -> None:
+        self.transfers, self.block = transfers, block
+
+    def start(self, now: int, ended: Ended) -> list[Command]:
+        """Begins an exchange; `ended` is called exactly once, perhaps before this returns."""
+        try:
+            return self._begin(now, ended)
+        except (DeviceMemoryError, *EVALUATION_ERRORS) as error:
+            ended(Failure(outcome="cannot_send", cause=explain(error)))
+            return []
+
+    def _begin(self, now: int, ended: Ended) -> list[Command]:
+        return self.transfers.begin(self.block, self.transfers.station_of(self.block), now, ended)
+
+
+class BlockReads(BlockStarts):
+    """The reads of one block with one place: what they ask for, and what puts it where the block says."""
+
+    def __init__(self, transfers: BlockTransfers, block: Block) -> None:
+        super().__init__(transfers, block)
+        assert transfers.client is not None
+        self._client, self._engine = transfers.client, transfers.engine
+        self._write: Callable[[bytes], None] | None = None
+        self.spare: BlockRead | None = None
+        """One that is over, to be begun again."""
+        self._asked: ReadKey = block.targets[0], block.unit, block.count, block.station
+
+    def _begin(self, now: int, ended: Ended) -> list[Command]:
+        key = self._asked
+        if self.block.station_from is not None:
+            key = (*key[:3], self.transfers.station_of(self.block))
+        plan, read = self._client.read_plan(key), self.spare
+        if read is not None:
+            self.spare, read.told = None, ended
+            commands = read.again(plan, now, read.over)
+            if commands is not None:
+                return commands
+        return BlockRead(plan, self._engine, now, self, ended).commands
+
+    def write(self, data: bytes) -> None:
+        """What has come goes into memory. Raises DeviceMemoryError."""
+        write = self._write
+        if write is None:
+            bits = self.block.count * unit_bits(self.block.units[0])
+            write = self._write = piece_writer(self.transfers.memory, self.block.places[0], bits)
+        write(data)
+
+
+class BlockRead(Transfer):
+    """One read of a block. Its data go into memory as they come; nobody wants their numbers."""
+
+    __slots__ = ("_reads", "told")
+
+    def __init__(self, plan: TransferPlan, engine: Engine, now: int, reads: BlockReads, ended: Ended) -> None:
+        self._reads, self.told = reads, ended
+        Transfer.__init__(self, plan, engine, now, self.over)
+
+    def brought(self, data: bytes, reply: FrameValue, buffer: bytes, done: Done) -> None:
+        self._reads.spare = self
+        self._store(data)
+
+    def over(self, result: TransferResult) -> None:
+        """It has ended in another way."""
+        if result.ok:
+            self._store(result.data)
+        else:
+            self.told(failure_of(result))
+
+    def _store(self, data: bytes) -> None:
+        try:
+            self._reads.write(data)
+        except (DeviceMemoryError, ValueError) as error:
+            self.told(Failure(outcome="cannot_store", cause=str(error)))
+        else:
+            self.told(None)
 
 
 Key = TypeVar("Key")

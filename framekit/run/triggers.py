@@ -93,7 +93,7 @@ class ArmedTriggers:
     """The triggers of one block while it is armed; they call what is here when the block is due.
 
     `note` and `wake` are called when it comes due by something in memory; `at(when, cycle)` makes it due at a time.
-    `unless`: whether the block is held back now; None where it never is.
+    `unless`: whether the block is held back now; None where it never is. `levels`: each asks for another start.
     """
 
     def __init__(
@@ -104,7 +104,7 @@ class ArmedTriggers:
         self.at = at
         self._note, self._wake = note, wake
         self._watches: list[Watch] = []
-        self._levels: list[Callable[[], bool]] = []
+        self.levels: list[Callable[[], bool]] = []
         self.unless: Callable[[], bool] | None = None
 
     def arm(self, triggers: Iterable[Trigger], unless: Expression | None, now: int) -> None:
@@ -113,7 +113,7 @@ class ArmedTriggers:
         self.unless = None if held is None else held.reader(self.memory)
         for trigger in triggers:
             trigger.arm(self, now)
-        if self._levels and held is not None:
+        if self.levels and held is not None:
             self._watch_hold(held)
 
     def fire(self) -> None:
@@ -146,7 +146,7 @@ class ArmedTriggers:
 
     def watch_level(self, condition: Condition) -> None:
         """Asks for another start as long as the condition holds."""
-        self._levels.append(condition.reader(self.memory))
+        self.levels.append(condition.reader(self.memory))
         self.watch_condition(condition)
 
     def _watch_hold(self, unless: Condition) -> None:
@@ -162,7 +162,7 @@ class ArmedTriggers:
 
     def level_holds(self) -> bool:
         """Whether a level asks for another start."""
-        return bool(self._levels) and any(holds() for holds in self._levels)
+        return bool(self.levels) and any(holds() for holds in self.levels)
 
     def cancel(self) -> None:
         """Nothing in memory makes the block due any more."""

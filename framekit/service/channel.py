@@ -24,7 +24,7 @@ from framekit.run.block_words import BlockMemory, SettingError
 from framekit.run.lanes import LaneRules
 from framekit.run.model import STATIONED, Block, Channel, JobCommand, JobRecord, RunModel
 from framekit.run.own_memory import AddressedMemory
-from framekit.run.transfer import BlockTransfers, Ended, Read, neighbours
+from framekit.run.transfer import BlockStarts, BlockTransfers, Ended, Read, neighbours
 from framekit.service.device import DeviceService, ListeningPort, devices_of, port_for
 from framekit.service.driver import Driver, Moment
 from framekit.service.written import NamedMemory, NamedServer, begun_log, client_of
@@ -214,12 +214,12 @@ class ChannelService:
         """Takes leave of the other side as soon as nothing runs; `done` is called then."""
         self.driver.do(lambda now: self.engine.close_session(now, done))
 
-    def start_block(self, block: Block, ended: Ended, *, repeats: bool = True) -> None:
+    def start_block(self, starts: BlockStarts, ended: Ended, now: int, *, repeats: bool = True) -> None:
         """Begins the exchange of a block; `ended` is called exactly once. Without `repeats` it is tried once."""
-        if not repeats or block.params or self.channel.stations:
-            params = self._params_for(block, repeats)
+        if not repeats or starts.block.params or self.channel.stations:
+            params = self._params_for(starts.block, repeats)
             ended = self._overriding(params, ended) if params else ended
-        self.driver.carry_out(self.transfers.start(block, self._clock.now(), ended))
+        self.driver.carry_out(starts.start(now, ended))
 
     def _overriding(self, params: Mapping[str, Any], ended: Ended) -> Ended:
         """Gives parameters other values until the exchange has ended."""
@@ -339,7 +339,7 @@ class RunChannels:
         port, devices = (
             port_for(channel, devices_of(channel, Path(folder)), self._clock) if listening is None else (listening, [])
         )
-        watcher = None if monitor is None else partial(undisturbed, monitor, channel.number)
+        watcher = None if monitor is None else watching(monitor, channel.number)
         for device in devices:
             device.watch_troubles(lambda trouble: self._trouble(channel.number, trouble))
         service = ChannelService(channel, port, self._clock, self._access, blocks, self._owner, watcher, self._moment)
@@ -403,6 +403,20 @@ def undisturbed(watcher: Callable[..., None], *what: object) -> None:
         log.exception("a watcher of the run failed")
 
 
+def watching(monitor: RunMonitor, channel: int) -> Monitor:
+    """Tells a monitor what is seen on one channel, as `undisturbed` does."""
+
+    def told(seen: Seen) -> None:
+        try:
+            monitor(channel, seen)
+        except BrokenPipeError:
+            raise
+        except Exception:
+            log.exception("a watcher of the run failed")
+
+    return told
+
+
 class Exchanges:
     """The exchanges of a run. `finished(id, failure)` is told the end of each block's; `take_job` carries out the
     commands of blocks that have no channel."""
@@ -417,8 +431,9 @@ class Exchanges:
         self._block_memory = block_memory
         self._finished = finished
         self.take_job: Callable[[JobCommand | JobRecord], None] | None = None
+        self._look = block_memory.settings.look
+        self._shows_starts = block_memory.words.shows_starts
         self._alone: set[int] = set()
-        self._stations: dict[int, tuple[Block, Hashable]] = {}
 
     def reset(self) -> None:
         """Reads that were refused together may be tried together again."""
@@ -427,7 +442,6 @@ class Exchanges:
     def forget(self, block: Block) -> None:
         """A block is no more, or another one: nothing is known of it."""
         self._alone.discard(block.id)
-        self._stations.pop(block.id, None)
         channel = self._channels.get(block.channel)
         if channel is not None:
             channel.transfers.forget(block)
@@ -437,16 +451,16 @@ class Exchanges:
         if not state.has_station:
             return None
         try:
-            block = self._block_memory.settings.effective(state.block)
+            block = self._look(state)
         except SettingError:
             return None
-        known = self._stations.get(state.id)
+        known = state.at_station
         if known is not None and known[0] is block:
             return known[1]
         station = self._channels[block.channel].station_of(block)
         found = station if isinstance(station, Hashable) else None
         if block is state.block and block.station_from is None:
-            self._stations[state.id] = block, found
+            state.at_station = block, found
         return found
 
     def prepare(self, number: int, blocks: Iterable[Block]) -> None:
@@ -459,12 +473,13 @@ class Exchanges:
 
     def start(self, state: BlockState, now: int) -> None:
         """Begins the exchange of a block, and of those that come with it; or its command, where that is for jobs."""
-        if self._block_memory.words.shows_starts:
+        if self._shows_starts:
             self._block_memory.changed(state)
-        if state.block.job is not None and self.take_job is not None:
-            self.take_job(state.block.job)
+        block = state.effective or self._effective(state)
+        state.effective = None
+        if block is not None and block.job is not None and self.take_job is not None:
+            self.take_job(block.job)
             return
-        block = self._effective(state)
         if block is None:
             others, state.companions = state.companions, ()
             for other in others:
@@ -472,7 +487,12 @@ class Exchanges:
             return
         channel = self._channels[block.channel]
         if not state.companions:
-            channel.start_block(block, partial(self._finished, state.id), repeats=not state.probing)
+            starts = state.starts
+            if starts is None or starts.block is not block or starts.transfers is not channel.transfers:
+                starts = state.starts = channel.transfers.starts_of(block)
+            if state.ending is None:
+                state.ending = partial(self._finished, state.id)
+            channel.start_block(starts, state.ending, now, repeats=not state.probing)
             return
         states = [state, *state.companions]
         reads: list[Read[tuple[Block, Ended]]] = []
@@ -482,14 +502,14 @@ class Exchanges:
             if read is not None:
                 reads.append(read)
             elif mine is not None:
-                channel.start_block(mine, partial(self._finished, one.id))
+                channel.start_block(channel.transfers.starts_of(mine), partial(self._finished, one.id), now)
         if reads:
             channel.start_joined(reads)
 
     def _effective(self, state: BlockState) -> Block | None:
         """The block with its settings; one that they spoil has ended."""
         try:
-            return self._block_memory.settings.effective(state.block)
+            return self._look(state)
         except SettingError as error:
             self._finished(state.id, Failure(outcome="bad_setting", cause=str(error)))
             return None
@@ -535,7 +555,7 @@ class Exchanges:
         if state.id in self._alone:
             return None
         try:
-            block = self._block_memory.settings.effective(state.block)
+            block = self._look(state)
         except SettingError:
             return None
         read = channel.transfers.read_of(block, lambda failure: None)

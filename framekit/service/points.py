@@ -186,7 +186,7 @@ class DevicePoints:
     """The points of a device at work, whose memory this is, between `start` and `stop`."""
 
     def __init__(self, device: Device, memory: DeviceMemory, clock: Clock) -> None:
-        self.loop = loop = RunLoop(clock, lambda now: self.service.tick(now), lambda now: self.service.deadline)
+        self.loop = loop = RunLoop(clock, lambda now: self.service.tick(now), lambda: self.service.deadline)
         self.service = PointService(
             points_of(device).values(), (), memory, clock, loop.wake, lambda block: None, force=True
         )  # fmt: skip

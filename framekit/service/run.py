@@ -84,8 +84,8 @@ def close_sessions(
         service.close_session(partial(left, number))
 
 
-OnEnd = Callable[[BlockStatus, bool], None]
-"""Told of every completion: how the block is doing then, and whether it ended well."""
+OnEnd = Callable[[BlockState, bool], None]
+"""Told of every completion: the block, as it is then, and whether it ended well."""
 
 
 T = TypeVar("T")
@@ -140,14 +140,16 @@ class RunService(ChannelOwner):
         self.access = AddressedMemory(self.memory, self.grammar, self.refresh)
         self.loop = RunLoop(clock, self._act, self._next_time)
         self.channels: dict[int, ChannelService] = {}
-        self._on_end = on_end
+        self.on_end = on_end
         self.block_memory = BlockMemory(self.memory, run.memory, run.status)
+        self._words = self.block_memory.words
         self.exchanges = Exchanges(self.channels, self.block_memory, self.finished)
         self.scheduler = Scheduler(
             run.blocks, self.memory, self.resolve,
             {number: rules_of(channel) for number, channel in run.channels.items()},
             self.exchanges.start, self.loop.wake, self._ended,
             station_of=self.exchanges.station_of, joins=self.exchanges.joins, sets=run.sets, died=self._died,
+            look=self._look,
         )  # fmt: skip
         for state in self.states.values():
             self.block_memory.add(state, protocol_of(run, state.block))
@@ -222,6 +224,13 @@ class RunService(ChannelOwner):
         """The exchange of a block, or its command, has ended."""
         self.scheduler.finished(number, failure, self.clock.now())
 
+    def _look(self) -> None:
+        """An exchange has ended, and made nothing due; what waits for that may go on."""
+        if self.jobs is not None or self.editor.waiting is not None:
+            self.loop.wake()
+        else:
+            self.loop.look()
+
     def _died(self, channel: int, station: Hashable, dead: bool) -> None:
         """A station is given up for now, or back."""
         log.log(
@@ -233,11 +242,11 @@ class RunService(ChannelOwner):
                 self.block_memory.changed(state)
 
     def _ended(self, state: BlockState, ok: bool, now: int) -> None:
-        self.block_memory.words.completed(state.key, state, ok, now)
+        self._words.completed(state.key, state, ok, now)
         if self._has_points:
             self.points.ended(state, ok, now)
-        if self._on_end is not None:
-            undisturbed(self._on_end, status_of(state), ok)
+        if self.on_end is not None:
+            undisturbed(self.on_end, state, ok)
 
     # ---- what channels say --------------------------------------------------------------------------------
 
@@ -457,7 +466,8 @@ class RunService(ChannelOwner):
 
     def _act(self, now: int) -> None:
         """Does what is due. Bits that nothing here looks at wait until the blocks have started."""
-        if self._bits_first:
+        bits_first = self._bits_first
+        if bits_first:
             self._show_bits(now)
         if self.editor.waiting is not None:
             self.editor.step()
@@ -466,15 +476,15 @@ class RunService(ChannelOwner):
         self.scheduler.tick(now)
         if self._has_points:
             self.points.tick(now)
-        if not self._bits_first:
+        if not bits_first:
             self._show_bits(now)
 
     def _show_bits(self, now: int) -> None:
         """The bits that the memory sets by itself, and the ends of pulses."""
-        self.system.update(now)
-        words = self.block_memory.words
-        if words.deadline <= now:
-            words.tick(now)
+        if self.system.look_at <= now:
+            self.system.update(now)
+        if self._words.deadline <= now:
+            self._words.tick(now)
 
     def _looks_at_bits(self, awaited: Iterable[tuple[str, int]]) -> bool:
         """Whether anything in the run may look at bits that the memory sets by itself, or at words of blocks."""
@@ -490,9 +500,9 @@ class RunService(ChannelOwner):
                 return True
         return False
 
-    def _next_time(self, now: int) -> int:
-        """When something is due next."""
-        due = min(self.scheduler.deadline, self.system.next_change(now), self.block_memory.words.deadline)
+    def _next_time(self) -> int:
+        """When something is due next; 0: now."""
+        due = min(self.scheduler.deadline, self.system.due, self._words.deadline)
         if self._has_points:
             due = min(due, self.points.deadline)
         return due if self.jobs is None else min(due, self.jobs.deadline)

@@ -404,8 +404,10 @@ class AsyncioClock(_CallHeap):
 
     def _set_timer(self) -> None:
         """One timer of the loop, for the next call; no timer where it is due, since loops wait whole milliseconds."""
+        if self._ringing or self._soon:
+            return
         due = self.next_call
-        if due is None or self._ringing or self._soon or (self._timer is not None and self._timer_at <= due):
+        if due is None or (self._timer is not None and self._timer_at <= due):
             return
         delay = due - time.monotonic_ns()
         if delay <= 0:

@@ -41,6 +41,7 @@ class Connection(asyncio.BufferedProtocol):
     def __init__(self, port: StreamPort) -> None:
         self.port = port
         self._taken = memoryview(bytearray(MOST))
+        self._turns = port.clock.turns
         self.transport: asyncio.Transport | None = None
         self.is_full = False
         self.waits = False
@@ -60,21 +61,23 @@ class Connection(asyncio.BufferedProtocol):
             transport.abort()
 
     def get_buffer(self, sizehint: int) -> memoryview:
-        return self._taken[: self.port.clock.turns.room]
+        return self._taken[: self._turns.room]
 
     def buffer_updated(self, nbytes: int) -> None:
         data = self._taken[:nbytes].tobytes()
-        self.waits = not self.port.clock.turns.take(nbytes, partial(self._hear, data))
-        if self.waits and self.transport is not None:
-            self.transport.pause_reading()
+        if not self._turns.take(nbytes, partial(self._hear, data)):
+            self.waits = True
+            if self.transport is not None:
+                self.transport.pause_reading()
 
     def _hear(self, data: bytes) -> None:
-        waited, self.waits = self.waits, False
-        if self.port.connection is not self:
-            return
-        self.port.hear(data)
-        if waited and self.port.connection is self:
-            self.port.pace()
+        port = self.port
+        if port.connection is self:
+            port.hear(data)
+        if self.waits:
+            self.waits = False
+            if port.connection is self:
+                port.pace()
 
     def pause_writing(self) -> None:
         self.is_full = True
@@ -147,13 +150,12 @@ class StreamPort(Port):
 
     def write_through(self, data: bytes) -> bool:
         connection = self.connection
-        transport = None if connection is None or self.events is None else connection.transport
-        if connection is None or transport is None or self._sent_due:
+        if connection is None or connection.transport is None or self._sent_due or self.events is None:
             self.write(data)
             return False
-        transport.write(data)
+        connection.transport.write(data)
         self._sent_due = connection.is_full  # `left` is called when the operating system has taken the rest
-        return not connection.is_full
+        return not self._sent_due
 
     def send_break(self, duration: int) -> None:
         if self._transport is not None:

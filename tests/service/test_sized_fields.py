@@ -37,18 +37,28 @@ def written(folder: Path, blocks: str) -> Path:
     return path
 
 
-def sent(path: Path) -> list[bytes]:
-    frames: list[bytes] = []
+class Bench:
+    """A run that has begun, with the frames that it has sent."""
 
-    def watch(channel: int, seen: Seen) -> None:
+    def __init__(self, path: Path) -> None:
+        self.frames: list[bytes] = []
+        self.clock = VirtualClock()
+        self.service = RunService(load_run(path), self.clock, self._watch)
+        self.service.start()
+
+    def _watch(self, channel: int, seen: Seen) -> None:
         if seen.kind == "frame" and seen.direction == "out":
-            frames.append(seen.raw)
+            self.frames.append(seen.raw)
 
-    clock = VirtualClock()
-    service = RunService(load_run(path), clock, watch)
-    service.start()
-    clock.run_for(1_000_000_000)
-    return frames
+    def sent_in(self, milliseconds: int) -> list[bytes]:
+        """Return the frames that are sent within the next milliseconds."""
+        self.frames.clear()
+        self.clock.run_for(milliseconds * 1_000_000)
+        return self.frames.copy()
+
+
+def sent(path: Path) -> list[bytes]:
+    return Bench(path).sent_in(1000)
 
 
 def test_the_block_says_where_the_first_of_two_ends(tmp_path: Path) -> None:
@@ -56,6 +66,31 @@ def test_the_block_says_where_the_first_of_two_ends(tmp_path: Path) -> None:
   1: {send: PAIR, data: {one: M0, two: M10}, size: {one: 1, two: 4}, when: block 0 done}
 """
     assert sent(written(tmp_path, blocks)) == [b"\x05123456AB\x04", b"\x051ABCD\x04"]
+
+
+FIRST_SIZE, SECOND_SIZE = 25, 30
+"""The words of block 0 in the area N that hold the sizes of its first two variables."""
+
+
+def test_settings_changed_in_memory_count_at_later_starts(tmp_path: Path) -> None:
+    """Each start reads the settings; the fields that an earlier start has read by are not used again."""
+    block = "  0: {send: PAIR, data: {one: M0, two: M10}, size: {one: 6, two: 2}, every: 100 ms}\n"
+    bench = Bench(written(tmp_path, block))
+    memory = bench.service.memory
+    assert bench.sent_in(250) == [b"\x05123456AB\x04"] * 2
+    memory.write("N", "word", FIRST_SIZE, [1])
+    memory.write("N", "word", SECOND_SIZE, [4])
+    assert bench.sent_in(200) == [b"\x051ABCD\x04"] * 2, "changed before the third start"
+    memory.write("N", "word", FIRST_SIZE, [3])
+    memory.write("M", "word", 0, [0x3938])
+    assert bench.sent_in(100) == [b"\x05893ABCD\x04"], "changed again, and other content"
+    memory.write("N", "word", FIRST_SIZE, [0])
+    assert bench.sent_in(100) == [], "no size"
+    failure = bench.service.status()[0].last_failure
+    assert failure is not None and failure.outcome == "bad_setting"
+    memory.write("N", "word", FIRST_SIZE, [6])
+    memory.write("N", "word", SECOND_SIZE, [2])
+    assert bench.sent_in(200) == [b"\x05893456AB\x04"] * 2, "as the run file has it"
 
 
 @pytest.mark.parametrize(

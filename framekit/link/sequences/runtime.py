@@ -113,7 +113,8 @@ class Runs:
     """What all runs of an engine share, and how they go on.
 
     `monitor` is shown everything. `on_fault` is shown everything but frames, `on_send` is told of each frame that goes
-    out: with these alone no frame is read for being shown. `last_frame`: when the last good frame came or went.
+    out: with these alone no frame is read for being shown. `with_lists`: frames that may hold lists or records.
+    `last_frame`: when the last good frame came or went.
     `ready`: what is to be done next: runs that are over, lanes in which something may begin, frames to be offered as
     if they had arrived, QUEUES, and calls. `changed`: the wanted frames may have changed. `need_names`: the frames that
     are built on names of the exchange. `shown_later`: the frames that can be decoded from their bytes at any later
@@ -133,6 +134,7 @@ class Runs:
         self.table = program.table
         self.sequences: Mapping[str, CompiledSequence] = program.sequences
         self.need_names, self.shown_later = program.need_names, program.shown_later
+        self.with_lists = {name for name, info in self.table.infos.items() if info.has_lists}
         self.copies = program.changes
         """Whether sequences change fields of frames, so that each exchange has to have a request of its own."""
         self.commands: list[Command] = []
@@ -541,9 +543,10 @@ class Runs:
             reason = "" if value.refusal is None else f"refused with {code_text(value.refusal)}"
             if value.frame in self.shown_later:
                 fields = value.fields.copy()
-                for name, one in fields.items():
-                    if type(one) in (list, dict):  # of the program, which may change it
-                        fields[name] = plain(one)
+                if value.frame in self.with_lists:
+                    for name, one in fields.items():
+                        if type(one) in (list, dict):  # of the program, which may change it
+                            fields[name] = plain(one)
             else:
                 fields = _plain_of(value)
             self.monitor(Seen("in", "frame", self.scope.now, raw, value.frame, fields, reason, started_at))

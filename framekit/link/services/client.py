@@ -71,6 +71,9 @@ class TransferResult:
 
 Done = Callable[[TransferResult], None]
 
+ReadKey = tuple[str | Address, str | None, int, Any]
+"""What is read: a place, the unit (None: its own), how many of these, the station."""
+
 
 class ClientRow:
     """A row as the client uses it."""
@@ -353,22 +356,21 @@ class Transfer(Exchange):
 
     def __init__(self, plan: TransferPlan, engine: Starts, now: int, on_done: Done) -> None:
         self._plan, self._engine, self._done = plan, engine, on_done
-        self._made = plan.made() if plan.is_new_each_time else plan.sent
+        self._made = made = plan.made() if plan.is_new_each_time else plan.sent
         self._next = self._written = 0
-        self.given_up = self._going = False
+        self.given_up = False
         self._data: list[bytes] | None = None
         self._gives: dict[str, Any] | None = None
         self._last: Outcome | None = None
         self.commands: list[Command] = []
-        self._goes_on = True
-        if self._made:
+        if made:
             self._go(now)
         else:
             self._end(plan.result(()))
 
     def _go(self, now: int) -> None:
         """Starts exchanges as long as their outcomes come at once."""
-        self._going = True
+        self._going = self._goes_on = True
         while self._goes_on:
             if self.given_up:
                 self._end(TransferResult(False, outcome="cancelled"))
@@ -380,26 +382,38 @@ class Transfer(Exchange):
             self.inside, self.arguments, self.params = one.inside, one.arguments, one.params
             self._next = place + 1
             self._goes_on = False
-            self.commands += self._engine.start(self, now)
+            commands = self._engine.start(self, now)
+            self.commands = self.commands + commands if self.commands else commands
         self._going = False
+
+    def again(self, plan: TransferPlan, now: int, on_done: Done) -> list[Command] | None:
+        """Begins it once more after `brought`, when nothing knows of it any more; None where another one is needed."""
+        if self._plan is not plan or plan.is_new_each_time:
+            return None
+        self.request, self.buffer, self.run = self._made[0]
+        self._done, self._next, self.given_up = on_done, 1, False
+        return self._engine.start(self, now)
 
     def succeeded(self, results: dict[str, Any]) -> None:
         """What one place alone brings is read at once."""
         reply, plan = results.get("reply"), self._plan
-        numbers = plan.numbers if plan.is_single else None
-        if numbers is None or not isinstance(reply, FrameValue) or (read := plan.read_reply(reply)) is None:
+        if not plan.is_single or not isinstance(reply, FrameValue) or (read := plan.read_reply(reply)) is None:
             self.ended(outcome_of(self, results))
             return
         try:
             data = read(reply)
-            values = list(numbers(data))
         except EVALUATION_ERRORS:
             self.ended(outcome_of(self, results))
             return
         done, self._done = self._done, _told  # nothing is left that refers to itself, so it is freed at once
-        done(
-            TransferResult(True, values, data, "", "", None, "", 1, 0, {}, reply, self.raw, results.get("buffer", b""))
-        )
+        self.brought(data, reply, results.get("buffer", b""), done)
+
+    def brought(self, data: bytes, reply: FrameValue, buffer: bytes, done: Done) -> None:
+        """Report the data of one place that a single exchange has read; they have the size that was requested."""
+        numbers = self._plan.numbers
+        assert numbers is not None  # the plan `is_single`
+        values = list(numbers(data))
+        done(TransferResult(True, values, data, "", "", None, "", 1, 0, {}, reply, self.raw, buffer))
 
     def ended(self, outcome: Outcome) -> None:
         self._last = outcome
@@ -464,16 +478,23 @@ class Client:
         params: Mapping[str, Any] | None = None, now: int, on_done: Done,
     ) -> Transfer:  # fmt: skip
         """Reads `count` elements of `unit` (default: the address's own)."""
-        key = None if params else (address, unit, count, station)
-        ready = None if key is None else self._ready.find(key)
-        if ready is None:
-            names = self._names(station, params)
-            place, elements = self._place(address, unit, count)
-            plan = self.planner.plan("read", Piece(place, elements), names)
-            ready = self._planned([plan], [(unit or place.unit, count, self._order(place))], names)
-            if key is not None:
-                self._ready.keep(key, ready)
-        return Transfer(ready, self.engine, now, on_done)
+        key = address, unit, count, station
+        return Transfer(self._read_planned(key, params) if params else self.read_plan(key), self.engine, now, on_done)
+
+    def read_plan(self, key: ReadKey) -> TransferPlan:
+        """What reads this; kept for the next who asks. Raises AddressError, ServiceError, PackingError."""
+        plan = self._ready.find(key)
+        if plan is None:
+            plan = self._read_planned(key, None)
+            self._ready.keep(key, plan)
+        return plan
+
+    def _read_planned(self, key: ReadKey, params: Mapping[str, Any] | None) -> TransferPlan:
+        address, unit, count, station = key
+        names = self._names(station, params)
+        place, elements = self._place(address, unit, count)
+        plan = self.planner.plan("read", Piece(place, elements), names)
+        return self._planned([plan], [(unit or place.unit, count, self._order(place))], names)
 
     def write(
         self, address: str | Address, values: Sequence[int], *, station: Any = None, unit: str | None = None,
