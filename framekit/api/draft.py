@@ -1,7 +1,7 @@
-"""A definition made of what was guessed, with its vectors: checked before it is written, and written whole.
+"""Definitions of guessed frames, with vectors: checked before they are written, and written whole.
 
-With each name that people give a field it is made anew. A name with which the definition would be wrong is refused, and
-what was there stays as it was.
+A new name of a field makes the definition anew. A name that would make it wrong is refused, and the files stay as they
+were.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import json
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -33,12 +33,12 @@ MOST_READ = 500
 
 
 class DraftError(ValueError):
-    """What was found is no definition, or cannot be written there."""
+    """The guess gives no definition, or the definition cannot be written."""
 
 
 @dataclass(frozen=True, slots=True)
 class Draft:
-    """A definition and its vectors as texts. `problems`: why it is not right yet; `warnings`: what the check adds."""
+    """A definition and its vectors as texts. `problems`: its faults; `warnings`: of the check."""
 
     name: str
     text: str
@@ -47,7 +47,7 @@ class Draft:
     warnings: tuple[str, ...] = ()
 
     def put(self, path: Path) -> None:
-        """Writes both files, each whole or not at all; vectors only where the definition is right enough for some.
+        """Write both files, each whole or not at all; without vectors the file of vectors is removed.
 
         Raises OSError.
         """
@@ -59,7 +59,7 @@ class Draft:
 
 
 def protocol_name(path: Path) -> str:
-    """The name of a protocol in this file. Raises DraftError."""
+    """Return the name of the protocol in this file. Raises DraftError."""
     name = path.name.removesuffix(".yaml")
     if path.suffix != ".yaml":
         raise DraftError(
@@ -73,7 +73,7 @@ def protocol_name(path: Path) -> str:
 
 
 def drafted(found: Guess, name: str, source: str) -> Draft:
-    """The definition of what was found, checked as `framekit check` and `framekit test` do. Raises DraftError."""
+    """Return the definition of a guess, checked as `framekit check` and `framekit test` do. Raises DraftError."""
     if not found.kinds:
         raise DraftError("no frames were found – nothing can be written")
     source = re.sub(r"[^\w .,/+-]", "_", source)
@@ -81,7 +81,7 @@ def drafted(found: Guess, name: str, source: str) -> Draft:
     with TemporaryDirectory() as folder, cached_by(None):
         path = Path(folder) / f"{name}.yaml"
         path.write_text(text, "utf-8")
-        told = [replace(one, at=replace(one.at, file=path.name)) for one in check_file(str(path)).problems]
+        told = [one._replace(at=one.at._replace(file=path.name)) for one in check_file(str(path)).problems]
         problems = [str(problem) for problem in told if not problem.warning]
         warnings = tuple(str(problem) for problem in told if problem.warning)
         if problems:
@@ -97,12 +97,12 @@ def drafted(found: Guess, name: str, source: str) -> Draft:
             failed = [problem for case in run_vectors(path) for problem in case.problems]
             problems += [problem.removeprefix(f"{folder}/") for problem in failed]
         except DefinitionError as error:
-            problems += [str(replace(one, at=replace(one.at, file=f"{name}.vectors.yaml"))) for one in error.problems]
+            problems += [str(one._replace(at=one.at._replace(file=f"{name}.vectors.yaml"))) for one in error.problems]
     return Draft(name, text, vectors, tuple(problems), warnings)
 
 
 def write_definition(found: Guess, path: Path, source: str) -> Draft:
-    """Writes `NAME.yaml` and `NAME.vectors.yaml` beside it, also with problems. Raises OSError, DraftError."""
+    """Write `NAME.yaml` and `NAME.vectors.yaml`, also with problems. Raises OSError, DraftError."""
     draft = drafted(found, protocol_name(path), source)
     draft.put(path)
     return draft

@@ -43,8 +43,8 @@ from framekit.api.fleet import (
 from framekit.api.replaced_file import ReplacedFile, digest_of
 from framekit.api.run import RunCalls, content_of, reasons
 from framekit.codec.shown import explain
+from framekit.definition.fingerprint import fingerprint
 from framekit.definition.problems import DefinitionError, Problem, library_missing
-from framekit.definition.sources import fingerprint
 from framekit.run.edit import Edit
 from framekit.run.model import RunModel
 from framekit.runfile.fleet import FleetSection

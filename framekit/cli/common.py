@@ -1,4 +1,4 @@
-"""What several verbs share: what can go wrong, options, protocols, assignments, hex input, seen frames, colours."""
+"""Shared parts of the verbs: errors, options, protocols, assignments, hex input, seen frames, colours."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ V = TypeVar("V")
 
 
 class VerbError(Exception):
-    """What a verb was asked for can't be done; the message says why."""
+    """The command failed; the message gives the reason."""
 
     status = 1
     """The exit status."""
@@ -41,7 +41,7 @@ class VerbError(Exception):
 
 
 class WordsError(VerbError):
-    """The command line is wrong: an option, a name or a value in it. Nothing was done."""
+    """The command line is wrong: an option, a name or a value. The command had no effect."""
 
     status = 2
     kind = "command_line"
@@ -58,7 +58,7 @@ LEVELS = ("debug", "info", "warning", "error")
 
 
 def _new_capture(text: str) -> Path:
-    """Where a capture goes. Raises ArgumentTypeError for a file that is there: another capture may be in it."""
+    """Return the file of a new capture. Raises ArgumentTypeError if it exists: it may contain another capture."""
     from framekit.api.monitor import written_over
 
     path = Path(text)
@@ -93,24 +93,23 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "--log": {"choices": LEVELS, "metavar": "LEVEL", "help": f"log to standard error: {', '.join(LEVELS)}"},
     "--for": {"dest": "duration", "metavar": "TIME", "help": "stop after this time, such as 10s"},
 }  # fmt: skip
-"""Arguments that several verbs have."""
+"""Arguments of several verbs."""
 
 
 def add(parser: argparse.ArgumentParser, *names: str, **otherwise: Any) -> None:
-    """Arguments of `OPTIONS`; what is said `otherwise` goes before what stands there."""
+    """Add arguments of `OPTIONS`; `otherwise` replaces settings of the table."""
     for name in names:
         parser.add_argument(*name.split(", "), **(OPTIONS[name] | otherwise))
 
 
 def told(problem: Problem) -> str:
-    """A problem as it is printed: with the path as seen from the current folder."""
-    from dataclasses import replace
+    """Return a problem as it is printed: with the path relative to the current folder."""
 
-    return str(replace(problem, at=replace(problem.at, file=near(problem.at.file))))
+    return str(problem._replace(at=problem.at._replace(file=near(problem.at.file))))
 
 
 def status_of(problems: Iterable[Problem]) -> int:
-    """The exit status: 1 for what is wrong in files; 2 where nothing else is wrong than names on the command line."""
+    """Return the exit status: 1 for faults in files; 2 if only names on the command line are wrong."""
     wrong = [problem for problem in problems if not problem.warning]
     if not wrong:
         return 0
@@ -118,7 +117,7 @@ def status_of(problems: Iterable[Problem]) -> int:
 
 
 def told_once(problems: Iterable[Problem]) -> list[str]:
-    """Problems as they are printed; a warning that comes again in the same file is one line, with the other places."""
+    """Return problems as they are printed; equal warnings about a file become one line with all places."""
     lines: dict[tuple[object, ...], list[Problem]] = {}
     for problem in problems:
         same = (problem.at.file, problem.what, problem.todo) if problem.warning else (len(lines),)
@@ -127,7 +126,7 @@ def told_once(problems: Iterable[Problem]) -> list[str]:
 
 
 def _others(others: list[Problem]) -> str:
-    """Where else the same is: ` (also in lines 16 and 17)`."""
+    """Return the other places of the same warning: ` (also in lines 16 and 17)`."""
     *some, last = [str(one.at.line) for one in others] or [""]
     if not last:
         return ""
@@ -135,26 +134,26 @@ def _others(others: list[Problem]) -> str:
 
 
 def near(file: str) -> str:
-    """A path relative to the current folder, where it lies below that."""
+    """Return a path below the current folder relative to it, other paths as they are."""
     path = Path(file)
     return str(path.relative_to(Path.cwd())) if path.is_absolute() and path.is_relative_to(Path.cwd()) else file
 
 
 def why_not(error: OSError, file: Path | None = None) -> str:
-    """Why the system refused something, and about which file: `file`, where the error does not say that."""
+    """Return the reason of a system error with its file: `file`, if the error does not name a file."""
     text, about = error.strerror or str(error), error.filename if error.filename is not None else file
     return f"{near(str(about))}: {text}" if about is not None else text
 
 
 def tell_error(arguments: argparse.Namespace, kind: str, message: str, **more: object) -> None:
-    """What went wrong, on standard error; with `--json` also as an object among what is printed."""
+    """Print an error message on standard error; with `--json` also as an object on standard output."""
     if getattr(arguments, "json", False):
         print_json({"error": kind, "message": message, **more})
     print(f"{painted(f'framekit {arguments.verb}', 'red', sys.stderr)}: {message}", file=sys.stderr)
 
 
 def tell_problems(arguments: argparse.Namespace, problems: Sequence[Problem]) -> int:
-    """The same for what is wrong in files; the exit status."""
+    """Print problems of files in the same way; return the exit status."""
     wrong = [problem for problem in problems if not problem.warning]
     if getattr(arguments, "json", False):
         shown = [problem_data(problem) for problem in problems]
@@ -165,7 +164,7 @@ def tell_problems(arguments: argparse.Namespace, problems: Sequence[Problem]) ->
 
 
 def problem_data(problem: Problem) -> dict[str, object]:
-    """A problem for JSON."""
+    """Return a problem as a JSON object."""
     return {
         "file": near(problem.at.file),
         "line": problem.at.line,
@@ -177,7 +176,7 @@ def problem_data(problem: Problem) -> dict[str, object]:
 
 
 def load(name: str) -> Protocol:
-    """The protocol of a command line. Raises DefinitionError; warnings go to standard error."""
+    """Return the protocol of a command line. Raises DefinitionError; warnings go to standard error."""
     from framekit.definition.load.protocol import load_protocol
 
     protocol = load_protocol(name, Path.cwd())
@@ -186,7 +185,7 @@ def load(name: str) -> Protocol:
 
 
 def load_codec(name: str) -> CachedCodec:
-    """Its functions alone, which is quicker; the definition itself is read when it is needed."""
+    """Return the functions of a protocol alone, which takes less time; the definition is read on demand."""
     from framekit.codec.cache import cached_codec
 
     codec = cached_codec(name, Path.cwd())
@@ -201,7 +200,7 @@ def _warn(protocol: Protocol) -> None:
 
 
 def assignment(text: str) -> tuple[str, Any]:
-    """`NAME=VALUE`; the value is JSON where it is an object, a list or a quoted string, else plain text."""
+    """Split `NAME=VALUE`; objects, lists and quoted strings are JSON values, all others plain text."""
     import json
 
     def once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -221,7 +220,7 @@ def assignment(text: str) -> tuple[str, Any]:
 
 
 def each_once(pairs: Iterable[tuple[str, V]], where: str = "") -> dict[str, V]:
-    """Values by their names. Raises WordsError for a name that comes again; `where` begins its message."""
+    """Return values by their names. Raises WordsError for a repeated name; `where` begins its message."""
     found: dict[str, V] = {}
     for name, value in pairs:
         if name in found:
@@ -231,12 +230,12 @@ def each_once(pairs: Iterable[tuple[str, V]], where: str = "") -> dict[str, V]:
 
 
 def assignments(texts: Iterable[str]) -> dict[str, Any]:
-    """Several `NAME=VALUE`. Raises WordsError."""
+    """Split several `NAME=VALUE`. Raises WordsError."""
     return each_once(assignment(text) for text in texts)
 
 
 def scope_of(protocol: Protocol, settings: Iterable[str]) -> Names:
-    """Names for a codec: parameters and state with the given settings. Raises WordsError for those that do not fit."""
+    """Return names for a codec: parameters and state with these settings. Raises WordsError for unfit settings."""
     from framekit.api.settings import names_of
 
     with in_words():
@@ -244,7 +243,7 @@ def scope_of(protocol: Protocol, settings: Iterable[str]) -> Names:
 
 
 def time_of(option: str, text: str) -> int:
-    """The time (ns) that an option says. Raises WordsError."""
+    """Return the time (ns) of an option. Raises WordsError."""
     from framekit.definition.times import parse_time
 
     try:
@@ -254,12 +253,12 @@ def time_of(option: str, text: str) -> int:
 
 
 def duration_of(text: str | None) -> int | None:
-    """The time of `--for` (ns); None where there is none. Raises WordsError."""
+    """Return the time of `--for` (ns), or None. Raises WordsError."""
     return None if text is None else time_of("--for", text)
 
 
 def existing(file: Path) -> Path:
-    """A file to be read. Raises WordsError where there is none."""
+    """Return a file to be read. Raises WordsError if it does not exist."""
     if os.path.isdir(file):
         raise WordsError(f"{file}: this is a folder, not a file – name a file in it")
     if not os.path.exists(file):
@@ -268,7 +267,7 @@ def existing(file: Path) -> Path:
 
 
 def hex_bytes(text: str) -> bytes:
-    """Bytes from hex digits with any spacing; `-` reads standard input. Raises WordsError."""
+    """Return bytes from hex digits with any spacing; `-` reads standard input. Raises WordsError."""
     if text == "-":
         text = sys.stdin.read()
     try:
@@ -278,7 +277,7 @@ def hex_bytes(text: str) -> bytes:
 
 
 def line_of(protocol: Protocol, arguments: argparse.Namespace) -> LineFormat | None:
-    """Speed and format of the command line, else the protocol's; None on connections. Raises WordsError."""
+    """Return speed and format of the command line, else of the protocol; None on connections. Raises WordsError."""
     from framekit.definition.times import parse_format
 
     line = protocol.line
@@ -292,14 +291,14 @@ def line_of(protocol: Protocol, arguments: argparse.Namespace) -> LineFormat | N
 
 
 def filter_of(arguments: argparse.Namespace) -> FrameFilter:
-    """What the command line wants to see."""
+    """Return the filter of the command line."""
     from framekit.api.monitor import FrameFilter
 
     return FrameFilter(frame=arguments.frame_name, bad_only=arguments.bad, text=arguments.filter)
 
 
 def period_of(text: str | None) -> int:
-    """The time of --status-every (ns); 0 without one. Raises WordsError."""
+    """Return the time of --status-every (ns), or 0. Raises WordsError."""
     period = 0 if text is None else time_of("--status-every", text)
     if text is not None and not period:
         raise WordsError("--status-every: write a time above 0")
@@ -307,7 +306,7 @@ def period_of(text: str | None) -> int:
 
 
 def begin_log(level: str | None) -> None:
-    """Sends the log of framekit to standard error; without a level nothing is logged."""
+    """Send the log of framekit to standard error; None: no log."""
     if level is not None:
         import logging
 
@@ -319,7 +318,7 @@ def begin_log(level: str | None) -> None:
 
 
 def on_signal(name: str, act: Callable[[], object]) -> None:
-    """From now on the loop does this when a signal (`SIGHUP`) comes; one that this system does not have never comes."""
+    """Make the loop call `act` at a signal (`SIGHUP`); signals that the system does not have never come."""
     number = getattr(signal, name, None)
     if number is None:
         return
@@ -339,20 +338,20 @@ def on_signal(name: str, act: Callable[[], object]) -> None:
 
 
 STOP_SIGNALS = ("SIGINT", "SIGTERM", "SIGBREAK")
-"""What asks a program to stop; the last one is Ctrl-Break on Windows."""
+"""The signals that ask a program to stop; the last of them is Ctrl-Break on Windows."""
 
 
 def on_stop(stop: Callable[[], object]) -> None:
-    """From now on each of STOP_SIGNALS asks to stop."""
+    """Make the loop call `stop` at each of STOP_SIGNALS."""
     for name in STOP_SIGNALS:
         on_signal(name, stop)
 
 
 @contextlib.contextmanager
 def until_stopped() -> Iterator[None]:
-    """As `on_stop`, for work without a loop: it ends wherever it is, without an error.
+    """End work without a loop at each of STOP_SIGNALS, wherever it is, without an error.
 
-    Also where the program was started with SIGINT ignored, as shells start jobs in the background.
+    Also if the program was started with SIGINT ignored, as shells start jobs in the background.
     """
     numbers = [number for name in STOP_SIGNALS if (number := getattr(signal, name, None)) is not None]
     before = {number: signal.signal(number, signal.default_int_handler) for number in numbers}
@@ -367,7 +366,7 @@ def until_stopped() -> Iterator[None]:
 
 @contextlib.contextmanager
 def without_collecting() -> Iterator[None]:
-    """What is there now is left out of garbage collections, which stop everything: for 0.2 s in a large run."""
+    """Exclude existing objects from garbage collection, which stops everything: for 0.2 s in a large run."""
     gc.collect()
     gc.freeze()
     try:
@@ -377,7 +376,7 @@ def without_collecting() -> Iterator[None]:
 
 
 async def until(duration: int | None, *events: asyncio.Event) -> None:
-    """Waits for one of the events, or until the time (ns) is over."""
+    """Wait for an event, or until the time (ns) is over."""
     import asyncio
 
     waiting = [asyncio.ensure_future(event.wait()) for event in events]
@@ -391,7 +390,7 @@ async def until(duration: int | None, *events: asyncio.Event) -> None:
 
 @contextlib.contextmanager
 def in_words() -> Iterator[None]:
-    """What the API refuses is a wrong command line, or a port that cannot be had."""
+    """Turn requests that the API refuses into WordsError, and lost ports into PortError."""
     from framekit.api.errors import LineClosedError, RequestError
 
     try:
@@ -403,7 +402,7 @@ def in_words() -> Iterator[None]:
 
 
 def table(rows: Sequence[Sequence[str]], head: Sequence[str]) -> str:
-    """Rows in columns, left-aligned, under a head."""
+    """Return rows in columns, left-aligned, under a head."""
     lines = [list(head), *[list(row) for row in rows]]
     widths = [max(len(line[column]) for line in lines) for column in range(len(head))]
     return "\n".join(
@@ -412,12 +411,12 @@ def table(rows: Sequence[Sequence[str]], head: Sequence[str]) -> str:
 
 
 def tables(*found: tuple[Sequence[Sequence[str]], Sequence[str]]) -> str:
-    """Rows under their heads, with a blank line before each table; those without rows are left out."""
+    """Return tables with a blank line before each; tables without rows are left out."""
     return "".join(f"\n{table(rows, head)}\n" for rows, head in found if rows)
 
 
 def plain(value: Any) -> Any:
-    """Bytes as hex pairs, anything else as it is."""
+    """Return bytes as hex pairs, other values as they are."""
     from framekit.api.rows import spaced
 
     return spaced(value) if isinstance(value, bytes) else value
@@ -430,7 +429,7 @@ def print_json(value: Any) -> None:
 
 
 class Unread:
-    """Watches a loop: `stop` is called when something could not be printed as its reader has gone; `error` is why."""
+    """Watch a loop: `stop` is called when the reader of the output has gone; `error` is the reason."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop, stop: Callable[[], None]) -> None:
         self.error: BrokenPipeError | None = None
@@ -446,7 +445,7 @@ class Unread:
         self._stop()
 
     def check(self) -> None:
-        """Raises the error, if there was one."""
+        """Raise the error, if any."""
         if self.error is not None:
             raise self.error
 
@@ -465,9 +464,9 @@ def _rows() -> Any:
 def seen_text(
     seen: Seen, time: float | str, where: str, as_ascii: bool = False, stream: TextIO | None = None
 ) -> str:  # fmt: skip
-    """Time (seconds, or a text), where it was seen, direction, frame, size and bytes, as a stream shows them.
+    """Return a line of a stream: time (seconds, or a text), place, direction, frame, size and bytes.
 
-    Without a stream it is standard output.
+    `stream` decides about colours; default: standard output.
     """
     raw, kind, place = seen.raw, seen.kind, _ARROWS[seen.direction]
     if seen.client:
@@ -485,7 +484,7 @@ def seen_text(
 
 
 def seen_data(seen: Seen, seconds: float, plain: PlainValues, **more: Any) -> dict[str, Any]:
-    """The same with the frame's fields, and without what is empty; `more` stands behind the time."""
+    """Return the same as a JSON object with the frame's fields; empty parts are left out. `more` follows the time."""
     from framekit.api.rows import spaced
 
     line = {
@@ -513,30 +512,30 @@ Colour = Literal["red", "green", "yellow"]
 _CODES: dict[Colour, str] = {"red": "31", "green": "32", "yellow": "33"}
 
 COLOUR_OF_KIND: dict[str, Colour] = {"bad": "red", "trouble": "red", "noise": "yellow"}
-"""The colours of what is seen on a line; the others have none."""
+"""The colours of the kinds of seen frames; other kinds have none."""
 
 SHOWN_AFTER = 2.0
-"""Work that is over sooner has no line (s)."""
+"""Shorter work has no progress line (s)."""
 SHOWN_EVERY = 0.25
 WIDEST = 78
 
 
 def has_colours(stream: TextIO) -> bool:
-    """Whether it is a terminal with colours, and the user wants them (NO_COLOR, https://no-color.org)."""
+    """Return whether a stream is a terminal with colours that the user wants (NO_COLOR, https://no-color.org)."""
     if os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb" or not stream.isatty():
         return False
     return sys.platform != "win32" or "WT_SESSION" in os.environ or "TERM" in os.environ
 
 
 def painted(text: str, colour: Colour | None, stream: TextIO) -> str:
-    """A text as it goes to a stream: in its colour, or as it is."""
+    """Return a text with its colour, if the stream has colours."""
     return text if colour is None or not has_colours(stream) else f"\x1b[{_CODES[colour]}m{text}\x1b[0m"
 
 
 class ProgressLine:
-    """While a `with` lasts: a line on a terminal that tells how far work has come, from `after` seconds on.
+    """A line on a terminal that shows the progress of work, from `after` seconds on, as a context manager.
 
-    `says`: what is told behind the time; it is called in another thread, and may be set at any time.
+    `says` returns the end of the line; another thread calls it, and it may be replaced at any time.
     """
 
     def __init__(

@@ -1,21 +1,15 @@
-"""The verbs about definitions, which need no port: `encode`, `decode`, `frames`, `generate`, `check` and `test`.
+"""The verbs about definitions, which need no port: `encode`, `frames`, `generate`, `check` and `test`.
 
-`check` tells every problem of definitions, devices, runs, vectors, profiles, fault plans and jobs, at once; for a run
-also how much of their time its channels need. `test` runs the vectors beside a definition, frames and conversations.
+`check` reports every problem of definitions, devices, runs, vectors, profiles, fault plans and jobs, at once; for a run
+also how much of their time its channels need. `test` runs the vectors of a definition, frames and conversations.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import re
 import sys
-from collections import Counter
 from collections.abc import Iterable, Mapping
-from contextlib import AbstractContextManager, closing, nullcontext
-from datetime import UTC, datetime
-from functools import lru_cache
-from glob import glob
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,12 +20,6 @@ from framekit.cli.common import (
     WordsError,
     add,
     assignment,
-    assignments,
-    existing,
-    filter_of,
-    hex_bytes,
-    in_words,
-    line_of,
     load,
     load_codec,
     near,
@@ -39,27 +27,17 @@ from framekit.cli.common import (
     print_json,
     problem_data,
     scope_of,
-    seen_data,
-    seen_text,
     status_of,
     table,
-    tell_error,
     told,
     told_once,
     why_not,
 )
-from framekit.codec.shown import code_text
 from framekit.definition.problems import no_such, plural, printable
 
 if TYPE_CHECKING:
-    from framekit import Seen
     from framekit.api.check import Checked
-    from framekit.api.settings import Names
-    from framekit.codec.cache import CachedCodec
-    from framekit.codec.functions import Fit
-    from framekit.codec.plain import PlainValues
     from framekit.definition.model.frames import Frame
-    from framekit.definition.model.protocol import Protocol
     from framekit.definition.model.segments import Segment
     from framekit.definition.problems import Problem
 
@@ -143,7 +121,7 @@ def steps_of(path: str) -> Steps:
 
 
 def _with_lists(nodes: dict[Steps, dict[str | int, Any]]) -> dict[str, Any]:
-    """The outermost of the nodes, which stand before what is in them; those of indexes as lists. Raises WordsError."""
+    """Return the outermost node, with nodes of indexes as lists; a node precedes its parts. Raises WordsError."""
     for steps, node in reversed(nodes.items()):
         indexes = sorted(step for step in node if isinstance(step, int))
         if not indexes:
@@ -154,312 +132,6 @@ def _with_lists(nodes: dict[Steps, dict[str | int, Any]]) -> dict[str, Any]:
             raise WordsError(f"'{steps[-1]}[{min(missing)}]' is missing – give each index from 0 without a gap")
         nodes[steps[:-1]][steps[-1]] = [node[index] for index in indexes]
     return {str(name): value for name, value in nodes[()].items()}
-
-
-def add_decode_arguments(parser: argparse.ArgumentParser) -> None:
-    add(parser, "protocol")
-    bytes_ = parser.add_argument(
-        "bytes", metavar="HEX", nargs="+", help="the bytes as hex digits, or - for standard input"
-    )
-    parser.add_argument("--frame", help="try this frame only")
-    parser.add_argument("--from", dest="side", choices=("client", "server"), help="which side sent the bytes")
-    add(parser, "--set", "--json")
-    add_capture_arguments(parser, bytes_)
-
-
-def run_decode(arguments: argparse.Namespace) -> int:
-    from framekit.codec.functions import fitting, reason
-
-    codec = load_codec(arguments.protocol)
-    if arguments.capture is not None:
-        return decode_capture(codec.protocol, arguments)
-    for option in ("to", "values", "jobs", "engine"):
-        if getattr(arguments, option) is not None:
-            raise WordsError(f"--{option} has no effect without --capture – add it, or remove this")
-    names = context(codec, arguments.set)
-    data = hex_bytes(" ".join(arguments.bytes))
-    tried = frames_tried(codec, arguments.frame, arguments.side)
-    fits, faults = fitting(codec, codec.catalogue, data, tried, names)
-    if not fits:
-        tell_error(arguments, "no_frame", reason(faults, data))
-        return 1
-    if arguments.json:
-        print_json(as_json(codec, fits, data, names))
-    else:
-        print("\n\n".join(as_text(codec, fit, data, names) for fit in fits))
-    return 0
-
-
-class StartNames(dict[str, Any]):
-    """The start values of parameters and state; those that only the whole definition knows are looked up there."""
-
-    def __init__(self, codec: CachedCodec) -> None:
-        super().__init__(codec.defaults)
-        self._codec = codec
-        self._scope: Names | None = None
-
-    def __missing__(self, name: str) -> Any:
-        if self._scope is None:
-            self._scope = scope_of(self._codec.protocol, ())
-        return self._scope[name]
-
-    def get(self, name: str, default: Any = None) -> Any:
-        try:
-            return self[name]
-        except KeyError:
-            return default
-
-
-def context(codec: CachedCodec, settings: list[str]) -> Mapping[str, Any]:
-    """What the bytes depend on: as the definition starts, or with these settings. Raises WordsError."""
-    return scope_of(codec.protocol, settings) if settings else StartNames(codec)
-
-
-def frames_tried(codec: CachedCodec, frame: str | None, side: str | None) -> list[str]:
-    """The frames to try. Raises WordsError for one there is not."""
-    from framekit.codec.functions import candidates, of_side
-
-    if frame is None:
-        return of_side(codec.catalogue, side)
-    protocol = codec.protocol
-    if frame not in protocol.frames and frame not in protocol.groups:
-        raise WordsError(no_such(f"'{protocol.name}' has no frame", frame, [*protocol.frames, *protocol.groups]))
-    return candidates(protocol, frame, side)
-
-
-def as_json(codec: CachedCodec, fits: list[Fit], data: bytes, names: Mapping[str, Any]) -> dict[str, Any]:
-    from framekit.codec.plain import PlainValues
-
-    plain = PlainValues(codec.protocol)
-    shown: list[dict[str, Any]] = []
-    for fit in fits:
-        one: dict[str, Any] = {"frame": fit.frame, "fields": plain.to_plain(fit.frame, fit.fields)}
-        if fit.refusal is not None:
-            one["refused"] = fit.refusal
-        if warnings := codec.check_warnings(fit.frame, data, names):
-            one["warnings"] = warnings
-        shown.append(one)
-    return shown[0] | ({"others": shown[1:]} if len(shown) > 1 else {})
-
-
-def as_text(codec: CachedCodec, fit: Fit, data: bytes, names: Mapping[str, Any]) -> str:
-    """The frame's name and a table of its fields."""
-    from framekit.codec.shown import shown, with_name
-
-    _, spans, _ = codec.trace(fit.frame, data, names)
-    rows, named = [], codec.catalogue[fit.frame].names
-    for path, start, end, value in spans:
-        text = "" if value is None else f"{with_name(named, path, shown(value))}"
-        rows.append((path, str(start), spaced(data[start:end]), text))
-    refused = "" if fit.refusal is None else f"  (a server refuses it with {code_text(fit.refusal)})"
-    warned = "".join(f"\nwarning: {text}" for text in codec.check_warnings(fit.frame, data, names))
-    return f"{fit.frame}{refused}{warned}\n" + table(rows, ("field", "offset", "bytes", "value"))
-
-
-DAY = 86_400_000_000_000
-
-
-class _Instead(argparse.Action):
-    """An option in the place of an argument that has to be there without it."""
-
-    def __init__(self, *words: Any, instead_of: argparse.Action, **options: Any) -> None:
-        super().__init__(*words, **options)
-        self._instead_of = instead_of
-
-    def __call__(
-        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
-    ) -> None:
-        setattr(namespace, self.dest, values)
-        self._instead_of.required = False
-
-
-def add_capture_arguments(parser: argparse.ArgumentParser, bytes_: argparse.Action) -> None:
-    """What decoding a capture takes beside PROTOCOL, --set and --json, in the place of `bytes_`."""
-    parser.add_argument(
-        "--capture", metavar="FILE", type=Path, action=_Instead, instead_of=bytes_,
-        help="decode a capture (pcap or JSON lines) instead; with --to also several: 'DIR/*.pcap'",
-    )  # fmt: skip
-    parser.add_argument(
-        "--to", metavar="OUT.parquet", type=Path,
-        help="write rows to a table, a folder with a Parquet file for each capture, and print the counts only",
-    )  # fmt: skip
-    parser.add_argument(
-        "--values", metavar="OUT.csv", type=Path,
-        help="write what requests and replies say of the values in devices to a table, as a sink does",
-    )  # fmt: skip
-    parser.add_argument("--jobs", metavar="N", type=int, help="with --to: so many processes; default: one a core")
-    parser.add_argument(
-        "--engine",
-        metavar="dask://HOST:PORT",
-        help="with --to: the workers of this cluster decode, which see the same files",
-    )
-    parser.add_argument(
-        "--client", choices=("in", "out"), default="out",
-        help="direction of the client's frames in a capture that has both; default: out",
-    )  # fmt: skip
-    add(parser, "--ascii", help="show bytes of a capture as ASCII")
-    add(parser, "--speed", "--format", "--filter", "--frame-name", "--bad")
-
-
-def decode_capture(protocol: Protocol, arguments: argparse.Namespace) -> int:
-    """Prints everything; 1 when there was a bad frame or noise. Raises VerbError."""
-    from framekit.api.monitor import decoder, result_of
-    from framekit.codec.plain import PlainValues
-
-    if arguments.to is not None and arguments.values is not None:
-        raise WordsError("--to and --values write different tables – leave one of them out")
-    if arguments.to is not None:
-        return _archive(protocol, arguments)
-    for option in ("jobs", "engine"):
-        if getattr(arguments, option) is not None:
-            raise WordsError(f"--{option} has no effect without --to – add --to OUT.parquet, or remove it")
-    if arguments.values is not None:
-        return _values(protocol, arguments)
-    wanted, plain = filter_of(arguments), PlainValues(protocol)
-    counts: Counter[str] = Counter()
-    if _matching(arguments.capture):
-        raise WordsError(f"{arguments.capture}: a pattern needs --to OUT.parquet – add it, or name one file")
-    path, line = existing(arguments.capture), line_of(protocol, arguments)
-    given = assignments(arguments.set)
-    try:
-        with in_words():
-            found = decoder(path, protocol, line=line, params=given, client=arguments.client)
-        with decoding(counts):
-            for channel, seen in found.seen():
-                if seen.kind != "noise" or not seen.reason:  # what a bad frame left is part of that
-                    counts[seen.kind] += 1
-                if not wanted.takes(channel, seen):
-                    continue
-                if arguments.json:
-                    more = {"time_ns": seen.at, "channel": channel, "result": result_of(protocol, seen)}
-                    print_json(seen_data(seen, seen.at / 1e9, plain, **more))
-                else:
-                    print(_text(plain, channel, seen, arguments.ascii))
-    except ValueError as error:
-        raise VerbError(str(error)) from None
-    if found.is_cut:
-        print(f"{arguments.capture}: {_CUT}", file=sys.stderr)
-    if not arguments.json:
-        print(_counted(counts))
-    return 1 if counts["bad"] or counts["noise"] else 0
-
-
-def decoding(counts: Mapping[str, int]) -> AbstractContextManager[object]:
-    """Tells how far it is, where what is decoded does not fill the terminal itself."""
-    return nullcontext() if sys.stdout.isatty() else ProgressLine("decode", lambda: _counted(counts))
-
-
-def _matching(pattern: Path) -> list[Path]:
-    """The files that a pattern means, in order; none where it is a file itself."""
-    return [] if pattern.exists() else [Path(one) for one in sorted(glob(str(pattern)))]
-
-
-_CUT = "the last record is not whole – its writer was stopped"
-
-
-def _counted(counts: Mapping[str, int]) -> str:
-    return (
-        f"{plural(counts.get('frame', 0), 'frame')}, {counts.get('bad', 0)} bad, {counts.get('noise', 0)} times noise"
-    )
-
-
-def _archive(protocol: Protocol, arguments: argparse.Namespace) -> int:
-    """Decodes captures to a table, with a line for each as it ends.
-
-    1 when one has a bad frame or noise, or could not be read. Raises VerbError.
-    """
-    from framekit.api.archive import archive
-
-    if arguments.ascii:
-        raise WordsError("--ascii has no effect with --to – remove it")
-    if arguments.jobs is not None and (arguments.jobs < 1 or arguments.engine is not None):
-        raise WordsError("--jobs is a number of processes on this machine, 1 or more – remove it or --engine")
-    if not arguments.to.suffix == ".parquet":
-        raise WordsError(f"--to {arguments.to}: write a name that ends in .parquet")
-    captures = _matching(arguments.capture) or [existing(arguments.capture)]
-    total: Counter[str] = Counter()
-    rows, is_wrong, is_one, ended = 0, False, len(captures) == 1, 0
-    shows = arguments.json or not is_one  # a line for each capture, which would stand in that line
-    hidden = shows and sys.stdout.isatty()
-    line = ProgressLine("decode", lambda: f"{ended} of {plural(len(captures), 'capture')}")
-    with nullcontext() if hidden else line, in_words(), closing(
-        archive(
-            captures, arguments.protocol, arguments.to, params=assignments(arguments.set),
-            line=line_of(protocol, arguments), client=arguments.client, wanted=filter_of(arguments),
-            jobs=arguments.jobs, engine=arguments.engine or "",
-        )
-    ) as found:  # fmt: skip
-        for one in found:
-            ended += 1
-            total.update(one.counts)
-            rows += one.rows
-            is_wrong |= bool(one.problem or one.counts.get("bad") or one.counts.get("noise"))
-            for problem in filter(None, (one.problem, _CUT if one.is_cut else "")):
-                print(problem if one.capture in problem else f"{one.capture}: {problem}", file=sys.stderr)
-            if arguments.json:
-                print_json({"capture": one.capture, "rows": one.rows, **one.counts})
-            elif not is_one:
-                print(f"{Path(one.capture).name}: {_counted(one.counts)}", flush=True)
-    if not arguments.json:
-        print(f"{arguments.to}: {plural(rows, 'row')} of {plural(len(captures), 'capture')}; {_counted(total)}")
-    return 1 if is_wrong else 0
-
-
-def _values(protocol: Protocol, arguments: argparse.Namespace) -> int:
-    """Writes the values in a capture to a table. Raises VerbError."""
-    from framekit.api.archive import captured_values, write_values
-    from framekit.api.monitor import decoder
-
-    useless = {"--ascii": arguments.ascii, "--filter": arguments.filter, "--frame-name": arguments.frame_name}
-    for option, given in (useless | {"--bad": arguments.bad, "--json": arguments.json}).items():
-        if given:
-            raise WordsError(f"{option} has no effect with --values – remove it")
-    if arguments.values.suffix != ".csv":
-        raise WordsError(f"--values {arguments.values}: write a name that ends in .csv")
-    path, given = existing(arguments.capture), assignments(arguments.set)
-    try:
-        with in_words():
-            found = decoder(path, protocol, line=line_of(protocol, arguments), params=given, client=arguments.client)
-            values = captured_values(found.seen(), protocol, arguments.protocol, given)
-            with ProgressLine("decode"):
-                count, points = write_values(values, arguments.values)
-    except OSError as error:
-        raise VerbError(why_not(error)) from None
-    except ValueError as error:
-        raise VerbError(str(error)) from None
-    if found.is_cut:
-        print(f"{arguments.capture}: {_CUT}", file=sys.stderr)
-    print(f"{arguments.values}: {plural(count, 'value')} of {plural(points, 'place')}")
-    if not count:
-        print("no request with a reply of one frame tells a value – look at the frames themselves", file=sys.stderr)
-    return 0 if count else 1
-
-
-def _text(plain: PlainValues, channel: int, seen: Seen, as_ascii: bool) -> str:
-    """The line of a frame and, below it, its fields."""
-    text = seen_text(seen, time_text(seen.at), f"ch {channel}", as_ascii)
-    fields = plain.to_plain(seen.frame, seen.fields)
-    shown = "  ".join(f"{name}={_plain(value)}" for name, value in fields.items())
-    return f"{text}\n{'':10}{shown}" if shown else text
-
-
-def _plain(value: Any) -> str:
-    return _AS_JSON(value) if isinstance(value, (dict, list)) else str(value)
-
-
-_AS_JSON = json.JSONEncoder(ensure_ascii=False).encode
-
-
-def time_text(at: int) -> str:
-    """A time of a capture: the clock, with the date where it is a real one."""
-    seconds, rest = divmod(at, 1_000_000_000)
-    return f"{_second_text(seconds)}.{rest // 1000:06d}"
-
-
-@lru_cache(1)
-def _second_text(seconds: int) -> str:
-    moment = datetime.fromtimestamp(seconds, UTC)
-    return f"{moment:%H:%M:%S}" if seconds < DAY // 1_000_000_000 else f"{moment:%Y-%m-%d %H:%M:%S}"
 
 
 def add_frames_arguments(parser: argparse.ArgumentParser) -> None:
@@ -666,13 +338,13 @@ def run_generate(arguments: argparse.Namespace) -> int:
 
 
 def _not_said(problem: Problem, frames: tuple[str, ...]) -> str:
-    """What a dissector does not say, with the frames that have it."""
+    """Return a message about a part that the dissector lacks, with the names of its frames."""
     some = f" ({', '.join(frames[:3])}{', …' if len(frames) > 3 else ''})" if frames else ""
     return printable(told(problem) + some)
 
 
 def _generate_document(arguments: argparse.Namespace) -> int:
-    """One page, or Markdown with a folder of pictures beside it."""
+    """Write one page, or Markdown with a folder of pictures."""
     from framekit.api.document import document, html, markdown
     from framekit.api.vectors import vectors_path
     from framekit.definition.load.protocol import definition_path
@@ -700,7 +372,7 @@ def _place(problem: Problem) -> str:
 
 
 def _generate_c(arguments: argparse.Namespace) -> int:
-    """A header and a source in a directory; what is left out is told."""
+    """Write a header and a source into a directory; report the frames that are left out."""
     from framekit.codec.c.generate import MOST_BYTES, generate
 
     folder: Path | None = arguments.output
@@ -727,7 +399,7 @@ def _generate_c(arguments: argparse.Namespace) -> int:
 
 
 def _generate_kaitai(arguments: argparse.Namespace) -> int:
-    """A `.ksy` in a directory; what Kaitai does not say is told."""
+    """Write a `.ksy` into a directory; report the parts that Kaitai cannot express."""
     from framekit.codec.kaitai.generate import generate_kaitai
 
     folder: Path | None = arguments.output

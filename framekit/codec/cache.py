@@ -1,8 +1,8 @@
-"""Compiled protocols kept from one command to the next, in the user's cache folder.
+"""The cache of compiled protocols: a folder of the user, used from one command to the next.
 
-A kept one counts only for this version of framekit and Python and this very code of theirs, while every source file has
-the content it had, and every name in them still means the same file. The model of the protocol is read only when
-it is needed: a command that decodes a frame needs the functions and what `FrameNote` says.
+An entry is valid only for the same version and code of framekit and Python, while every source file has the same
+content and every name in it means the same file. The model of a protocol is unpickled on demand: decoding a frame needs
+only the functions and a `FrameNote`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import stat
 import sys
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from types import CodeType
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -31,19 +31,19 @@ if TYPE_CHECKING:
 
 
 MOST_BYTES = 268_435_456
-"""So much do the files hold together, then the oldest go; the newest one stays whatever it holds."""
+"""The largest size of all files together; then the oldest are removed, but never the newest."""
 
 SUFFIX = ".framekit"
-"""How files of the cache end: no others are ever removed, whatever folder is named."""
+"""The suffix of the cache's files; files with other suffixes are never removed."""
 
 _AS_IT_IS = sum(getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
-"""A file is opened itself, no link to another one, without waiting, and byte by byte; where systems know of that."""
+"""Flags to open a file itself, not the target of a link, without waiting, in binary; as far as the system has them."""
 
 
 def cache_folder() -> Path | None:
-    """The folder for framekit's files, made if need be; None where there is none that this user alone can write.
+    """Return the folder for framekit's files, created if necessary; None if no folder is writable by this user alone.
 
-    `FRAMEKIT_CACHE` names another one; with an empty name nothing is kept.
+    `FRAMEKIT_CACHE` names another folder; empty, it turns the cache off.
     """
     given = os.environ.get("FRAMEKIT_CACHE")
     if given == "":
@@ -71,9 +71,9 @@ def _user_cache() -> Path:
 
 
 def _is_own(found: os.stat_result, kind: object) -> bool:
-    """Whether it is of that kind (`stat.S_ISDIR`, …), this user's, and closed to all others.
+    """Return whether a file is of that kind (`stat.S_ISDIR`, …), belongs to this user, and is closed to all others.
 
-    Windows tells no owner here: there `_is_private` is what counts.
+    Windows reports no owner: `_is_private` decides instead.
     """
     if not (callable(kind) and kind(found.st_mode)):
         return False
@@ -81,12 +81,12 @@ def _is_own(found: os.stat_result, kind: object) -> bool:
 
 
 def _is_private(folder: Path) -> bool:
-    """Whether the place of a folder keeps others out: on Windows the user's profile does, elsewhere no place has to."""
+    """Return whether a folder is in the user's profile on Windows; on other systems its mode is enough."""
     return sys.platform != "win32" or folder.resolve().is_relative_to(Path.home().resolve())
 
 
 def read_entry(folder: Path, name: str) -> bytes | None:
-    """The content of a file; None if there is none that can be read, or one that another user may have written."""
+    """Return the content of a file; None if it is not readable, or another user may have written it."""
     try:
         descriptor = os.open(folder / (name + SUFFIX), os.O_RDONLY | _AS_IT_IS)
         try:
@@ -101,7 +101,7 @@ def read_entry(folder: Path, name: str) -> bytes | None:
 
 
 def keep(folder: Path, name: str, data: bytes) -> None:
-    """Writes a file, whole or not at all; a cache that cannot be written is none."""
+    """Write a file, whole or not at all; errors are ignored, as for a cache that does not exist."""
     temporary = folder / f"{name}.{os.getpid()}.new{SUFFIX}"
     with suppress(OSError):
         descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _AS_IT_IS, 0o600)
@@ -125,7 +125,7 @@ def _drop_oldest(folder: Path) -> None:
 
 
 class FrameNote(NamedTuple):
-    """What of a frame's definition tells when it is tried on bytes."""
+    """The facts of a frame's definition that trying it on bytes needs."""
 
     name: str
     inner: bool
@@ -136,7 +136,7 @@ class FrameNote(NamedTuple):
 
 
 class CacheEntry(NamedTuple):
-    """What is kept of a protocol; the model pickled, since it is not always needed."""
+    """An entry of the cache; the model is pickled, since most commands do not need it."""
 
     sources: tuple[Any, ...]
     name: str
@@ -158,9 +158,9 @@ class CachedCodec(FrameFunctions):
 
     @cached_property
     def protocol(self) -> Protocol:
-        """The definition, made `again` if what was kept of it is damaged.
+        """The definition; it is made `again` if the entry is damaged.
 
-        `compile_protocol` of it takes the code that is there.
+        `compile_protocol` of it takes the code of the entry.
         """
         from framekit.codec.codec import codec_from
 
@@ -174,7 +174,7 @@ class CachedCodec(FrameFunctions):
 
 
 def cached_codec(name: str | Path, folder: Path) -> CachedCodec:
-    """The codec of a protocol by name or file, seen from `folder`: kept from before, or made now and kept.
+    """Return the codec of a protocol by name or file, seen from `folder`: from the cache, or made now and kept.
 
     Raises DefinitionError.
     """
@@ -215,7 +215,7 @@ def _parts(protocol: Protocol, sources: Sources, code: CodeType) -> CacheEntry:
 
 
 def _model(kept: CacheEntry) -> Protocol | None:
-    """The model; None where it is damaged."""
+    """Return the model; None if it is damaged."""
     import gc
     import pickle
 
@@ -234,18 +234,18 @@ def _model(kept: CacheEntry) -> Protocol | None:
 
 
 class CacheFolder:
-    """Compiled protocols in a folder, by the files of their definitions."""
+    """Entries in a folder, by the files of their definitions."""
 
     def __init__(self, cache: Path) -> None:
         self.cache = cache
-        self._stamp = _stamp()
+        self._stamp = _stamp(__version__)
 
     def _key(self, path: Path) -> str:
         broken = import_installed()  # before the states are asked for: what they bring has a part in every definition
         return hashlib.sha256(f"{path}\n{path.resolve()}\n{self._stamp}\n{broken}{states()}".encode()).hexdigest()
 
     def read(self, path: Path) -> CacheEntry | None:
-        """What was kept, if it is whole and still right."""
+        """Return the entry of a file if it is whole and still valid."""
         content = self._content(self._key(path))
         if content is None:
             return None
@@ -259,7 +259,7 @@ class CacheFolder:
         self._write(self._key(path), tuple(kept))
 
     def read_code(self, path: Path, sources: Sources, what: str) -> CodeType | None:
-        """Other code that was made of a definition read from these very sources."""
+        """Return other code that was made of a definition with these very sources."""
         content = self._content(self._key_of_code(path, sources, what))
         if content is None:
             return None
@@ -273,7 +273,7 @@ class CacheFolder:
         self._write(self._key_of_code(path, sources, what), code)
 
     def _content(self, key: str) -> bytes | None:
-        """What was kept under a key, if it is whole."""
+        """Return the content of an entry if it is whole."""
         data = read_entry(self.cache, key) or b""
         digest, content = data[:32], data[32:]
         if hashlib.sha256(content).digest() != digest or not content.startswith(key.encode()):
@@ -281,7 +281,7 @@ class CacheFolder:
         return content[len(key) :]
 
     def _write(self, key: str, value: Any) -> None:
-        """Keeps it with its own key: under another name it counts for nothing."""
+        """Write an entry together with its key: under another name it is invalid."""
         content = key.encode() + marshal.dumps(value)
         keep(self.cache, key, hashlib.sha256(content).digest() + content)
 
@@ -290,7 +290,7 @@ class CacheFolder:
 
 
 class DefinitionCache:
-    """Gives loaders and compilers what a folder has, and puts there what they have made (see `sources.Cache`)."""
+    """The cache for loaders and compilers (see `sources.Cache`)."""
 
     def __init__(self, files: CacheFolder) -> None:
         self.files = files
@@ -334,15 +334,16 @@ class DefinitionCache:
 
 
 def definition_cache() -> DefinitionCache | None:
-    """Keeps definitions and their code in the user's cache folder; None where there is none to trust."""
+    """Return the cache in the user's folder; None if no folder can be trusted."""
     cache = cache_folder()
     return None if cache is None else DefinitionCache(CacheFolder(cache))
 
 
-def _stamp() -> str:
-    """What compiles definitions: the versions, and size and time of every file of framekit that has a part in it."""
+@lru_cache(1)
+def _stamp(version: str) -> str:
+    """Return the versions, and size and time of every file of framekit that takes part in compiling."""
     package = Path(__file__).parent.parent
-    found = [__version__, sys.version, str(sys.implementation.cache_tag)]
+    found = [version, sys.version, str(sys.implementation.cache_tag)]
     for folder in (package / "definition", package / "codec", package / "link", shipped_folder("schemas")):
         for root, _, files in os.walk(folder):
             for name in files:

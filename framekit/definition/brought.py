@@ -1,7 +1,7 @@
-"""Modules that bring kinds of segments, types, check methods, triggers or step keys of their own.
+"""Extensions: modules with kinds of segments, types, check methods, triggers or step keys of their own.
 
-A program imports them; those of installed packages, entry points of the group `framekit.extensions`, are imported when
-the first definition of a process is read.
+A program imports them itself; extensions of installed packages, entry points of the group `framekit.extensions`, are
+imported with the first definition that a process reads.
 """
 
 from __future__ import annotations
@@ -13,16 +13,18 @@ from functools import cache
 from types import ModuleType
 from typing import Any
 
+from framekit.definition.installed import entry_points_of
+
 ENTRY_POINTS = "framekit.extensions"
 
 MODULES: list[ModuleType] = []
 
 _WORDS: dict[tuple[str, str], str] = {}
-"""What each word is called, and the word → the module that has brought it."""
+"""The module of each word, by the kind of the word and the word."""
 
 
 def bring(name: str) -> ModuleType:
-    """The module of that name, noted as one that has a part in what definitions mean."""
+    """Note a module as an extension, which changes the meaning of definitions, and return it."""
     module = sys.modules[name]
     MODULES[:] = [one for one in MODULES if one is module or one.__name__ != name]
     if module not in MODULES:
@@ -31,7 +33,7 @@ def bring(name: str) -> ModuleType:
 
 
 def module_of_function(function: Callable[..., Any]) -> str:
-    """The name of the module that a function stands in. Raises ValueError where it has no name of its own there."""
+    """Return the name of the module that defines a function. Raises ValueError if the module lacks it."""
     module = sys.modules.get(function.__module__)
     if module is None or vars(module).get(function.__name__) is not function:
         what = f"'{function.__qualname__}' is no function that the module '{function.__module__}' knows by that name"
@@ -40,9 +42,9 @@ def module_of_function(function: Callable[..., Any]) -> str:
 
 
 def bring_word(what: str, word: str, name: str, there: bool) -> None:
-    """Notes that the module of that name brings a word; `there`: the word is known already.
+    """Note that a module defines a word; `there`: the word exists already.
 
-    A module that brings it again, as when it is loaded again, replaces it. Raises ValueError for a word of another one.
+    A module that defines it again, as when it is reloaded, replaces it. Raises ValueError for a word of another module.
     """
     owner = _WORDS.get((what, word))
     if owner != name and (there or owner is not None):
@@ -52,7 +54,7 @@ def bring_word(what: str, word: str, name: str, there: bool) -> None:
 
 
 def states() -> list[str]:
-    """Size and time of every such module's file: what was kept before one of them changed counts no more."""
+    """Return size and time of each extension's file: entries of the cache do not count after a change."""
     found = []
     for module in MODULES:
         file = getattr(module, "__file__", None)
@@ -63,15 +65,14 @@ def states() -> list[str]:
 
 @cache
 def import_installed() -> tuple[str, ...]:
-    """Imports the modules that installed packages name; what is wrong with those that cannot be used."""
-    from importlib.metadata import entry_points
-    from traceback import format_exception_only
-
+    """Import the extensions of installed packages; return messages about those that fail."""
     wrong = []
-    for point in entry_points(group=ENTRY_POINTS):
+    for point in entry_points_of(ENTRY_POINTS):
         try:
             point.load()
-        except Exception as error:  # another package's code: whatever is wrong there is told, and framekit goes on
+        except Exception as error:  # another package's code: any error there is reported, and framekit goes on
+            from traceback import format_exception_only
+
             why = format_exception_only(error)[-1].strip()
             wrong.append(f"the extension '{point.name}' of {point.value} can't be used: {why}")
     return tuple(wrong)

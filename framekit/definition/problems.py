@@ -1,19 +1,17 @@
-"""Positions in definition files and the problems found there.
+"""Positions in definition files, and problems at these positions.
 
-Every complaint about a definition or a run file is a `Problem`; they are collected and raised together as one
-`DefinitionError`. Nothing here knows YAML, schemas or what a definition means.
+Every complaint about a definition or a run file is a `Problem`; all of them are raised together as one
+`DefinitionError`. This module knows neither YAML nor schemas nor the language of definitions.
 """
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 
-@dataclass(frozen=True, slots=True, order=True)
-class Position:
-    """A place in a file; line and column count from 1. With line 0 `file` is not a file but words by themselves."""
+class Position(NamedTuple):
+    """A place in a file; line and column count from 1. With line 0, `file` is no file but a source's own name."""
 
     file: str
     line: int
@@ -26,9 +24,8 @@ class Position:
 NOWHERE = Position("<built-in>", 1, 1)
 
 
-@dataclass(frozen=True, slots=True, order=True)
-class Problem:
-    """One thing wrong in a file: what it is, and what to do about it. A warning does not stop anything."""
+class Problem(NamedTuple):
+    """A fault in a file, and its remedy. Warnings do not stop anything."""
 
     at: Position
     what: str
@@ -49,7 +46,7 @@ class DefinitionError(ValueError):
 
 
 class CannotSayError(Exception):
-    """What has no form in the language that a generator writes: what it is and where it stands, what to do or why."""
+    """A part of a definition that a generator cannot express in its language, with its place and a remedy or reason."""
 
     def __init__(self, at: Position, what: str, todo: str = "") -> None:
         super().__init__(what)
@@ -57,38 +54,42 @@ class CannotSayError(Exception):
 
 
 def without_library(what: str, library: str) -> tuple[str, str]:
-    """What is wrong, and what to do, where a library is not installed that `what` needs."""
+    """Return problem and remedy for a library that is missing for `what`."""
     return f"{what} needs the library {library}, which is not installed", f"install it: pip install {library}"
 
 
 def library_missing(what: str, library: str) -> str:
-    """The same as one sentence."""
+    """Return both joined to a sentence."""
     return " – ".join(without_library(what, library))
 
 
 def printable(text: str) -> str:
-    """The text on one line: signs that are not shown, line ends among them, as `repr` writes them."""
+    """Return the text on one line: characters that are not printable, line ends among them, as `repr` writes them."""
     return text if text.isprintable() else "".join(sign if sign.isprintable() else repr(sign)[1:-1] for sign in text)
 
 
 def plural(number: int, noun: str) -> str:
-    """`1 byte`, `2 bytes`."""
+    """Return the number with its noun: `1 byte`, `2 bytes`."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def listed(things: Iterable[object]) -> str:
-    """`a, b and c`; there is at least one."""
+    """Return `a, b and c`; the list is not empty."""
     *some, last = map(str, things)
     return f"{', '.join(some)} and {last}" if some else last
 
 
 def is_nearly(word: str, other: str) -> bool:
-    """Whether the other word is probably this one misspelt."""
+    """Return whether the other word is probably a misspelling of this word."""
+    import difflib  # with the first misspelt word
+
     return other not in (word, word + "s") and bool(difflib.get_close_matches(other, [word], cutoff=0.75))
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """A hint naming the known words nearest to `word`, or all of them when they are few, or ''."""
+    """Return a hint with the known words nearest to `word`, or with all of them if they are few, or ''."""
+    import difflib
+
     words = sorted(set(known))
     near = difflib.get_close_matches(word, words, n=2, cutoff=0.5 if len(word) <= 3 else 0.6)
     if near:
@@ -99,12 +100,12 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 
 
 def no_such(what: str, name: str, known: Iterable[str]) -> str:
-    """`what 'name'` and, behind a dash, what could be meant: for a name that there is not."""
+    """Return `what 'name'` and, after a dash, a hint at the known names."""
     hint = did_you_mean(name, known)
     return f"{what} '{name}'" + (f" – {hint}" if hint else "")
 
 
 def parted(error: Exception) -> tuple[str, str]:
-    """What is wrong, and behind a dash what to do, of an error whose text is such a sentence."""
+    """Return problem and remedy of an error whose text has them before and after a dash."""
     what, _, todo = str(error).partition(" – ")
     return what, todo

@@ -1,14 +1,10 @@
-"""What definitions are read from: where their files stand, whether these are as before, and the cache of them."""
+"""Files of definitions: where they are, whether they are unchanged, and the cache of definitions."""
 
 from __future__ import annotations
 
-import hashlib
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import fields, is_dataclass
-from decimal import Decimal
-from enum import Enum
 from functools import cache, lru_cache
 from hashlib import sha256
 from pathlib import Path, PurePosixPath
@@ -17,6 +13,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 from typing import Protocol as Interface
 
 from framekit.definition import PATH_VARIABLE
+from framekit.definition.installed import entry_points_of
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
 
 if TYPE_CHECKING:
@@ -24,20 +21,20 @@ if TYPE_CHECKING:
 
 
 def shipped_folder(name: Literal["frames", "schemas"]) -> Path:
-    """The folder of shipped definitions or schemas: inside the installed package, else beside the package."""
+    """Return the folder of shipped definitions or schemas: in the installed package, else next to the package."""
     package = Path(__file__).parent.parent
     installed = package / "_shipped" / name
     return installed if installed.is_dir() else package.parent / name
 
 
 def shipped_definitions(pattern: str = "*.yaml") -> list[Path]:
-    """The shipped files of this pattern, by name."""
+    """Return the shipped files of this pattern, by name."""
     folders = _with_families(shipped_folder("frames"))
     return sorted((path for folder in folders for path in folder.glob(pattern)), key=lambda path: path.name)
 
 
 def known_definitions() -> list[Path]:
-    """The definitions of every folder that is searched, by name; of two with one name the one that is found first."""
+    """Return the definitions of all searched folders, by name; of two with the same name the first."""
     found: dict[str, Path] = {}
     for folder in searched_folders():
         for path in folder.glob("*.yaml"):
@@ -46,11 +43,11 @@ def known_definitions() -> list[Path]:
 
 
 PACKAGES = "framekit.protocols"
-"""The group of entry points by which installed packages bring definitions: each names a package, which holds them."""
+"""The group of entry points of packages with definitions: each names a package, which contains the files."""
 
 
 def roots() -> Iterator[Path]:
-    """The folders of FRAMEKIT_PATH, that of shipped definitions, and those of installed packages, in this order."""
+    """Yield the folders of FRAMEKIT_PATH, of the shipped definitions, and of installed packages, in this order."""
     yield from _path(os.environ.get(PATH_VARIABLE, ""))
     yield shipped_folder("frames")
     yield from _packages()
@@ -63,12 +60,11 @@ def _path(text: str) -> tuple[Path, ...]:
 
 @cache
 def _packages() -> tuple[Path, ...]:
-    """The folders of the packages, by the names of their entry points. None of them is imported."""
-    from importlib.metadata import entry_points
+    """Return the folders of the packages, by the names of their entry points. No package is imported."""
     from importlib.util import find_spec
 
     found: list[Path] = []
-    for point in sorted(entry_points(group=PACKAGES), key=lambda point: point.name):
+    for point in sorted(entry_points_of(PACKAGES), key=lambda point: point.name):
         with suppress(ImportError, ValueError, AttributeError):  # the last one: the entry point names nothing
             package, *inside = point.module.split(".")
             spec = find_spec(package)
@@ -78,7 +74,7 @@ def _packages() -> tuple[Path, ...]:
 
 
 def searched_folders() -> Iterator[Path]:
-    """Every folder in which a name is looked for: the roots, and the folders in them, one for each family."""
+    """Yield every folder in which a name is looked up: the roots, and the folders in them, one for each family."""
     for root in roots():
         yield from _with_families(root)
 
@@ -96,14 +92,16 @@ def _families(root: Path, changed: int) -> tuple[Path, ...]:
 
 
 def root_of(path: Path) -> Path | None:
-    """The root that a file lies in, so that it may name others of it by `../`; None if it lies in none."""
+    """Return the root that contains a file, which may name other files of it by `../`; None if no root does."""
     path = path.resolve()
     return next((root for root in roots() if path.is_relative_to(root.resolve())), None)
 
 
 def find_definition(name: str, folder: Path) -> Path | None:
-    """The file of a definition: `folder/NAME`, `folder/NAME.yaml`, or one in a folder that is searched; None if there
-    is none. A name with `../` is looked for beside `folder` only, inside the root that it lies in."""
+    """Return the file of a definition: `folder/NAME`, `folder/NAME.yaml`, or a file in a searched folder; or None.
+
+    A name with `../` is looked up relative to `folder` only, inside the root that contains it.
+    """
     if ".." not in PurePosixPath(name).parts:
         return _first_file(name, (folder, *searched_folders()), ".yaml")
     root = root_of(folder)
@@ -115,7 +113,7 @@ def find_definition(name: str, folder: Path) -> Path | None:
 
 
 def _first_file(name: str, places: Iterable[Path], suffix: str) -> Path | None:
-    """The first file `NAME` or `NAME` + `suffix` inside one of the folders."""
+    """Return the first file `NAME` or `NAME` + `suffix` in one of the folders."""
     for place in places:
         for candidate in (place / name, place / f"{name}{suffix}"):
             if os.path.isfile(candidate) and candidate.resolve().is_relative_to(place.resolve()):
@@ -124,7 +122,7 @@ def _first_file(name: str, places: Iterable[Path], suffix: str) -> Path | None:
 
 
 def definition_file(name: str | Path, folder: Path) -> Path | None:
-    """The file that a name or a path means, seen from `folder`; None if there is none."""
+    """Return the file that a name or a path means, seen from `folder`; None if it does not exist."""
     path = Path(name)
     if path.suffix in (".yaml", ".yml") or os.path.isfile(path):
         return path if os.path.isfile(path) else None
@@ -132,21 +130,23 @@ def definition_file(name: str | Path, folder: Path) -> Path | None:
 
 
 class Sources(NamedTuple):
-    """Every file that was read, with a hash of what it held; every name in them, seen from its folder, with the file
-    it meant. Plain texts, so that they can be kept."""
+    """Every file that was read, with a hash of its content; every name in them, seen from its folder, with its file.
+
+    Plain texts, so that the cache can keep them.
+    """
 
     files: tuple[tuple[str, str], ...]
     found: tuple[tuple[str, str, str], ...]
 
     def still_hold(self) -> bool:
-        """Whether every file has the content it had, and every name still means the same file."""
+        """Return whether every file has the same content, and every name still means the same file."""
         return all(_digest(Path(path)) == before for path, before in self.files) and all(
             str(find_definition(name, Path(folder))) == path for name, folder, path in self.found
         )
 
 
 def sources_of(files: Iterable[Path], found: Iterable[tuple[str, Path, Path]]) -> Sources:
-    """The sources as they are now."""
+    """Return the sources with their present content."""
     return Sources(
         tuple((str(path), _digest(path)) for path in files),
         tuple((name, str(folder), str(path)) for name, folder, path in found),
@@ -154,7 +154,7 @@ def sources_of(files: Iterable[Path], found: Iterable[tuple[str, Path, Path]]) -
 
 
 def _digest(path: Path) -> str:
-    """The hash of a file's content; '' for one that cannot be read."""
+    """Return the hash of a file's content; '' for a file that cannot be read."""
     try:
         return sha256(path.read_bytes()).hexdigest()
     except OSError:
@@ -162,32 +162,32 @@ def _digest(path: Path) -> str:
 
 
 class Cache(Interface):
-    """Keeps definitions by the file they are loaded from, and their code."""
+    """A cache of definitions by file, and of their code."""
 
     def loaded(self, path: Path) -> tuple[Protocol, Sources] | None:
-        """What loading the file would give now, and what it was read from; None: it has to be loaded."""
+        """Return the definition that the file gives now, and its sources; None if it has to be loaded."""
 
     def was_loaded(self, path: Path, protocol: Protocol, sources: Sources) -> None:
-        """Told of everything that had to be loaded."""
+        """Take note of a definition that had to be loaded."""
 
     def module(self, protocol: Protocol) -> ModuleType:
-        """The module of a definition's frames. Raises DefinitionError."""
+        """Return the module of a definition's frames. Raises DefinitionError."""
 
     def code(self, protocol: Protocol, what: str, make: Callable[[], CodeType]) -> CodeType:
-        """Other code made of a definition, called `what`: kept from before, or made now."""
+        """Return other code of a definition, called `what`: from the cache, or made now."""
 
 
 _current: Cache | None = None
 
 
 def current_cache() -> Cache | None:
-    """What loading and compiling ask first."""
+    """Return the cache that loading and compiling use."""
     return _current
 
 
 @contextmanager
 def cached_by(cache: Cache | None) -> Iterator[None]:
-    """What is loaded and compiled inside is kept by this one."""
+    """Use a cache for everything that is loaded and compiled inside the context."""
     global _current
     before, _current = _current, cache
     try:
@@ -196,48 +196,10 @@ def cached_by(cache: Cache | None) -> Iterator[None]:
         _current = before
 
 
-def fingerprint(value: object) -> str:
-    """A short text for a model value (dataclasses, mappings, sequences, plain values); positions do not count.
-
-    Raises TypeError for anything else inside.
-    """
-    digest = hashlib.sha256()
-    for piece in _pieces(value):
-        digest.update(piece.encode())
-    return digest.hexdigest()[:32]
-
-
-def _pieces(value: object) -> Iterator[str]:
-    """The content as texts, none of which can be mistaken for another."""
-    if isinstance(value, (Position, Problem)):
-        return
-    if is_dataclass(value) and not isinstance(value, type):
-        yield f"{type(value).__name__}("
-        for field in fields(value):
-            yield f"{field.name}="
-            yield from _pieces(getattr(value, field.name))
-        yield ")"
-    elif value is None or isinstance(value, (str, bytes, int, float, Decimal, Enum)):
-        yield f"{value!r},"
-    elif isinstance(value, Mapping):
-        yield "{"
-        for key, item in value.items():
-            yield f"{key!r}:"
-            yield from _pieces(item)
-        yield "}"
-    elif isinstance(value, (tuple, list, frozenset, set)):
-        yield "["
-        for item in sorted(value, key=repr) if isinstance(value, (frozenset, set)) else value:
-            yield from _pieces(item)
-        yield "]"
-    else:
-        raise TypeError(f"a {type(value).__name__} has no fingerprint")
-
-
 def find_profile(name: str, folder: Path | None, at: Position, *, kind: str, suffix: str) -> Path:
-    """The file `NAME` or `NAME` + `suffix` in `folder`, else the shipped one; `kind` is what messages call it.
+    """Return the file `NAME` or `NAME` + `suffix` in `folder`, else the shipped file; `kind` is its name in messages.
 
-    Raises DefinitionError when there is none, and for names that leave the folder.
+    Raises DefinitionError if neither exists, and for names that leave the folder.
     """
     if not name or name.startswith(("/", "~")) or "\\" in name or ".." in PurePosixPath(name).parts:
         what = f"'{name}' leaves the folder of the file that names it"

@@ -9,8 +9,8 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
+from framekit.definition.fingerprint import fingerprint
 from framekit.definition.problems import DefinitionError, Problem, listed
-from framekit.definition.sources import fingerprint
 from framekit.run.block_state import BlockState
 from framekit.run.model import Block, RunModel
 

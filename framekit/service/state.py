@@ -13,7 +13,7 @@ from contextlib import closing, contextmanager
 from dataclasses import astuple, dataclass, field, fields
 from pathlib import Path
 
-from framekit.definition.sources import fingerprint
+from framekit.definition.fingerprint import fingerprint
 from framekit.definition.times import NEVER
 from framekit.memory.memory import DeviceMemory, Shape, unit_bits
 from framekit.run.block_state import BlockState, Failure

@@ -19,8 +19,10 @@ from shipped import EXAMPLES, example_runs
 from framekit import __version__
 from framekit.api.settings import names_of
 from framekit.cli.common import near
+from framekit.cli.completion_verb import SHELLS
 from framekit.cli.definition_verbs import fields_given
-from framekit.cli.main import SHELLS, VERBS, main
+from framekit.cli.main import main
+from framekit.cli.parser import VERBS
 from framekit.codec.codec import compile_protocol
 from framekit.codec.plain import PlainValues
 from framekit.definition.load.protocol import load_protocol

@@ -13,7 +13,8 @@ from pathlib import Path
 import pytest
 
 from framekit.cli.common import PortError, VerbError, WordsError
-from framekit.cli.main import VERBS, main
+from framekit.cli.main import main
+from framekit.cli.parser import VERBS
 
 PAGE = Path(__file__).parents[2] / "docs" / "cli.md"
 

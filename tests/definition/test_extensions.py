@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import sys
 from collections.abc import Iterator
-from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
@@ -28,21 +26,25 @@ def small(tmp_path: Path) -> Iterator[Path]:
     brought.import_installed.cache_clear()
 
 
-def installed(monkeypatch: pytest.MonkeyPatch, module: str) -> None:
-    point = EntryPoint("made-up", module, brought.ENTRY_POINTS)
-    monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: [point] if group == point.group else [])
+def installed(folder: Path, monkeypatch: pytest.MonkeyPatch, module: str) -> None:
+    """Leave the metadata of a package with that extension in a folder of `sys.path`."""
+    info = folder / "site" / "made_up-1.0.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: made-up\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(f"[{brought.ENTRY_POINTS}]\nmade-up = {module}\n")
+    monkeypatch.syspath_prepend(str(info.parent))
 
 
 def test_an_installed_extension_is_imported(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (small.parent / "made_up_extension.py").write_text("MARK = 1\n")
     monkeypatch.syspath_prepend(str(small.parent))
-    installed(monkeypatch, "made_up_extension")
+    installed(small.parent, monkeypatch, "made_up_extension")
     load_protocol(str(small))
     assert sys.modules.pop("made_up_extension").MARK == 1
 
 
 def test_an_extension_that_cannot_be_used_is_told(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    installed(monkeypatch, "no_such_extension")
+    installed(small.parent, monkeypatch, "no_such_extension")
     with pytest.raises(DefinitionError) as caught:
         load_protocol(str(small))
     assert str(caught.value) == (
@@ -101,7 +103,7 @@ def test_with_an_extension_a_definition_is_compiled_once(
 ) -> None:
     (small.parent / "made_up_bringer.py").write_text(BRINGER)
     monkeypatch.syspath_prepend(str(small.parent))
-    installed(monkeypatch, "made_up_bringer")
+    installed(small.parent, monkeypatch, "made_up_bringer")
     for _ in range(3):
         new_process()
         cached_codec(small, small.parent)
@@ -117,7 +119,7 @@ def test_what_was_kept_before_an_extension_came_counts_no_more(
     cached_codec(small, small.parent)
     (small.parent / "made_up_bringer.py").write_text(text)
     monkeypatch.syspath_prepend(str(small.parent))
-    installed(monkeypatch, "made_up_bringer")
+    installed(small.parent, monkeypatch, "made_up_bringer")
     new_process()
     if text == BRINGER:
         cached_codec(small, small.parent)

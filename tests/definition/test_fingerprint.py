@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from shipped import EXAMPLES, example_runs
 
+from framekit.definition.fingerprint import fingerprint
 from framekit.definition.problems import Position
-from framekit.definition.sources import fingerprint
 from framekit.runfile.run_file import load_run
 
 RUNS = [path for path in example_runs() if path.parent == EXAMPLES]

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from docs.pages import ROOT
 
-from framekit.cli.main import build_parser
+from framekit.cli.parser import build_parser
 
 UNIT = ROOT / "examples" / "service" / "framekit@.service"
 CONTAINER = ROOT / "examples" / "Containerfile"

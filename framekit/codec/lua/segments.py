@@ -7,7 +7,6 @@ asked of the writer of careful functions of the Python codec, so that both mean 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
 from typing import Any
 
 from framekit.codec.kinds.check import in_one_buffer
@@ -425,7 +424,7 @@ def _check(w: SegmentWriter, s: Check, scope: Scope) -> Entries:
             problem = w.expressions.problems.pop()
             raise not_said(problem.at, problem.what)
     except CannotSayError as error:
-        w.unverified.append(replace(error.problem, todo="it is shown, and not verified"))
+        w.unverified.append(error.problem._replace(todo="it is shown, and not verified"))
         entries |= {"unverified": string(error.problem.what), "covered": None, "method": None}
     return entries
 

@@ -25,6 +25,7 @@ from framekit.definition.expression import (
     names_in,
     walk,
 )
+from framekit.definition.fingerprint import fingerprint
 from framekit.definition.kinds.base import Segment
 from framekit.definition.model.frames import (
     attributes_in,
@@ -49,7 +50,6 @@ from framekit.definition.model.services import (
 )
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, RecordOf, Value
 from framekit.definition.problems import Problem
-from framekit.definition.sources import fingerprint
 
 
 def check_request_matching(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:

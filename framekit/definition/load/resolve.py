@@ -67,12 +67,14 @@ def resolve_names(reader: Reader, value: Any, numbers_of: NumbersOf) -> Any:
 
 def _changed(value: Any, change: Callable[[Any], Any]) -> Any:
     """A value with each of its parts changed; the same object where none of them is another one then."""
+    if isinstance(value, Position):
+        return value
     if isinstance(value, tuple):
         items = tuple(change(item) for item in value)
         return value if all(new is old for new, old in zip(items, value, strict=True)) else items
     if isinstance(value, dict):
         return {key: change(item) for key, item in value.items()}
-    if not is_dataclass(value) or isinstance(value, (type, Position)):
+    if not is_dataclass(value) or isinstance(value, type):
         return value
     changes = {}
     for field in fields(value):

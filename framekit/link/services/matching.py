@@ -16,10 +16,10 @@ from typing import Any
 from framekit.codec.python.source import Source
 from framekit.codec.shown import explain
 from framekit.definition.expression import Expression, emit, is_constant, tells_setting
+from framekit.definition.fingerprint import fingerprint
 from framekit.definition.model.frames import attributes_in, field_names, names_read, parts_of
 from framekit.definition.model.services import AS_NUMBERS, is_passed_over, only_start, told_by
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
-from framekit.definition.sources import fingerprint
 from framekit.link.addresses import Address, AddressError, code_of
 from framekit.link.events import Served
 from framekit.link.packing import PackingError, memory_of, memory_of_numbers, numbers_of, values_of

@@ -14,7 +14,8 @@ from typing import Any
 import pytest
 
 from framekit.api.monitor import FrameFilter, parse_filter
-from framekit.cli.main import build_parser, main
+from framekit.cli.main import main
+from framekit.cli.parser import build_parser
 from framekit.cli.run_verb import RunSession, RunWatch
 from framekit.cli.serve_verb import ServeSession, server_of
 from framekit.link.events import Kind, Seen
