@@ -580,16 +580,22 @@ def _note(node: Mapping | Sequence, piece: Scalar, before: Entry | None, depth: 
         cuts.problems.append(_no_value(piece))
     elif before is not None and _PROSE.fullmatch(before.key.text):
         cuts.problems.append(Problem(piece.at, "the text was cut at a comma", "quote the whole text"))
-    elif before is not None and piece.text.isdigit() and _is_number(before.value):
-        cuts.problems.append(Problem(piece.at, "the number was cut at a comma", "write it without"))
+    elif before is not None and piece.text.isdigit() and isinstance(before.value, Scalar) and _is_number(before.value):
+        cuts.problems.append(Problem(piece.at, "the number was cut at a comma", _joined(before.value.text, piece.text)))
     elif depth == 0 and _NAME.fullmatch(piece.text):
         cuts.problems.append(Problem(piece.at, CUT, f"{QUOTE_EXPRESSION}, or give '{piece.text}' a value"))
     else:
         cuts.problems.append(Problem(piece.at, CUT, QUOTE_EXPRESSION))
 
 
-def _is_number(node: Node) -> bool:
-    return isinstance(node, Scalar) and node.text.isdigit()
+def _is_number(scalar: Scalar) -> bool:
+    return scalar.text.removeprefix("-").isdigit()
+
+
+def _joined(before: str, after: str) -> str:
+    """Return the remedy for a number with a comma: thousands are written without it, fractions with a point."""
+    is_grouped = len(after) == 3 and not before.removeprefix("-").startswith("0")
+    return f"write {before}{after}, or {before}.{after} for a fraction" if is_grouped else f"write {before}.{after}"
 
 
 def _no_value(key: Scalar) -> Problem:

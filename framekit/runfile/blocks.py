@@ -508,6 +508,8 @@ class JobBlockLoader:
         if named is not None:
             number = self.reader.number(named)
             if number not in self.channels:
+                if str(number) in self.known:
+                    raise Broken("the problems of the channel have been reported")
                 known = ", ".join(map(str, self.channels))
                 raise self.reader.broken(named.at, f"there is no channel {number}", f"known: {known}")
             return number, ""

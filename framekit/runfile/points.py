@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import csv
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from collections.abc import Mapping as MappingOf
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
@@ -23,7 +23,7 @@ from framekit.definition.schema import validate
 from framekit.definition.times import NEVER
 from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.link.packing import typed_at
-from framekit.memory.views import VIEWS
+from framekit.memory.views import ORDERS, VIEWS
 from framekit.run.model import Block, Channel, OwnPlace, Point, Scaling
 from framekit.run.own_memory import stored_by
 from framekit.run.points import PointRead, planned
@@ -134,8 +134,10 @@ class PointsLoader:
 
     def __init__(
         self, reader: Reader, folder: Path, grammar: AddressGrammar, channels: MappingOf[int, Channel],
-        blocks: Sequence[Block],
+        blocks: Sequence[Block], unread: Collection[str] = (),
     ) -> None:  # fmt: skip
+        """`unread`: numbers, as written, of channels that could not be read; their problems have been reported."""
+        self.unread = unread
         self.reader, self.folder, self.grammar, self.channels = reader, folder, grammar, channels
         self.attempts = Attempts()
         self._grammars: dict[int, AddressGrammar] = {}
@@ -236,6 +238,8 @@ class PointsLoader:
             )
         if type_ is not None and type_ not in TYPES:
             raise Broken("the schema has told what is wrong with the type")
+        if order is not None and order not in ORDERS:
+            raise Broken("the schema has reported the order")
         if order is not None and type_ not in VIEWS:
             what = f"{type_ or 'what the address says'} has no order of bytes"
             raise reader.broken(self._at(keys, "order"), what, "give a type such as float32, or leave order out")
@@ -291,6 +295,8 @@ class PointsLoader:
             return None
         number = self.reader.number(node)
         if number not in self.channels:
+            if self.reader.text(node) in self.unread:
+                raise Broken("the problems of the channel have been reported")
             hint = did_you_mean(str(number), map(str, self.channels))
             raise self.reader.broken(node.at, f"there is no channel {number}", hint)
         channel = self.channels[number]

@@ -128,8 +128,8 @@ PLAIN_TYPES = ("flag", "text", "bytes", "time", "list", "record", "frame", "numb
 _INTEGER = re.compile(r"([ui])(8|16|24|32|40|48|56|64)")
 
 
-def check_sections(protocol: Protocol) -> Iterator[Problem]:
-    """Everything wrong with these sections by themselves."""
+def check_sections(protocol: Protocol, is_whole: bool) -> Iterator[Problem]:
+    """Yield the problems of each section by itself; `is_whole`: every part of the definition was read."""
     yield from _names(protocol)
     for parameter in protocol.params.values():
         yield from _parameter(parameter)
@@ -142,7 +142,7 @@ def check_sections(protocol: Protocol) -> Iterator[Problem]:
     yield from _station(protocol)
     yield from _line(protocol)
     yield from _marks(protocol)
-    yield from _delimiter(protocol)
+    yield from _delimiter(protocol, is_whole)
 
 
 def _groups(protocol: Protocol) -> Iterator[Problem]:
@@ -309,8 +309,11 @@ def _marks(protocol: Protocol) -> Iterator[Problem]:
         yield Problem(protocol.receiver.delimiter_at, what, "leave delimiter out")
 
 
-def _delimiter(protocol: Protocol) -> Iterator[Problem]:
-    """A byte that ends a frame and begins the next one stands nowhere else in frames that begin with it."""
+def _delimiter(protocol: Protocol, is_whole: bool) -> Iterator[Problem]:
+    """Yield frames that hold the delimiter between their first and last byte, and a delimiter without a frame.
+
+    The latter only if `is_whole`: a frame that was not read may begin with the delimiter.
+    """
     byte, is_used = protocol.receiver.delimiter, False
     if byte is None:
         return
@@ -326,7 +329,7 @@ def _delimiter(protocol: Protocol) -> Iterator[Problem]:
         elif byte in first.data[1:] or byte in bytes_of(frame.segments[1:-1], protocol.frames):
             what = f"the delimiter {byte:02X} may stand inside '{frame.name}' too"
             yield Problem(frame.at, what, "put what stands between into a wrap that escapes it")
-    if not is_used:
+    if is_whole and not is_used:
         what = f"no frame begins with the delimiter {byte:02X}"
         yield Problem(protocol.receiver.delimiter_at, what, f"begin them with {{const: {byte:02X}}}, or leave it out")
 
@@ -360,7 +363,7 @@ def check_protocol(
     ends = FrameEnds(protocol)
     for frame in protocol.frames.values():
         problems += check_frame(protocol, frame, ends)
-    problems += check_sections(protocol)
+    problems += check_sections(protocol, is_whole)
     problems += check_profile(protocol)
     problems += check_procedure(protocol, broken)
     problems += check_services(protocol, broken)

@@ -136,7 +136,7 @@ class ProtocolLoader:
 
     def broken(self, loaded: Protocol) -> frozenset[str]:
         """Names of things that could not be read, or of sequences only in part: what is missing there is no problem."""
-        missing = (set(self.frames.outlines) - loaded.frames.keys()) | self.broken_layouts | self.procedure.partly
+        missing = ({*self.frames.outlines, *self.space.section("frames")} - loaded.frames.keys()) | self.broken_layouts | self.procedure.partly
         missing |= self.space.twice
         for section in ("params", "state", "queues", "tables", "sequences", "roles", "sessions"):
             missing |= self.space.section(section).keys() - getattr(loaded, section).keys()
