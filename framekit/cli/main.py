@@ -11,7 +11,7 @@ import os
 import sys
 
 from framekit import __version__
-from framekit.definition import PATH_VARIABLE
+from framekit.definition import PATH_VARIABLE, ROOT_VARIABLE
 
 TYPE_CHECKING = False  # as typing has it, without the time that importing typing takes
 if TYPE_CHECKING:
@@ -37,32 +37,36 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the console script and return the exit status."""
     fit_output()
     folders, words = _folders(list(sys.argv[1:] if arguments is None else arguments))
-    before = os.environ.get(PATH_VARIABLE)
-    if folders:
-        os.environ[PATH_VARIABLE] = os.pathsep.join([*folders, *([before] if before else [])])
+    before = {name: os.environ.get(name) for name in (PATH_VARIABLE, ROOT_VARIABLE)}
+    if folders["--path"]:
+        searched = before[PATH_VARIABLE]
+        os.environ[PATH_VARIABLE] = os.pathsep.join([*folders["--path"], *([searched] if searched else [])])
+    if folders["--root"]:
+        os.environ[ROOT_VARIABLE] = folders["--root"][-1]
     try:
         return _main(words)
     finally:
-        if folders and before is None:
-            del os.environ[PATH_VARIABLE]
-        elif before is not None:
-            os.environ[PATH_VARIABLE] = before
+        for name, value in before.items():
+            if value is not None:
+                os.environ[name] = value
+            else:
+                os.environ.pop(name, None)
 
 
-def _folders(words: list[str]) -> tuple[list[str], list[str]]:
-    """Return the folders of `--path` before the verb, and the remaining words."""
-    folders: list[str] = []
+def _folders(words: list[str]) -> tuple[dict[str, list[str]], list[str]]:
+    """Return the folders of `--path` and of `--root` before the verb, and the remaining words."""
+    folders: dict[str, list[str]] = {"--path": [], "--root": []}
     while words:
         option, equals, folder = words[0].partition("=")
-        if option != "--path" or not (equals or len(words) > 1):
+        if option not in folders or not (equals or len(words) > 1):
             break
-        folders.append(folder if equals else words.pop(1))
+        folders[option].append(folder if equals else words.pop(1))
         del words[0]
     return folders, words
 
 
 def _main(words: list[str]) -> int:
-    """Carry out the words after the folders of `--path`."""
+    """Carry out the words after the folders of `--path` and `--root`."""
     if words == ["--version"]:  # without the parser, whose imports take longer than the answer
         print(f"framekit {__version__}")
         return 0

@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 
 from framekit import __version__
 from framekit.cli.common import WordsError, print_json
-from framekit.definition import PATH_VARIABLE
+from framekit.definition import PATH_VARIABLE, ROOT_VARIABLE
 
 VERBS = {
     "check": "check definitions and run files",
@@ -157,6 +157,9 @@ def build_parser(only: str | None = None) -> Parser:
     parser.add_argument("--version", action="version", version=f"framekit {__version__}")
     parser.add_argument(
         "--path", metavar="FOLDER", action="append", help=f"look for definitions there too, as in {PATH_VARIABLE}"
+    )
+    parser.add_argument(
+        "--root", metavar="FOLDER", help=f"files inside this folder may name each other by ../, as with {ROOT_VARIABLE}"
     )
     verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True, prog="framekit")
     for verb, about in VERBS.items() if not only else [(only, VERBS[only])]:

@@ -12,7 +12,7 @@ from types import CodeType, ModuleType
 from typing import TYPE_CHECKING, Literal, NamedTuple
 from typing import Protocol as Interface
 
-from framekit.definition import PATH_VARIABLE
+from framekit.definition import PATH_VARIABLE, ROOT_VARIABLE
 from framekit.definition.installed import entry_points_of
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
 
@@ -91,10 +91,41 @@ def _families(root: Path, changed: int) -> tuple[Path, ...]:
     return (*sorted(path for path in root.iterdir() if path.is_dir()), root)
 
 
+PROJECT_MARKS = ("pyproject.toml", ".git", "framekit.yaml")
+"""The root of a project is the nearest folder above a file that holds a file or folder of one of these names."""
+
+
 def root_of(path: Path) -> Path | None:
-    """Return the root that contains a file, which may name other files of it by `../`; None if no root does."""
+    """Return the root that contains a file, within which the file may name others by `../`, or None.
+
+    A root is a folder with definitions (`roots`), the folder of FRAMEKIT_ROOT, or the root of a project.
+    """
     path = path.resolve()
-    return next((root for root in roots() if path.is_relative_to(root.resolve())), None)
+    named = os.environ.get(ROOT_VARIABLE, "")
+    known = (*roots(), *((Path(os.path.expanduser(named)),) if named else ()))
+    found = next((root for root in known if path.is_relative_to(root.resolve())), None)
+    return found or next((above for above in (path, *path.parents) if _is_project(above)), None)
+
+
+def _is_project(folder: Path) -> bool:
+    return any(os.path.exists(folder / mark) for mark in PROJECT_MARKS)
+
+
+def leaves_folder(name: str, folder: Path) -> bool:
+    """Return whether a file named in a file of `folder` is neither in it, nor below it, nor in the same root."""
+    if name.startswith(("/", "~")) or "\\" in name:
+        return True
+    if ".." not in PurePosixPath(name).parts:
+        return False
+    root = root_of(folder)
+    return root is None or not (folder / name).resolve().is_relative_to(root.resolve())
+
+
+INSIDE = (
+    "name a file beside it, a shipped one, or by ../ one of its project "
+    "(the folder with pyproject.toml, .git or framekit.yaml, or --root)"
+)
+"""The remedy for a name that leaves its folder."""
 
 
 def find_definition(name: str, folder: Path) -> Path | None:
@@ -104,12 +135,13 @@ def find_definition(name: str, folder: Path) -> Path | None:
     """
     if ".." not in PurePosixPath(name).parts:
         return _first_file(name, (folder, *searched_folders()), ".yaml")
-    root = root_of(folder)
-    return (
-        None
-        if root is None
-        else _first_file(os.path.relpath(folder.resolve() / name, root.resolve()), (root,), ".yaml")
-    )
+    return _found_upwards(name, folder, ".yaml")
+
+
+def _found_upwards(name: str, folder: Path, suffix: str) -> Path | None:
+    """Return the file of a name with `../`, inside the root of `folder`; None if there is none."""
+    root = root_of(folder) if ".." in PurePosixPath(name).parts else None
+    return root and _first_file(os.path.relpath(folder.resolve() / name, root.resolve()), (root,), suffix)
 
 
 def _first_file(name: str, places: Iterable[Path], suffix: str) -> Path | None:
@@ -201,11 +233,11 @@ def find_profile(name: str, folder: Path | None, at: Position, *, kind: str, suf
 
     Raises DefinitionError if neither exists, and for names that leave the folder.
     """
-    if not name or name.startswith(("/", "~")) or "\\" in name or ".." in PurePosixPath(name).parts:
-        what = f"'{name}' leaves the folder of the file that names it"
-        raise DefinitionError([Problem(at, what, "name a profile beside it or a shipped one")])
+    if not name or leaves_folder(name, Path() if folder is None else folder):
+        raise DefinitionError([Problem(at, f"'{name}' leaves the folder of the file that names it", INSIDE)])
     places = [place for place in (folder, *searched_folders()) if place is not None]
-    found = _first_file(name, places, suffix)
+    found = _found_upwards(name, folder, suffix) if folder is not None else None
+    found = found or _first_file(name, places, suffix)
     if found is not None:
         return found
     known = {path.name.removesuffix(suffix) for place in places for path in place.glob(f"*{suffix}")}

@@ -36,11 +36,11 @@ from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Entry, Mapping, Scalar, unread
 from framekit.definition.nodes import Node as YamlNode
 from framekit.definition.problems import Position, did_you_mean, parted
+from framekit.definition.sources import INSIDE, leaves_folder
 from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.run.behaviours import BEHAVIOURS, Behaviour, BehaviourMoment
 from framekit.run.model import Point
 from framekit.run.points import unscaled
-from framekit.runfile.fault_plans import leaves_folder
 from framekit.runfile.points import PointsLoader
 from framekit.sinks.sqlite import HistoryError, read_history
 
@@ -382,8 +382,8 @@ def _samples(reading: KeyReading) -> Samples:
     name = reader.text(node)
     point = None if named is None else reader.text(named)
     assert node is not None
-    if leaves_folder(name):
-        raise reader.broken(node.at, f"'{name}' leaves the folder of this file", "name a file beside it")
+    if leaves_folder(name, reading.loader.folder):
+        raise reader.broken(node.at, f"'{name}' leaves the folder of this file", INSIDE)
     with reader.refusing(node.at):
         found = recorded(reading.loader.folder / name, point)
     return found

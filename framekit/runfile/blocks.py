@@ -71,7 +71,7 @@ class BlockLoader:
         self.calls = CallLoader(reader, attempts, places)
         self.frames = FrameBlockLoader(reader, places)
         self.commands = CommandBlockLoader(reader, folder, root, places)
-        self.jobs = JobBlockLoader(reader, places, channels, jobs)
+        self.jobs = JobBlockLoader(reader, places, channels, known, jobs)
 
     # ---- own memory ---------------------------------------------------------------------------------------
 
@@ -356,9 +356,12 @@ class JobBlockLoader:
         reader: Reader,
         places: OwnPlaces,
         channels: MappingOf[int, Channel],
+        known: Collection[str],
         section: JobsSection | Literal["wrong"] | None,
     ) -> None:
         self.reader = reader
+        self.known = known
+        """The numbers of all channels as written; those missing in `channels` could not be read."""
         self.places = places
         self.channels = channels
         self.section = section

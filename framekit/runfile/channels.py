@@ -18,6 +18,7 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import WITHOUT_NUMBER, Parameter, StationType
 from framekit.definition.nodes import Entry, Mapping, Node, Sequence
 from framekit.definition.problems import DefinitionError, did_you_mean, parted, plural
+from framekit.definition.sources import INSIDE, leaves_folder
 from framekit.definition.times import (
     FAST,
     NEVER,
@@ -45,7 +46,7 @@ from framekit.run.model import (
     StationRules,
     network_of,
 )
-from framekit.runfile.fault_plans import leaves_folder, read_fault_plan
+from framekit.runfile.fault_plans import read_fault_plan
 from framekit.transport.schemes import is_known, no_port, scheme_of
 
 T = TypeVar("T")
@@ -192,10 +193,9 @@ class ChannelLoader:
         return port
 
     def _inside(self, name: str, node: Node) -> None:
-        """Files of a run stand beside it, below it, or are shipped."""
-        if leaves_folder(name):
-            what = f"'{name}' leaves the run's folder"
-            raise self.reader.broken(node.at, what, "name a file beside it or a shipped one")
+        """Raise Broken for the name of a file that leaves the folder of the run and its root."""
+        if leaves_folder(name, self.folder):
+            raise self.reader.broken(node.at, f"'{name}' leaves the run's folder", INSIDE)
 
     def _faults(self, node: Node | None, port: str | None, protocol: Protocol) -> FaultPlan | None:
         if node is not None and port is not None and not port.startswith("sim:"):

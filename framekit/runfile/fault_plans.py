@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 from framekit.definition.load.documents import load_file
 from framekit.definition.load.reader import Reader
@@ -13,6 +13,7 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Check
 from framekit.definition.nodes import Mapping, Node
 from framekit.definition.problems import NOWHERE, DefinitionError, Position, Problem, did_you_mean
+from framekit.definition.sources import INSIDE, leaves_folder
 from framekit.definition.times import NEVER
 from framekit.link.frame_faults import station_fields
 from framekit.run.model import FaultPlan, FaultRule
@@ -60,8 +61,8 @@ def read_fault_plan(
         return plan
     with reader.going_on():
         name = reader.text(node)
-        if leaves_folder(name):
-            raise reader.broken(node.at, f"'{name}' leaves the folder of this file", "name a plan beside it")
+        if leaves_folder(name, folder):
+            raise reader.broken(node.at, f"'{name}' leaves the folder of this file", INSIDE)
         try:
             plan = load_fault_plan(name, folder, node.at)
         except DefinitionError as error:
@@ -72,11 +73,6 @@ def read_fault_plan(
         )
         return plan
     return None
-
-
-def leaves_folder(name: str) -> bool:
-    """Whether a file is neither in the folder that it is looked for in, nor below it."""
-    return name.startswith(("/", "~")) or "\\" in name or ".." in PurePosixPath(name).parts
 
 
 def _find(name: str | Path, folder: Path, at: Position) -> Path:

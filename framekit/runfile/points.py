@@ -20,6 +20,7 @@ from framekit.definition.model.services import UNIT_BITS
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
 from framekit.definition.schema import validate
+from framekit.definition.sources import INSIDE, leaves_folder
 from framekit.definition.times import NEVER
 from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.link.packing import typed_at
@@ -199,8 +200,8 @@ class PointsLoader:
         path = self.folder / name
         if not path.name.endswith((".csv", ".yaml")):
             path = self.folder / f"{name}{SUFFIX}"
-        if ".." in Path(name).parts or Path(name).is_absolute():
-            raise self.reader.broken(node.at, f"'{name}' leaves the run's folder", "name a file beside it")
+        if leaves_folder(name, self.folder):
+            raise self.reader.broken(node.at, f"'{name}' leaves the run's folder", INSIDE)
         if not os.path.isfile(path):
             known = (one.name for end in (SUFFIX, ".csv") for one in self.folder.glob(f"*{end}"))
             raise self.reader.broken(node.at, f"there is no file '{path.name}'", did_you_mean(name, known))

@@ -79,13 +79,13 @@ def test_files_of_a_root_name_each_other_upwards(tmp_path: Path, monkeypatch: py
     write(tmp_path / "outside.yaml", "application: outside\n")
     lamp = "protocol: lamp\nuses: [{}]\nframes: {{A: {{body: [{{include: parts.place}}]}}}}\n"
     path = write(root / "acme" / "lamp.yaml", lamp.format("../common/parts.yaml"))
-    with pytest.raises(DefinitionError, match=r"leaves the definition's folder .* a folder of FRAMEKIT_PATH"):
+    with pytest.raises(DefinitionError, match=r"leaves the definition's folder .* or --root"):
         load_protocol(path)
     monkeypatch.setenv(PATH_VARIABLE, str(root))
     assert load_protocol(path).frames["A"].body
     for wrong in ("../../outside.yaml", "../../root/../outside.yaml", "../common/../../outside.yaml"):
         write(path, lamp.format(wrong))
-        with pytest.raises(DefinitionError, match="there is no definition"):
+        with pytest.raises(DefinitionError, match="leaves the definition's folder"):
             load_protocol(path)
     write(root / "acme" / "parts.yaml", "application: parts\n")
     write(path, lamp.format("parts, ../common/parts.yaml"))
@@ -94,7 +94,7 @@ def test_files_of_a_root_name_each_other_upwards(tmp_path: Path, monkeypatch: py
     (root / "common" / "parts.yaml").unlink()
     (root / "common" / "parts.yaml").symlink_to(tmp_path / "outside.yaml")
     write(path, lamp.format("../common/parts.yaml"))
-    with pytest.raises(DefinitionError, match="there is no definition"):
+    with pytest.raises(DefinitionError, match="leaves the definition's folder"):
         load_protocol(path)
 
 
@@ -149,3 +149,35 @@ def test_a_newer_file_is_told_of_every_kind(tmp_path: Path, capsys: pytest.Captu
     for text in ("run: a\n", "device: a\nprotocol: modbus-rtu\n", "memory: a\n", "faults: a\n"):
         assert main(["check", str(write(tmp_path / "x.yaml", f"framekit: 9\n{text}"))]) == 1
         assert "version 9 of the language" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("mark", ["pyproject.toml", ".git", "framekit.yaml", "--root"])
+def test_files_of_a_project_name_each_other_upwards(
+    mark: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A run in `runs/` may name a device, points, memory and faults of its project, and files outside it never."""
+    project = tmp_path / "project"
+    write(
+        project / "devices" / "lamp.device.yaml",
+        "device: lamp\nprotocol: modbus-tcp\nstation: 1\nmemory: {sizes: {}}\n",
+    )
+    write(project / "lists" / "lamp.points.yaml", 'points: lamp\nvalues: {level: {address: "40001"}}\n')
+    write(tmp_path / "outside.device.yaml", device)
+    run = (
+        "run: lamp\nchannels:\n  1: {{port: 'sim:{}', protocol: modbus-tcp, station: 1}}\n"
+        "points: [{{file: ../lists/lamp.points.yaml, channel: 1}}]\n"
+    )
+    path = write(project / "runs" / "lamp.run.yaml", run.format("../devices/lamp.device.yaml"))
+    assert main(["check", str(path)]) == 1
+    assert "'../devices/lamp.device.yaml' leaves the run's folder" in capsys.readouterr().err
+    before: list[str] = []
+    if mark == "--root":
+        before = ["--root", str(project)]
+    elif mark == ".git":
+        (project / mark).mkdir()
+    else:
+        write(project / mark, "")
+    assert main([*before, "check", str(path)]) == 0
+    write(path, run.format("../../outside.device.yaml"))
+    assert main([*before, "check", str(path)]) == 1
+    assert "'../../outside.device.yaml' leaves the run's folder" in capsys.readouterr().err

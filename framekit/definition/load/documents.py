@@ -14,13 +14,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from typing import TypeVar
 
-from framekit.definition import PATH_VARIABLE
 from framekit.definition.expression import place_of
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar, is_cut, read_nodes, read_text, unread
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
 from framekit.definition.schema import Kind, validate, wrong_kind
-from framekit.definition.sources import find_definition, root_of, searched_folders
+from framekit.definition.sources import INSIDE, find_definition, leaves_folder, searched_folders
 
 T = TypeVar("T")
 
@@ -142,11 +141,8 @@ class Documents:
     def find(self, name: Node, beside: Path) -> Path:
         """The file a definition names: beside it, else in a folder that is searched. Raises Broken."""
         text = self.reader.text(name)
-        upwards = ".." in PurePosixPath(text).parts
-        if not text or text.startswith(("/", "~")) or "\\" in text or (upwards and root_of(beside) is None):
-            todo = "name a file beside it or a shipped one"
-            todo += f"; ../ leads to files of a folder of {PATH_VARIABLE}" if upwards else ""
-            raise self.reader.broken(name.at, f"'{text}' leaves the definition's folder", todo)
+        if not text or leaves_folder(text, beside.parent):
+            raise self.reader.broken(name.at, f"'{text}' leaves the definition's folder", INSIDE)
         found = find_definition(text, beside.parent)
         if found is None:
             raise self.reader.broken(name.at, f"there is no definition '{text}'", self._near(text, beside))

@@ -136,7 +136,8 @@ class ProtocolLoader:
 
     def broken(self, loaded: Protocol) -> frozenset[str]:
         """Names of things that could not be read, or of sequences only in part: what is missing there is no problem."""
-        missing = ({*self.frames.outlines, *self.space.section("frames")} - loaded.frames.keys()) | self.broken_layouts | self.procedure.partly
+        named = {*self.frames.outlines, *self.space.section("frames")}
+        missing = (named - loaded.frames.keys()) | self.broken_layouts | self.procedure.partly
         missing |= self.space.twice
         for section in ("params", "state", "queues", "tables", "sequences", "roles", "sessions"):
             missing |= self.space.section(section).keys() - getattr(loaded, section).keys()
