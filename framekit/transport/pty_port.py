@@ -73,15 +73,55 @@ class PtyPair:
 
 
 class PtyPort(PassingPort):
-    """A port on a new pair of terminals; its name is the path of the other one, which stays until `release`."""
+    """A port on a new pair of terminals, for one program at the other terminal until `release`.
 
-    def __init__(self, settings: LineFormat | None, clock: AsyncioClock, wiring: LineSettings) -> None:
+    `link`: the path of a symbolic link to the other terminal; it replaces a link to a terminal, for example of an
+    earlier start. Raises OSError if the link cannot be made, and ValueError if the path is no such link.
+    """
+
+    name: str
+    """The path for the other program: `link`, or the path of the other terminal."""
+
+    def __init__(self, settings: LineFormat | None, clock: AsyncioClock, wiring: LineSettings, link: str = "") -> None:
+        _refuse_other_files(link)
         self._pair = PtyPair()
+        self._link = link
         super().__init__(SerialPort(self._pair.first, settings, clock, wiring))
-        self.name = self._pair.second
+        self.name = link or self._pair.second
+        if link:
+            try:
+                _replace_link(link, self._pair.second)
+            except OSError:
+                self._pair.close()
+                raise
 
     def release(self) -> None:
+        if self._link:
+            with contextlib.suppress(OSError):
+                if os.readlink(self._link) == self._pair.second:  # no later start has replaced it
+                    os.unlink(self._link)
         self._pair.close()
+
+
+TERMINALS = ("/dev/pts/", "/dev/ttys", "/dev/tty")
+"""How the paths of pseudo-terminals begin on Linux, macOS and BSD."""
+
+
+def _refuse_other_files(link: str) -> None:
+    """Raise ValueError if a path exists that is no link to a terminal."""
+    if link and os.path.lexists(link) and not (os.path.islink(link) and os.readlink(link).startswith(TERMINALS)):
+        raise ValueError(f"'{link}' exists and is no link to a terminal – name a path that is free")
+
+
+def _replace_link(link: str, terminal: str) -> None:
+    """Make a symbolic link, in one step where it exists. Raises OSError."""
+    fresh = f"{link}.{os.getpid()}"
+    os.symlink(terminal, fresh)
+    try:
+        os.replace(fresh, link)
+    except OSError:
+        os.unlink(fresh)
+        raise
 
 
 def _raw_pty() -> tuple[int, int]:

@@ -7,6 +7,7 @@ scheme. Simulated lines (`sim:`) are made above this layer.
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from collections.abc import Callable
@@ -115,7 +116,7 @@ def _open_pty(url: str, settings: LineFormat | None, clock: AsyncioClock, wiring
         raise ValueError("Windows has no pseudo-terminals – name a port such as COM3, or listen at tcp://HOST:PORT")
     from framekit.transport.pty_port import PtyPort
 
-    return PtyPort(settings, clock, wiring)
+    return PtyPort(settings, clock, wiring, os.path.expanduser(url.partition(":")[2]))
 
 
 SCHEMES: dict[str, Scheme] = {
@@ -125,7 +126,7 @@ SCHEMES: dict[str, Scheme] = {
     "tls": Scheme(form="tls://HOST:PORT", open=_open_tls, listen=_listen_tls, names_host=True, placed=_tls_in),
     "udp": Scheme(form="udp://HOST:PORT", open=_open_udp, names_host=True),
     "udp-listen": Scheme(form="udp-listen://HOST:PORT", open=_open_udp, listen=_listen_udp),
-    "pty": Scheme(form="pty:", open=_open_pty, wires=True, served=True),
+    "pty": Scheme(form="pty:[PATH]", open=_open_pty, wires=True, served=True),
 }
 PYSERIAL = ("loop", "socket", "rfc2217", "spy", "hwgrep", "alt")
 for _name in PYSERIAL:
@@ -271,7 +272,7 @@ def _is_written_so(url: str, kind: Scheme) -> bool:
     """Whether a URL has what its form has behind the scheme; `192.168.0.5:502` lacks its own."""
     if _HOST_AND_PORT.fullmatch(url):
         return False
-    return url == kind.form if kind.form.endswith(":") else "://" not in kind.form or "://" in url
+    return "://" not in kind.form or "://" in url
 
 
 def is_known(url: str) -> bool:
@@ -288,9 +289,9 @@ def no_port(url: str) -> tuple[str, str]:
     if name == SIMULATED:
         return f"'{url}' is no port here", "simulated lines are for runs and for clients"
     made = SCHEMES.get(name)
-    if made is not None and made.served and url != made.form:
-        todo = f"name the terminal itself: {url.partition(':')[2]}; a server makes a new one with {made.form}"
-        return f"'{url}' is no port", f"{todo} and tells its path"
+    if made is not None and made.served and url.partition(":")[2]:
+        todo = f"name the terminal itself: {url.partition(':')[2]}; a server makes it with --port {url}"
+        return f"'{url}' is no port here", todo
     if made is not None and made.open is None and made.listen is not None and _is_written_so(url, made):
         return f"'{url}' listens for clients, and here a line is asked for", f"name a device, or {SCHEMES['tcp'].form}"
     near = did_you_mean(name, [*known, SIMULATED]) if name not in known else ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import socket
 from pathlib import Path
 
@@ -97,6 +98,25 @@ def test_stations_on_one_pseudo_terminal() -> None:
         assert (devices.memory_of(1)["40001"], devices.memory_of("2")["40001"]) == (5, 6)
         with pytest.raises(framekit.RequestError, match="no device here has the station 3 – known: 1, 2"):
             devices.memory_of(3)
+
+
+def test_a_pseudo_terminal_has_the_same_path_after_each_start(tmp_path: Path) -> None:
+    path = tmp_path / "plc"
+    for value in (5, 6):
+        with framekit.serve("modbus-rtu", f"pty:{path}", station=1, initial={"40001": value}) as device:
+            assert device.port == str(path) and path.is_symlink()
+            with framekit.connect("modbus-rtu", device.port, station=1) as client:
+                assert client.read("40001") == [value]
+        assert not path.is_symlink()
+    path.symlink_to("/dev/pts/9999")  # of a program that was killed
+    with framekit.serve("modbus-rtu", f"pty:{path}", station=1):
+        assert os.readlink(path) != "/dev/pts/9999"
+    path.write_text("a file of the user", encoding="utf-8")
+    with pytest.raises(framekit.RequestError, match="exists and is no link to a terminal"):
+        framekit.serve("modbus-rtu", f"pty:{path}", station=1)
+    assert path.read_text(encoding="utf-8") == "a file of the user"
+    with pytest.raises(framekit.LineClosedError, match="No such file or directory"):
+        framekit.serve("modbus-rtu", f"pty:{tmp_path}/none/plc", station=1)
 
 
 def test_memory_with_types() -> None:

@@ -156,7 +156,7 @@ def test_files_of_a_project_name_each_other_upwards(
     mark: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A run in `runs/` may name a device, points, memory and faults of its project, and files outside it never."""
-    project = tmp_path / "project"
+    project, device = tmp_path / "project", "device: lamp\nprotocol: modbus-tcp\nstation: 1\n"
     write(
         project / "devices" / "lamp.device.yaml",
         "device: lamp\nprotocol: modbus-tcp\nstation: 1\nmemory: {sizes: {}}\n",

@@ -377,10 +377,10 @@ def test_kinds_of_ports_by_url() -> None:
     [
         ("usbx://1", "'usbx://1' is no port – known are a device such as"),
         ("tpc://1.2.3.4:502", "'tpc://1.2.3.4:502' is no port – did you mean 'tcp'"),
-        ("pty:", "sim:FILE; a server can open pty: too"),
+        ("pty:", r"sim:FILE; a server can open pty:\[PATH\] too"),
         (
             "pty:/tmp/plc",
-            "'pty:/tmp/plc' is no port – name the terminal itself: /tmp/plc; a server makes a new one with",
+            "'pty:/tmp/plc' is no port here – name the terminal itself: /tmp/plc; a server makes it with --port",
         ),
         ("sim:x.yaml", "'sim:x.yaml' is no port"),
         ("", "'' is no port"),
