@@ -229,6 +229,12 @@ class Exchange:
             self.station = scope["own"]
         return self
 
+    def renew(self) -> None:
+        """What listens begins anew: no request has come yet."""
+        self.request = self.asked = self.reply = self.reply_buffer = self.refusal = None
+        self.last_sent = self.answering = self.taken = None
+        self.buffer = b""
+
     def get(self, name: str) -> Any:
         """What a sequence that takes this name gets when nothing else gives it; None if there is no such thing."""
         return self.arguments[name] if name in self.arguments else self.names.get(name)

@@ -73,8 +73,10 @@ def sequence_source(protocol: Protocol, table: FrameTable) -> str:
     module = SequenceModule()
     frames = Frames(protocol, table)
     held = _of_exchanges(protocol)
+    listening = {lane.listen for role in protocol.roles.values() for lane in role.lanes}
     for number, sequence in enumerate(protocol.sequences.values()):
-        _SequenceWriter(module, frames, sequence, number, sequence.name in held).write()
+        name = sequence.name
+        _SequenceWriter(module, frames, sequence, number, name in held, name in listening).write()
     own = {name for sequence in protocol.sequences.values() for name in own_variables(sequence, protocol)}
     needing = tuple(name for name in protocol.frames if frames.reads(name) & (OF_EXCHANGE | own))
     module.functions.add()
@@ -132,17 +134,24 @@ def _of_exchanges(protocol: Protocol) -> set[str]:
 
 
 class _SequenceWriter:
-    """Writes one sequence. `held`: it may be one that replies to earlier requests hold back."""
+    """Writes one sequence. `held`: replies to earlier requests may hold it back; `listens`: a lane may listen with it.
 
-    def __init__(self, module: SequenceModule, frames: Frames, sequence: Sequence, number: int, held: bool) -> None:
+    A listener that has come to its end begins anew in the same generator.
+    """
+
+    def __init__(
+        self, module: SequenceModule, frames: Frames, sequence: Sequence, number: int, held: bool, listens: bool
+    ) -> None:
         self.module = module
+        self.listens = listens
         self.sequence = sequence
         self.number = number
         self.protocol = frames.protocol
         self.own = own_variables(sequence, frames.protocol)
         self.body = Source()
         self.steps = [
-            StepWriter(module, frames, sequence, number, index, held, self.body) for index in range(len(sequence.steps))
+            StepWriter(module, frames, sequence, number, index, held, self.body, listens)
+            for index in range(len(sequence.steps))
         ]
 
     def write(self) -> None:
@@ -155,8 +164,16 @@ class _SequenceWriter:
         out.add()
         out.comment(sequence.name)
         with out.block(f"def q{self.number}(run, x, given):"):
-            self._begin(out, "\n".join(body.lines))
+            used = set(re.findall(r"\w+", "\n".join(body.lines)))
+            self._begin(out, used)
+            out.add(f"pc, outcome = {-1 if self.listens else 0}, None")
+            if not self.listens:
+                self._variables(out, used)
             with out.block("try:"), out.block("while True:"):
+                if self.listens:
+                    with out.block("if pc < 0:"):
+                        self._variables(out, used)
+                        out.add("pc = 0")
                 out.extend(body)
                 last = len(self.steps) * BLOCKS
                 with out.block(f"if pc < {last}:"):
@@ -178,23 +195,27 @@ class _SequenceWriter:
         name, takes = quoted(sequence.name), literal(tuple(sequence.takes))
         out.add(f"SEQUENCES[{name}] = CompiledSequence({name}, q{self.number}, {takes}, {bool(sequence.always)})")
 
-    def _begin(self, out: Source, body: str) -> None:
-        """What the generator has at its beginning: of locals those that are used."""
-        sequence, first = self.sequence, self.steps[0]
-        used = set(re.findall(r"\w+", body))
+    def _begin(self, out: Source, used: set[str]) -> None:
+        """Write what the generator has at its beginning, of locals those that are used."""
         out.add("m = run.machine")
         if used & {"s", "device"}:
             out.add("s = m.scope")
         for name, source in (("n", "x.names"), ("late", "m.late"), ("device", "s.device")):
             if name in used:
                 out.add(f"{name} = {source}")
+        if "yield" not in used:
+            with out.block("if False:"):
+                out.add("yield")
+
+    def _variables(self, out: Source, used: set[str]) -> None:
+        """Write the values that variables have at the beginning of the sequence."""
+        sequence, first = self.sequence, self.steps[0]
         for name in ("it", "sent", "parts", "part", "cause", "frame"):
             if name in used:
                 out.add(f"{name} = None")
         for name in ("resends", "part_index"):
             if name in used:
                 out.add(f"{name} = 0")
-        out.add("pc, outcome = 0, None")
         for name in self.own:
             if name in sequence.takes or name not in sequence.local:
                 text = quoted(name)
@@ -204,9 +225,6 @@ class _SequenceWriter:
                 out.add(f"{first.slot(name)} = {empty_value(sequence.local[name])}")
         for counter in (counter for step in self.steps for counter in step.counters):
             out.add(f"{counter} = 0")
-        if "yield" not in used:
-            with out.block("if False:"):
-                out.add("yield")
 
 
 # ---- what generators use -----------------------------------------------------------------------------------------
@@ -218,7 +236,7 @@ def number_of(numbers: Mapping[str, int], value: Any) -> Any:
 
 
 _USED = (
-    "begin_part", "change_line", "count", "cut_parts", "decoded", "hold_break", "is_held", "missed", "needs_names",
+    "begin_part", "change_line", "count", "cut_parts", "decoded", "hold_break", "is_held", "listens_again", "missed", "needs_names",
     "own_line", "put", "replied", "send_built", "send_made", "send_value", "serve", "set_field", "still_due", "trouble",
     "unclear",
 )  # fmt: skip

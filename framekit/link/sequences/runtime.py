@@ -190,7 +190,7 @@ class Runs:
             wait = level.generator.send(value)
         except StopIteration as end:
             result = end.value
-            if level is run.top and level.caller is None and type(result) is dict and run.kind != "listen":
+            if level is run.top and level.caller is None and type(result) is dict:
                 self.finish(run, None, result)
                 return True
             return run.state is DONE or self._go_on(run, *self._left(run, level, result), due)
@@ -317,8 +317,6 @@ class Runs:
         caller = level.caller
         if caller is None:
             if type(result) is dict:
-                if run.kind == "listen" and not run.lane.waiting and self.is_open:
-                    return self._listen_again(run, level.x)
                 self.finish(run, None, result)
             else:
                 self.finish(run, failure_of(run, level.x, result))
@@ -332,24 +330,6 @@ class Runs:
             missed(run)
         run.state, run.deadline, run.expected = GOING, NEVER, NO_NAMES
         return caller, result
-
-    def _listen_again(self, run: Run, x: Exchange) -> tuple[Level | None, Any]:
-        """A listener begins anew: nothing else waits for its lane."""
-        lane = run.lane
-        if lane.steps_since != self.scope.now:
-            lane.steps_since, lane.steps_done = self.scope.now, 1
-        else:
-            try:
-                count(run)
-            except CircleError:
-                self._circle(run)
-                return None, None
-        run.cause, run.deadline = "", NEVER
-        level = run.top
-        x.request, x.buffer = None, b""
-        x.begin(self.scope, False)
-        level.generator = self.sequences[run.lane.listen or ""].begin(run, x, NOTHING)
-        return level, None
 
     def _circle(self, run: Run) -> None:
         run.cause = "steps go round without waiting"
@@ -621,6 +601,16 @@ def count(run: Run) -> None:
         if place == lane.steps_at:
             raise CircleError
         lane.steps_at, lane.steps_done = place, 0  # thousands of frames that came at once
+
+
+def listens_again(m: Runs, run: Run, x: Exchange) -> bool:
+    """Whether a listener begins anew where it has ended: nothing else waits for its lane. Raises CircleError."""
+    if run.lane.waiting or not m.is_open or run.top is not run.base:
+        return False
+    count(run)
+    run.cause, run.deadline = "", NEVER
+    x.renew()
+    return True
 
 
 def trouble(run: Run, x: Exchange, step: str, error: Exception) -> str:

@@ -214,14 +214,16 @@ class StepWriter:
     """Writes one step into the generator of its sequence. `own`: the sequence's variables and types ("" for any).
 
     `received`: variables that hold received frames only, and which these may be. `held`: its sequence runs for
-    exchanges, so replies that are due may hold its request back. `doing`: what the generator does at this place.
+    exchanges, so replies that are due may hold its request back. `listens`: a lane may listen with it. `doing`: what
+    the generator does at this place.
     """
 
     def __init__(
         self, module: SequenceModule, frames: Frames, sequence: Sequence, number: int, index: int, held: bool,
-        out: Source,
+        out: Source, listens: bool = False,
     ) -> None:  # fmt: skip
         self.module = module
+        self.listens = listens
         self.frames = frames
         self.protocol = frames.protocol
         self.sequence = sequence
@@ -625,6 +627,9 @@ class StepWriter:
 
     def end(self) -> None:
         """The sequence has come to its end, with its results."""
+        if self.listens:
+            with self.out.block('if run.kind == "listen" and listens_again(m, run, x):'):
+                self.jump(-1)
         fields = [f"{quoted(name)}: {self.expression(one)}" for name, one in self.sequence.gives.items()]
         self.add(f"return {{{', '.join(fields)}}}")
 
