@@ -178,7 +178,7 @@ class Exchange:
     that it has `ended`.
 
     Its sequences share the rest, from `begin` on. `asked` and `last_sent` are what replies have to repeat; `answering`
-    and `last_taken` are what this side answers. `checks_echo`: this is the side that asked. `names`: where parameters
+    and `taken` are what this side answers. `checks_echo`: this is the side that asked. `names`: where parameters
     are found, those of this exchange first.
     """
 
@@ -245,11 +245,6 @@ class Exchange:
         if not self.checks_echo and type(request) is FrameValue:
             self.answering = request
         return request
-
-    @property
-    def last_taken(self) -> FrameValue | None:
-        """What this side answers, where it is the one that was asked."""
-        return None if self.checks_echo else self.taken
 
     @property
     def raw(self) -> bytes:

@@ -6,7 +6,7 @@ Made once for a codec, which is known only by the contract below.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, Protocol, TypeVar, TypeVarTuple, Unpack
 
 from framekit.codec.errors import FrameError, Misread
@@ -90,8 +90,9 @@ def announce(announces: Announcements, value: FrameValue, scope: Scope) -> None:
             scope.set_entry(variable, key(names), evaluate(names))
 
 
-NOTHING_MORE: dict[str, Any] = {}
-EchoTests = tuple[Callable[..., bool] | None, Callable[..., bool], tuple[str, ...]]
+NO_VALUES: Mapping[str, Any] = {}
+EchoTest = tuple[Callable[..., bool] | None, tuple[str, ...]]
+"""Compares the fields that a reply repeats (None: none); the fields with frames inside."""
 
 
 def _never(*_: Any) -> bool:
@@ -100,6 +101,21 @@ def _never(*_: Any) -> bool:
 
 SINGLE = (Field, Data, Length, Count, Check, Const, Bits, Inner)
 """Segments that hold no lists."""
+
+
+@lru_cache(1024)
+def _test_of(condition: str) -> Callable[..., bool]:
+    """Return the function that tests a condition on a reply's `fields`, the pending request and the sent frame."""
+    test: Callable[..., bool] = eval(f"lambda fields, asked, sent: {condition}", {"__builtins__": {}})
+    return test
+
+
+def _passes(inner: Any, known: Mapping[str, EchoTest], asked: FrameValue | None, sent: FrameValue | None) -> bool:
+    """Return whether a frame inside a reply passes its test. Raises KeyError and AttributeError where none decides."""
+    test, inners = known[inner.frame]
+    if test is not None and not test(inner.fields, asked, sent):
+        return False
+    return not inners or all(_passes(inner.fields[name], known, asked, sent) for name in inners)
 
 
 class FrameInfo:
@@ -118,9 +134,9 @@ class FrameInfo:
 
     __slots__ = (
         "_diagnose", "announces", "behind", "carries", "computed", "count", "counted", "decode", "echo", "echo_fields",
-        "encode", "extent", "first", "fixed_bytes", "flat", "frame", "guesses", "has_lists", "inner", "inners",
-        "insert", "intact", "is_fixed", "known", "make", "may_lack", "measure", "most", "name", "numbers", "on_line",
-        "optional", "quick", "refuse", "restricted", "rests", "shape", "sizes", "usual", "value_names",
+        "echoes", "encode", "extent", "first", "fixed_bytes", "flat", "frame", "guesses", "has_lists", "inner",
+        "inners", "insert", "intact", "is_fixed", "known", "make", "may_lack", "measure", "most", "name", "numbers",
+        "on_line", "optional", "quick", "refuse", "restricted", "rests", "shape", "sizes", "usual", "value_names",
     )  # fmt: skip
 
     def __init__(self, frame: Frame, codec: FrameCodec) -> None:
@@ -159,6 +175,8 @@ class FrameInfo:
         self._collect(frame.segments)
         self.echo = tuple((name, _plain_name(item), compile_expression(item)) for name, item in frame.echo.items())
         self.echo_fields = frozenset(name for name, *_ in self.echo)
+        self.echoes = bool(self.echo or self.inners)
+        """Building it, or a frame inside, may repeat fields of a request."""
         self.announces = tuple(
             (one.name, compile_optional(one.key), compile_expression(one.value)) for one in frame.announces
         )
@@ -438,29 +456,25 @@ class FrameTable:
                     continue
         return fields
 
-    def inner_plain(self, value: Any) -> Any:
-        """A frame that is to stand inside another, as the other's builder takes it."""
-        if type(value) is FrameValue and value.raw is None:
-            info = self.infos.get(value.frame)
-            if info is not None and info.flat:
-                return {value.frame: value.fields}
-        return plain(value)
-
-    def encode(self, value: FrameValue, names: Context) -> bytes:
-        """The bytes of a frame value; afterwards the value holds them and every field as sent. Raises ValueError."""
-        return self.encode_as(self.infos[value.frame], value, names)
-
-    def encode_as(self, info: FrameInfo, value: FrameValue, names: Context) -> bytes:
-        """As `encode`, where it is known which frame it is."""
+    def bytes_of(self, info: FrameInfo, value: FrameValue, names: Context) -> bytes:
+        """Encode a frame value, with the frames inside. Raises ValueError for values that the frame cannot carry."""
         fields = value.fields
         if not info.flat:
-            name = info.inner or ""
-            inner = fields.get(name)
-            if type(inner) is FrameValue and len(info.shape) == 1:
-                fields = {**fields, name: self.inner_plain(inner)}
-            else:
+            name = info.inner
+            inside = None if name is None else fields.get(name)
+            if name is None or type(inside) is not FrameValue:
                 fields = plain(fields)
-        data = info.encode(fields, names)
+            elif inside.built is not None:
+                fields = {**fields, name: inside.built}
+            elif inside.raw is None and (below := self.infos.get(inside.frame)) is not None and below.flat:
+                fields = {**fields, name: {inside.frame: inside.fields}}
+            else:
+                fields = {**fields, name: plain(inside)}
+        return info.encode(fields, names)
+
+    def encode(self, value: FrameValue, names: Context) -> bytes:
+        """Encode a frame value; afterwards the value holds the bytes and every field as sent. Raises ValueError."""
+        data = self.bytes_of(self.infos[value.frame], value, names)
         self.mark_sent(value, data, names)
         return data
 
@@ -468,30 +482,30 @@ class FrameTable:
         """The value has become these bytes: from now on it holds them, and every field as sent."""
         info = self.infos[value.frame]
         value.raw = data
-        value.pending = info, data, names, None
+        value.rest = info, data, names, None, NO_VALUES
         self.mark_inner(info, value, data, names)
         if info.announces:
             value.complete()
 
     def mark_inner(self, info: FrameInfo, value: FrameValue, data: bytes, names: Context) -> None:
-        """The frames inside have become bytes with the one around them."""
+        """Note for the frames inside a value that they have become bytes with it; no reference leads to the value."""
         for name in info.inners:
             inner = value.fields.get(name)
-            if type(inner) is FrameValue and inner.raw is None:
-                below = self.infos.get(inner.frame)
-                if below is not None and len(inner.fields) == below.count:  # there is nothing to be read
-                    inner.known = NOTHING_MORE
-                    continue
-                inner.pending = info, data, names, name  # which does not lead back to `value`
-                if below is not None and below.usual and not below.usual.keys() <= inner.fields.keys():
-                    # they need not be read then
-                    inner.known = {one: names[given] for one, given in below.usual.items() if one not in inner.fields}
+            if type(inner) is FrameValue and inner.raw is None and inner.built is None:
+                below, fields = self.infos.get(inner.frame), inner.fields
+                if below is not None and len(fields) == below.count:
+                    inner.rest = NO_VALUES
+                elif below is None or not below.usual:
+                    inner.rest = info, data, names, name, NO_VALUES
+                else:
+                    usual = {one: names[given] for one, given in below.usual.items() if one not in fields}
+                    inner.rest = info, data, names, name, usual
 
     def read_later(self, value: FrameValue, names: tuple[str, ...]) -> Callable[[], dict[str, Any]] | None:
         """What reads all fields of a frame that has just been sent, on these names as they are now; None: too late."""
-        if value.pending is None or value.pending[3] is not None:
+        if type(value.rest) is not tuple or value.rest[3] is not None:
             return None
-        info, data, context, _ = value.pending
+        info, data, context, _, _ = value.rest
         try:
             return partial(info.read_back, data, {name: context[name] for name in names}, None)
         except EVALUATION_ERRORS:
@@ -500,7 +514,7 @@ class FrameTable:
     def fill_echo(self, reply: FrameValue, *requests: FrameValue | None) -> None:
         """Building a reply, or a frame that carries one, copies what it repeats of the first request that has it."""
         info = self.infos.get(reply.frame)
-        if info is None:
+        if info is None or not info.echoes:
             return
         fields = reply.fields
         if not info.echo_fields <= fields.keys():
@@ -515,90 +529,60 @@ class FrameTable:
         for name in info.inners:
             inner = fields.get(name)
             if type(inner) is FrameValue and inner.raw is None:
-                below = self.infos.get(inner.frame)
-                if below is not None and (below.inners or not below.echo_fields <= inner.fields.keys()):
-                    self.fill_echo(inner, *requests)
+                self.fill_echo(inner, *requests)
 
     def repeats(self, reply: FrameValue, asked: FrameValue | None, sent: FrameValue | None, names: Names) -> bool:
-        """Whether a reply repeats what it has to of what was asked, else of what was sent."""
+        """Return whether a reply repeats what it has to of the pending request, else of the frame that was sent.
+
+        `names`: those that the reply's `echo` may read.
+        """
         kinds = None if asked is None else asked.frame, None if sent is None else sent.frame
         known = self._echoes.get(kinds)
         if known is None:
             known = self._echoes[kinds] = {}
-        tests = known.get(reply.frame)
-        if tests is None:
-            tests = known[reply.frame] = self._echo_tests(reply.frame, *kinds)
-        fits, _, inners = tests
-        fields = reply.fields
         try:
-            if fits is not None and not fits(fields, asked, sent):
+            test, inners = known[reply.frame]
+            fields = reply.fields
+            if test is not None and not test(fields, asked, sent):
                 return False
             for name in inners:
-                inner = fields[name]
-                fits, _, below = known[inner.frame]
-                if below:
-                    break
-                if fits is not None and not fits(inner.fields, asked, sent):
+                if not _passes(fields[name], known, asked, sent):
                     return False
-            else:
-                return True
-        except (KeyError, AttributeError):  # of what was asked something was computed, or it is asked the first time
-            pass
-        return self._repeats(reply, asked, sent, names, known, kinds)
-
-    def _repeats(
-        self, reply: FrameValue, asked: Any, sent: Any, names: Names, known: dict[str, EchoTests], kinds: Any
-    ) -> bool:
-        tests = known.get(reply.frame)
-        if tests is None:
-            tests = known[reply.frame] = self._echo_tests(reply.frame, *kinds)
-        fits, careful, inners = tests
-        if fits is not None:
-            try:
-                if not fits(reply.fields, asked, sent):
-                    return False
-            except KeyError:  # of what was asked something was computed when it was built, or more has to be done
-                try:
-                    if not careful(reply.fields, asked, sent):
-                        return False
-                except KeyError:
-                    return self._fits_echo(reply, asked, sent, names)
-        for name in inners:
-            inner = reply.fields.get(name)
-            if type(inner) is FrameValue and not self._repeats(inner, asked, sent, names, known, kinds):
-                return False
+        except (KeyError, AttributeError):  # a field is absent, an expression has to be evaluated, or a frame is new
+            self._learn(reply, known, kinds)
+            return self._repeats(reply, tuple(one for one in (asked, sent) if one is not None), names)
         return True
 
-    def _fits_echo(self, reply: FrameValue, asked: FrameValue | None, sent: FrameValue | None, names: Names) -> bool:
-        requests = tuple(one for one in (asked, sent) if one is not None)
-        return self.fits_echo(reply, requests, lambda: names)
+    def _learn(self, reply: FrameValue, known: dict[str, EchoTest], kinds: tuple[str | None, str | None]) -> None:
+        """Make the tests of a reply and of the frames inside; where there are some, those with computed fields."""
+        known[reply.frame] = _, inners = self._echo_test(reply.frame, *kinds, has_computed=reply.frame in known)
+        for inner in (reply.fields.get(name) for name in inners):
+            if type(inner) is FrameValue:
+                self._learn(inner, known, kinds)
 
-    def _echo_tests(self, reply: str, asked: str | None, sent: str | None) -> EchoTests:
-        """What compares what a reply repeats, None for nothing; the same with what is computed when frames are built;
-        and the frames inside. They raise KeyError where more than that has to be done."""
+    def _echo_test(self, reply: str, asked: str | None, sent: str | None, *, has_computed: bool = False) -> EchoTest:
+        """Return the test of a reply to such frames; it raises KeyError where `_repeats` has to decide.
+
+        `has_computed`: some of the fields are not given but computed when the frames are built.
+        """
         info = self.infos.get(reply)
         if info is None:
-            return None, _never, ()
-        tests: list[tuple[str, str, str]] = []
+            return _never, ()
+        tests: list[str] = []
+        found = "{}.field({})" if has_computed else "{}.fields[{}]"
         for field, plain_name, _ in info.echo:
-            sources = [(word, one) for word, one in (("asked", asked), ("sent", sent)) if one is not None]
-            found = [word for word, one in sources if plain_name in self.infos[one].value_names]
             if plain_name is None:
-                return _never, _never, info.inners
-            if found:
-                tests.append((quoted(field), found[0], quoted(plain_name)))
+                return _never, info.inners
+            for word, request in (("asked", asked), ("sent", sent)):
+                if request is not None and plain_name in self.infos[request].value_names:
+                    tests.append(f"fields[{quoted(field)}] == {found.format(word, quoted(plain_name))}")
+                    break
         if not tests:
-            return None, _never, info.inners
-        plain = " and ".join(f"fields[{field}] == {word}.fields[{name}]" for field, word, name in tests)
-        careful = " and ".join(f"fields[{field}] == {word}.field({name})" for field, word, name in tests)
-        fits, more = (eval(f"lambda fields, asked, sent: {one}", {"__builtins__": {}}) for one in (plain, careful))
-        return fits, more, info.inners
+            return None, info.inners
+        return _test_of(" and ".join(tests)), info.inners
 
-    def fits_echo(self, reply: FrameValue, requests: tuple[FrameValue, ...], names: Callable[[], Names]) -> bool:
-        """Whether a reply repeats what it has to of the first of `requests` that has it; inner frames too.
-
-        `names` gives those that the reply's `echo` may read.
-        """
+    def _repeats(self, reply: FrameValue, requests: tuple[FrameValue, ...], names: Names) -> bool:
+        """Return whether a reply, with the frames inside, repeats the fields of the first request that has them."""
         infos, fields = self.infos, reply.fields
         info = infos.get(reply.frame)
         if info is None:
@@ -607,26 +591,17 @@ class FrameTable:
             if field not in fields:
                 continue
             for request in requests:
-                given = request.fields
-                if plain_name in given:
-                    wanted = given[plain_name]
-                elif plain_name is not None and plain_name not in infos[request.frame].value_names:
+                if plain_name is not None and plain_name not in infos[request.frame].value_names:
                     continue
-                else:
-                    try:
-                        wanted = echoed(plain_name, evaluate, request, None if plain_name is not None else names())
-                    except EVALUATION_ERRORS:
-                        continue
+                try:
+                    wanted = echoed(plain_name, evaluate, request, None if plain_name is not None else names)
+                except EVALUATION_ERRORS:
+                    continue
                 if fields[field] != wanted:
                     return False
                 break
-        for kind, name, _ in info.shape:
-            inner = fields.get(name)
-            if kind == "inner" and type(inner) is FrameValue:
-                below = infos.get(inner.frame)
-                if below is not None and (below.echo or below.shape) and not self.fits_echo(inner, requests, names):
-                    return False
-        return True
+        inside = (fields.get(name) for name in info.inners)
+        return all(self._repeats(inner, requests, names) for inner in inside if type(inner) is FrameValue)
 
 
 def echoed(plain_name: str | None, evaluate: Evaluate, request: FrameValue, names: Names | None = None) -> Any:

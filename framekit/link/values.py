@@ -22,17 +22,30 @@ Unset = Callable[[Mapping[str, Any], str], Any]
 """What a field that was not given comes to, by the others and its name. Raises EVALUATION_ERRORS."""
 
 
+Sent = tuple[Any, bytes, Any, str | None, Mapping[str, Any]]
+"""The bytes of a frame that was built: what decodes them (`read_back`), the bytes, the names to decode them with, the
+field of the outer frame it stands in (None: none), and computed fields that need no decoding."""
+
+
 class FrameValue:
     """A frame as a value: received (`raw`, perhaps `refusal`), or made by a constructor and not yet sent.
 
-    `fields` are the values a codec decodes or is to encode. What is computed when a frame is built stands beside them
-    once it has been sent; `pending` reads it at the first use of what `known` has not. `'name' in value` asks for a
-    field. `declared`: the fields that it may be without: all of a received frame, of a made one those that need not be
-    given. What one that is absent comes to in expressions `unset` says, of one that was made; else it is nothing.
-    `built`: its bytes, where nothing that changes by itself is in them.
+    `'name' in value` asks for a field.
     """
 
-    __slots__ = ("built", "declared", "fields", "frame", "known", "pending", "raw", "refusal", "unset")
+    __slots__ = ("built", "declared", "fields", "frame", "raw", "refusal", "rest", "unset")
+
+    fields: dict[str, Any]
+    """The values a codec has decoded or is to encode."""
+    declared: frozenset[str]
+    """The fields that may be absent: all of a received frame, of a made frame those that need not be given."""
+    unset: Unset | None
+    """Returns the value that an absent field of a made frame has in expressions; an absent received field is None."""
+    built: bytes | None
+    """The bytes, encoded before the frame is sent; None if they depend on values that change by themselves."""
+    rest: Sent | Mapping[str, Any] | None
+    """The fields that building computed: None before the frame is built; the bytes they are decoded from at the first
+    use; then the fields."""
 
     def __init__(
         self,
@@ -49,36 +62,39 @@ class FrameValue:
         self.refusal = refusal
         self.declared = declared
         self.unset = unset
-        self.built: bytes | None = None
-        self.pending: tuple[Any, bytes, Any, str | None] | None = None
-        self.known: dict[str, Any] | None = None
+        self.built = self.rest = None
+
+    @property
+    def computed(self) -> Mapping[str, Any]:
+        """The fields that building computed, decoded from the bytes at the first use; none before it is built."""
+        rest = self.rest
+        if isinstance(rest, tuple):
+            info, data, names, inside, _ = rest
+            self.rest = rest = info.read_back(data, names, inside)
+        return rest or {}
 
     def complete(self) -> dict[str, Any]:
-        """All fields, the computed ones of a sent frame included."""
-        if self.pending is not None:
-            (info, data, names, inside), self.pending = self.pending, None
-            self.known = info.read_back(data, names, inside)
-        return self.fields if self.known is None else {**self.known, **self.fields}
+        """Return all fields, the computed fields of a sent frame included."""
+        return {**computed, **self.fields} if (computed := self.computed) else self.fields
 
     @property
     def was_built(self) -> bool:
-        """Whether it has become bytes, on its own or inside another frame."""
-        return self.raw is not None or self.pending is not None or self.known is not None
+        """Whether the frame has become bytes, on its own or inside another frame."""
+        return self.raw is not None or self.rest is not None
 
     def field(self, name: str) -> Any:
-        """A field by name. Raises KeyError."""
+        """Return a field. Raises KeyError."""
         if name in self.fields:
             return self.fields[name]
-        if self.pending is not None and (self.known is None or name not in self.known):
-            self.complete()
-        if self.known is None:
-            raise KeyError(name)
-        return self.known[name]
+        rest = self.rest
+        if isinstance(rest, tuple) and name in rest[4]:
+            return rest[4][name]
+        return self.computed[name]
 
     def set_field(self, name: str, value: Any) -> None:
-        """Changes a field; what was computed for the old ones is gone."""
+        """Change a field; the bytes and the computed fields of the old values are dropped."""
         self.fields[name] = value
-        self.raw = self.pending = self.known = self.built = None
+        self.raw = self.rest = self.built = None
 
     def language_attribute(self, name: str) -> Any:
         """`value.name` for callers that know only the protocol of attributes, generated codecs for one."""
@@ -91,7 +107,7 @@ class FrameValue:
         return value
 
     def __contains__(self, name: object) -> bool:
-        return name in self.fields or ((self.pending is not None or self.known is not None) and name in self.complete())
+        return name in self.fields or (self.rest is not None and name in self.computed)
 
     def __repr__(self) -> str:
         return f"<{self.frame} {self.fields}>"

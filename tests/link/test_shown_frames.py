@@ -83,6 +83,6 @@ def test_a_number_that_replies_repeat_is_as_it_was_sent_and_the_frame_is_not_rea
     replies = [
         table.received("around", codec.frames["around"].decode(bytes([0x7E, 2, 8 + n])), None, None) for n in (0, 2)
     ]
-    assert [table.fits_echo(reply, (request,), lambda: scope) for reply in replies] == [True, False]
-    assert request.pending is not None, "it has been read"
+    assert [table.repeats(reply, None, request, scope) for reply in replies] == [True, False]
+    assert type(request.rest) is tuple, "it has been read"
     assert request.complete() == {"seq": 7, "n": 5}

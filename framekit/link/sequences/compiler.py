@@ -236,9 +236,9 @@ def number_of(numbers: Mapping[str, int], value: Any) -> Any:
 
 
 _USED = (
-    "begin_part", "change_line", "count", "cut_parts", "decoded", "hold_break", "is_held", "listens_again", "missed", "needs_names",
-    "own_line", "put", "replied", "send_built", "send_made", "send_value", "serve", "set_field", "still_due", "trouble",
-    "unclear",
+    "begin_part", "change_line", "count", "cut_parts", "decoded", "hold_break", "is_held", "listens_again", "missed",
+    "needs_names", "own_line", "put", "replied", "send_built", "send_made", "send_value", "serve", "set_field",
+    "still_due", "trouble", "unclear",
 )  # fmt: skip
 _OF_RUNS = (
     "AGAIN", "BREAK", "BYTE", "Asking", "Bad", "CLOSED", "Call", "Changing", "CompiledSequence", "Failed", "GO", "Hold",

@@ -29,7 +29,7 @@ from framekit.link.events import (
     Send,
     outcome_of,
 )
-from framekit.link.frame_table import FrameInfo, announce
+from framekit.link.frame_table import NO_VALUES, FrameInfo, announce
 from framekit.link.late import LateReplies
 from framekit.link.output import Output
 from framekit.link.scope import LinkFunctions, Scope, with_date
@@ -454,8 +454,8 @@ class Runs:
         """A frame is sent that may be, or hold, the reply to the last request."""
         assert run.owed is not None
         reply = run.owed[0]
-        if reply.raw is None and reply.pending is None and reply.frame in frames_in(value):
-            run.owed = None  # it was made anew of its fields, or stands deep inside
+        if reply.was_built or reply.frame in frames_in(value):
+            run.owed = None  # else it was made anew of its fields, or stands deep inside
 
     def line_changed(self, change: ChangeLine, is_other: bool) -> None:
         """All that was sent before has left, and the line has these settings: a run that waits for that goes on."""
@@ -630,7 +630,7 @@ def _owes_reply(run: Run, x: Exchange) -> bool:
     if run.owed is None or run.state is DONE:
         return False
     reply, taken = run.owed
-    return x.reply is reply and x.last_taken is taken and not reply.was_built
+    return x.reply is reply and x.taken is taken and not reply.was_built
 
 
 def unclear(m: Runs, step: str, error: Exception) -> bool:
@@ -748,14 +748,17 @@ def serve(m: Runs, run: Run, x: Exchange, request: Any, buffer: bytes, station: 
     if type(request) is not FrameValue:
         raise TypeError("only a frame can be served")
     served = m.server.serve(request, buffer, station, check_only, x.names)
+    x.reply, x.reply_buffer, x.refusal = reply, _, refusal = served.reply, served.reply_buffer, served.refusal
+    x.request = request
+    if not x.checks_echo:
+        x.answering = request
     if served.trouble:
         m.show("trouble", frame=request.frame, reason=served.trouble)
-    x.reply, x.reply_buffer, x.refusal = served.reply, served.reply_buffer, served.refusal
-    x.answers(request)
-    is_owed = not check_only and served.reply is not None and not served.refusal
-    run.owed = (served.reply, x.last_taken) if is_owed and served.reply is not None else None
-    if not check_only:
+    if check_only:
+        run.owed = None
+    else:
         x.buffer = served.reply_buffer
+        run.owed = None if reply is None or refusal else (reply, x.taken)
 
 
 def put(m: Runs, queue: str, item: dict[str, Any], names: Names) -> None:
@@ -792,35 +795,21 @@ def send_value(m: Runs, run: Run, x: Exchange, value: Any, names: Names) -> tupl
 def send_made(m: Runs, run: Run, x: Exchange, value: FrameValue, names: Names) -> tuple[bytes, FrameValue]:
     """Sends a frame that has been made; its fields are worked out on `names`."""
     if not x.checks_echo:
-        m.table.fill_echo(value, x.answering, x.last_taken)
+        m.table.fill_echo(value, x.answering, x.taken)
     return send_built(m, run, x, m.table.infos[value.frame], value, names)
 
 
 def send_built(
     m: Runs, run: Run, x: Exchange, info: FrameInfo, value: FrameValue, names: Names
 ) -> tuple[bytes, FrameValue]:
-    """Sends a frame all whose fields are there."""
+    """Send a frame whose fields are all given."""
     data = value.built
     if data is None:
-        fields, inner = value.fields, info.inner or ""
-        if not info.flat:
-            inside = fields[inner] if inner else None
-            if type(inside) is not FrameValue:
-                fields = plain(fields)
-            elif inside.built is not None:
-                fields = {**fields, inner: inside.built}
-            else:
-                fields = {**fields, inner: m.table.inner_plain(inside)}
-            data = info.encode(fields, names)
-            if inside is None or type(inside) is not FrameValue or inside.built is None:
-                m.table.mark_inner(info, value, data, names)
-        else:
-            data = info.encode(fields, names)
-    elif info.inners:
+        data = m.table.bytes_of(info, value, names)
+    if not info.flat:
         m.table.mark_inner(info, value, data, names)
-    value.raw, value.pending = data, (info, data, names, None)
+    value.raw, value.rest = data, (info, data, names, None, NO_VALUES)
     if info.announces:
-        value.complete()
         announce(info.announces, value, m.scope)
     x.last_sent = value
     m.last_frame = m.scope.now

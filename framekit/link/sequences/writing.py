@@ -421,8 +421,14 @@ class StepWriter:
         echoes = self.frames.echoes(frame)
         self.add(f"value = FrameValue({quoted(frame)}, {{{', '.join(fields)}}})")
         if echoes:
+            fill = constant("fill_echo", "TABLE.fill_echo")
             with self.out.block("if not x.checks_echo:"):
-                self.add(f"{constant('fill_echo', 'TABLE.fill_echo')}(value, x.answering, x.last_taken)")
+                if info.inner is None or not info.echo_fields <= value.fields.keys() | known.keys():
+                    self.add(f"{fill}(value, x.answering, x.taken)")
+                else:
+                    self.add(f"inner = value.fields[{quoted(info.inner)}]")
+                    with self.out.block("if type(inner) is FrameValue and inner.raw is None:"):
+                        self.add(f"{fill}(inner, x.answering, x.taken)")
         self.add(f"{kept}send_built(m, run, x, {held}, value, {names})")
 
     def _sent_field(self, info: FrameInfo, name: str, value: Value, row: tuple[str, ...] | None) -> str:
