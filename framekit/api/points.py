@@ -19,7 +19,7 @@ from framekit.codec.shown import shown
 from framekit.definition.problems import did_you_mean, no_such
 from framekit.run.behaviours import number_of
 from framekit.run.block_state import Failure
-from framekit.run.points import PointValue
+from framekit.run.points import PointValue, value_text
 from framekit.run.points import Quality as Quality
 from framekit.run.points import iso_time as iso_time
 from framekit.runfile.run_file import load_run
@@ -47,7 +47,11 @@ class RunPoint:
 
     def __repr__(self) -> str:
         now = self.now
-        shown = f"{now.value!r} {self.unit}".rstrip() if now.quality == "good" else f"{now.quality}, {now.reason}"
+        shown = (
+            f"{self.text_of(now.value)} {self.unit}".rstrip()
+            if now.quality == "good"
+            else f"{now.quality}, {now.reason}"
+        )
         return f"<point {self.name}: {shown}>"
 
     @property
@@ -82,6 +86,10 @@ class RunPoint:
     def unit(self) -> str:
         """In what it is measured."""
         return self._point.unit
+
+    def text_of(self, value: Any) -> str:
+        """Return a value of the point as text, with the digits of `decimals`; `-` for None."""
+        return value_text(self._point, value)
 
     @property
     def about(self) -> str:

@@ -167,7 +167,6 @@ def point_rows(points: RunPoints) -> list[tuple[str, ...]]:
     """The points as they are now: value, unit, quality."""
     rows: list[tuple[str, ...]] = []
     for value in points.now():
-        shown = "-" if value.value is None else str(value.value)
-        quality = value.quality + (f", {value.reason}" if value.reason else "")
-        rows.append((value.name, shown, points[value.name].unit, quality))
+        point, quality = points[value.name], value.quality + (f", {value.reason}" if value.reason else "")
+        rows.append((value.name, point.text_of(value.value), point.unit, quality))
     return rows

@@ -84,6 +84,14 @@ def scaled(point: Point, number: Any) -> Any:
     return number
 
 
+def value_text(point: Point, value: Any) -> str:
+    """Return a value of a point as people read it: with the digits of `decimals`, `-` for None."""
+    if value is None:
+        return "-"
+    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    return str(value) if point.decimals is None or not is_number else f"{value:.{point.decimals}f}"
+
+
 def unscaled(point: Point, value: Any) -> Any:
     """What stands in memory for a value: the nearest whole number where it holds one. Raises ValueError."""
     if point.names and isinstance(value, str):

@@ -11,12 +11,12 @@ from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 from framekit.definition.keys import NUMBER, Form, KeyReading, key, words
 from framekit.definition.tree import Node
 from framekit.run.model import Point
-from framekit.run.points import PointValue, iso_time
+from framekit.run.points import PointValue, iso_time, value_text
 from framekit.sinks.base import FILE, Sampled, Sink, SinkKind, as_record, good_value, open_alone
 
 _SIZES = {"KB": 1_000, "MB": 1_000_000, "GB": 1_000_000_000}
@@ -252,6 +252,12 @@ def _csv_line(*cells: object) -> bytes:
     return text.getvalue().encode()
 
 
+def _cell(point: Point, value: PointValue) -> str | None:
+    """Return the cell of a value; None if it is not good."""
+    good = good_value(value)
+    return None if good is None else value_text(point, good)
+
+
 class CsvRows(LinesFile):
     """`time,point,value,unit,quality,reason`, a line for each value; what is not good has none."""
 
@@ -259,12 +265,13 @@ class CsvRows(LinesFile):
         return _csv_line("time", "point", "value", "unit", "quality", "reason")
 
     def open(self, points: Sequence[Point]) -> None:
-        self._units = {point.name: point.unit for point in points}
+        self._by_name = {point.name: point for point in points}
         super().open(points)
 
     def lines(self, time: str, values: Sequence[PointValue]) -> Iterator[bytes]:
         for one in values:
-            yield _csv_line(time, one.name, good_value(one), self._units[one.name], one.quality, one.reason)
+            point = self._by_name[one.name]
+            yield _csv_line(time, one.name, _cell(point, one), point.unit, one.quality, one.reason)
 
 
 class CsvColumns(LinesFile):
@@ -272,15 +279,16 @@ class CsvColumns(LinesFile):
 
     def __init__(self, path: Path, rotate: Rotation | None, keep: int | None) -> None:
         super().__init__(path, rotate, keep)
-        self._last: dict[str, Any] = {}
+        self._last: dict[str, PointValue] = {}
 
     def head(self) -> bytes:
         titles = (f"{point.name} ({point.unit})" if point.unit else point.name for point in self._points)
         return _csv_line("time", *titles)
 
     def lines(self, time: str, values: Sequence[PointValue]) -> Iterator[bytes]:
-        self._last.update((one.name, good_value(one)) for one in values)
-        yield _csv_line(time, *(self._last.get(point.name) for point in self._points))
+        self._last.update((one.name, one) for one in values)
+        seen = ((point, self._last.get(point.name)) for point in self._points)
+        yield _csv_line(time, *(None if value is None else _cell(point, value) for point, value in seen))
 
 
 class JsonFile(LinesFile):

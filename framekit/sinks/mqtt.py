@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 from framekit.definition.keys import FLAG, Form, KeyReading, key, ref, words
 from framekit.definition.tree import Node
 from framekit.run.model import Point
-from framekit.run.points import PointValue, iso_time
+from framekit.run.points import PointValue, iso_time, value_text
 from framekit.sinks.base import Host, Sampled, Sink, as_record, fits, good_value
 from framekit.sinks.broker import (
     LARGEST_COMMAND,
@@ -182,7 +182,7 @@ class MqttSink(Sink):
     def _message(self, time: str, value: PointValue) -> Message:
         if self.kind.payload == "plain":
             good = good_value(value)
-            payload = "" if good is None else str(good)
+            payload = "" if good is None else value_text(self._points[value.name], good)
         else:
             payload = json.dumps(as_record(time, value, self._points[value.name].unit), ensure_ascii=False)
         return Message(self.topic(value.name), payload.encode(), self.kind.retain)

@@ -160,7 +160,7 @@ class WebSession:
             rows = table.since(seen)
             if rows or keys:
                 yield from _pieces({"table": name, **keys}, "rows", rows)
-        values = {at: value_cells(value) for at, value in board.values.since(self._values_seen)}
+        values = {at: value_cells(value, point) for at, value, point in board.values.since(self._values_seen)}
         self._values_seen = board.values.round
         if values:
             yield from _pieces({}, "values", values)

@@ -13,7 +13,7 @@ from math import isfinite, nan
 from typing import Any, NamedTuple
 
 from framekit.api.monitor import FrameLog, LiveView
-from framekit.api.points import RunPoints
+from framekit.api.points import RunPoint, RunPoints
 from framekit.api.rows import (
     BLOCK_HEAD,
     CHANNEL_HEAD,
@@ -92,21 +92,21 @@ class ChangingValues:
                     rounds[at] = number
         self.values = now
 
-    def since(self, number: int) -> Iterator[tuple[int, PointValue]]:
-        """The points that have changed after a round, with their numbers."""
+    def since(self, number: int) -> Iterator[tuple[int, PointValue, RunPoint]]:
+        """Yield the number, value and point of each point that has changed after a round."""
         values = self.values
-        return ((at, values[at]) for at, seen in enumerate(self._rounds) if seen > number)
+        points = [point for group in self._groups for point in group.values()]
+        return ((at, values[at], points[at]) for at, seen in enumerate(self._rounds) if seen > number)
 
 
 def _differs(value: PointValue, before: PointValue) -> bool:
     return (value.value, value.quality, value.reason) != (before.value, before.quality, before.reason)
 
 
-def value_cells(value: PointValue) -> list[Any]:
-    """What the page gets of a value: its text, quality, reason, and the number that is drawn."""
-    shown = "-" if value.value is None else str(value.value)
+def value_cells(value: PointValue, point: RunPoint) -> list[Any]:
+    """Return the cells of a value for the page: text, quality, reason, and the number to draw."""
     number = number_of(value)
-    return [shown, value.quality, value.reason, number if isfinite(number) else None]
+    return [point.text_of(value.value), value.quality, value.reason, number if isfinite(number) else None]
 
 
 def number_of(value: PointValue) -> float:

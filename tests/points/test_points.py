@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import random
 from pathlib import Path
 from socket import socket
@@ -11,9 +12,11 @@ from typing import Any
 import pytest
 
 from framekit.api.errors import RequestError
+from framekit.api.rows import point_rows
 from framekit.api.run import AsyncRun, VirtualRun, loaded
 from framekit.definition.problems import DefinitionError
 from framekit.run.points import PointValue
+from framekit.web.shown import value_cells
 
 DEVICE = """device: meter
 protocol: {protocol}
@@ -72,6 +75,26 @@ i: {channel: 1, address: "40001", scale: 0.001, decimals: 1}
     assert values_after(run_of(tmp_path, points, device)) == {
         "a": 21.7, "b": -10.5, "c": 75, "d": "heating", "e": 217, "f": 3.14, "g": "ABCDE", "h": 1, "i": 0.2,
     }  # fmt: skip
+
+
+def test_decimals_format_every_text_of_a_value(tmp_path: Path) -> None:
+    points = """
+f: {channel: 1, address: "40001", type: float32, order: ABCD, decimals: 2, unit: V}
+g: {channel: 1, address: "40001", type: float32, order: ABCD, decimals: 0}
+n: {channel: 1, address: "40003", decimals: 1}
+"""
+    more = "sinks: [{csv: rows.csv}, {csv: columns.csv, every: 1 s}, {jsonl: lines.jsonl}]\n"
+    run = run_of(tmp_path, points, '"40001": [0x4110, 0, 7]', more=more)
+    run.run_for("1500 ms")
+    shown = [row[1] for row in point_rows(run.points)]
+    assert shown == ["9.00", "9", "7.0"] and repr(run.points["f"]) == "<point f: 9.00 V>"
+    assert [value_cells(value, run.points[value.name])[0] for value in run.points.now()] == shown
+    run.stop()
+    rows = (tmp_path / "rows.csv").read_text("utf-8").splitlines()[1:]
+    assert [line.split(",")[1:4] for line in rows] == [["f", "9.00", "V"], ["g", "9", ""], ["n", "7.0", ""]]
+    assert (tmp_path / "columns.csv").read_text("utf-8").splitlines()[-1].split(",")[1:] == shown
+    numbers = [json.loads(line)["value"] for line in (tmp_path / "lines.jsonl").read_text("utf-8").splitlines()]
+    assert numbers == [9.0, 9.0, 7]
 
 
 def test_every_multiple_of_a_tenth_is_written_shortly(tmp_path: Path) -> None:
