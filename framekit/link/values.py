@@ -14,7 +14,6 @@ from typing import Any
 from framekit.codec.evaluate import EVALUATION_ERRORS as EVALUATION_ERRORS
 from framekit.codec.evaluate import compiled
 from framekit.definition.expression import Expression, Name, Node, Undone, inverse_steps
-from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
 
 NO_FIELDS: frozenset[str] = frozenset()
 
@@ -293,72 +292,13 @@ def quotient(result: int, other: int) -> int:
     return result // other
 
 
-# ---- what values of a definition come to -------------------------------------------------------------------
+# ---- values of a definition ------------------------------------------------------------------------------------------
 
-
-Compute = Callable[[Names], Any]
-MakeFrame = Callable[[str, dict[str, Any], Names], FrameValue]
 LayoutFunctions = tuple[Callable[..., bytes], Callable[..., dict[str, Any]]]
-"""Encodes and decodes a layout."""
+"""Functions that encode and decode a layout."""
 
 EACH = "(each)"
 """The name (no word of the language) under which names hold one mapping of names a variable, for `{each: {…}}`."""
-
-
-class ValueCompiler:
-    """Compiles values; `make` makes the frame values of constructors, `layouts` are the functions of a codec.
-
-    Evaluating raises `EVALUATION_ERRORS`; what a codec refuses is a ValueError.
-    """
-
-    def __init__(self, layouts: Mapping[str, LayoutFunctions], make: MakeFrame) -> None:
-        self.layouts = layouts
-        self.make = make
-
-    def compile(self, value: Value) -> Compute:
-        """A function of names that gives a `FrameValue`, bytes, a dict, a list, or what an expression gives.
-
-        Raises KeyError for a layout that the codec does not have.
-        """
-        match value:
-            case Expression():
-                return compile_expression(value)
-            case FrameOf(frame=frame, fields=fields):
-                return self._frame(frame, self.fields(fields))
-            case LayoutOf(layout=layout, fields=fields):
-                return self._layout(layout, self.fields(fields))
-            case ReadAs(layout=layout, source=source):
-                return self._read(layout, self.compile(source))
-            case ListOf(items=items):
-                parts = [self.compile(item) for item in items]
-                return lambda names: [part(names) for part in parts]
-            case RecordOf(fields=fields):
-                return self.fields(fields)
-            case EachOf(fields=fields, when=when):
-                record, holds = self.fields(fields), compile_optional(when)
-                if holds is None:
-                    return lambda names: [record(Names(variable, names)) for variable in names[EACH]]
-                return lambda names: [
-                    record(known) for variable in names[EACH] if holds(known := Names(variable, names))
-                ]
-        raise TypeError(f"no value of a definition: {value!r}")
-
-    def fields(self, fields: Mapping[str, Value]) -> Callable[[Names], dict[str, Any]]:
-        """A function that gives the record of these fields."""
-        compiled = [(name, self.compile(field)) for name, field in fields.items()]
-        return lambda names: {name: compute(names) for name, compute in compiled}
-
-    def _frame(self, frame: str, fields: Callable[[Names], dict[str, Any]]) -> Compute:
-        make = self.make
-        return lambda names: make(frame, fields(names), names)
-
-    def _layout(self, layout: str, fields: Callable[[Names], dict[str, Any]]) -> Compute:
-        encode = self.layouts[layout][0]
-        return lambda names: encode(plain(fields(names)), names)
-
-    def _read(self, layout: str, source: Compute) -> Compute:
-        codec = self.layouts[layout]
-        return lambda names: read_as(codec, source(names), names)
 
 
 def read_as(codec: LayoutFunctions, found: Any, names: Names) -> Any:

@@ -18,9 +18,10 @@ from framekit.definition.load.protocol import load_protocol_text
 from framekit.definition.nodes import read_text
 from framekit.definition.problems import DefinitionError
 from framekit.definition.schema import _validator
-from framekit.link.services import client, matching, writing
+from framekit.link import value_source
+from framekit.link.services import client, matching
 from framekit.link.services.server import MemoryServer
-from framekit.link.services.writing import code_of_source
+from framekit.link.value_source import code_of_source
 from framekit.link.values import FrameValue
 from framekit.memory.memory import DeviceMemory
 from framekit.runfile.devices import memory_of
@@ -93,7 +94,7 @@ def sources(number: int, document: Any, monkeypatch: pytest.MonkeyPatch) -> list
         found.append(source)
         return code_of_source("def function(*_):\n    pass\n")
 
-    monkeypatch.setattr(writing, "code_of_source", noted)
+    monkeypatch.setattr(value_source, "code_of_source", noted)
     try:
         protocol = load_protocol_text(yaml_of(document), "hostile")
     except DefinitionError:

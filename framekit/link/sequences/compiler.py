@@ -9,11 +9,9 @@ from __future__ import annotations
 
 import builtins
 import re
-from collections.abc import Mapping
 from types import CodeType
 from typing import Any
 
-from framekit.codec.evaluate import HOMES
 from framekit.codec.python.source import Source, literal, quoted
 from framekit.definition.model.frames import parts_of
 from framekit.definition.model.procedure import LineChange, Sequence, Target
@@ -29,12 +27,11 @@ from framekit.link.sequences.writing import (
     BLOCKS,
     OF_EXCHANGE,
     Frames,
-    SequenceModule,
     StepWriter,
     empty_value,
     own_variables,
 )
-from framekit.link.values import EACH, EVALUATION_ERRORS, FrameValue, Names, attribute, plain, read_as
+from framekit.link.value_source import SourceModule, globals_of
 from framekit.link.variables import fit_of
 
 
@@ -70,7 +67,7 @@ def program_of(protocol: Protocol, codec: ProtocolCodec) -> Program:
 
 def sequence_source(protocol: Protocol, table: FrameTable) -> str:
     """Source of the module of a protocol's sequences."""
-    module = SequenceModule()
+    module = SourceModule()
     frames = Frames(protocol, table)
     held = _of_exchanges(protocol)
     listening = {lane.listen for role in protocol.roles.values() for lane in role.lanes}
@@ -108,15 +105,13 @@ def load_sequences(
     later: dict[str, tuple[str, ...]] = {}
     state = protocol.state.values()
     names: dict[str, Any] = {
+        **globals_of(table),
         **_GLOBALS,
         **ADDED_FUNCTIONS,
         "__builtins__": _BUILTINS,
         "SEQUENCES": found,
         "NEED_NAMES": need_names,
         "SHOWN_LATER": later,
-        "TABLE": table,
-        "INFOS": table.infos,
-        "LAYOUTS": table.codec.layouts,
         "FIT": fit_of,
         "FITS": {one.name: fit_of(one.type, one.values, one.size) for one in state},
     }
@@ -140,7 +135,7 @@ class _SequenceWriter:
     """
 
     def __init__(
-        self, module: SequenceModule, frames: Frames, sequence: Sequence, number: int, held: bool, listens: bool
+        self, module: SourceModule, frames: Frames, sequence: Sequence, number: int, held: bool, listens: bool
     ) -> None:
         self.module = module
         self.listens = listens
@@ -230,11 +225,6 @@ class _SequenceWriter:
 # ---- what generators use -----------------------------------------------------------------------------------------
 
 
-def number_of(numbers: Mapping[str, int], value: Any) -> Any:
-    """The number behind a name of a field's values."""
-    return numbers.get(value, value) if type(value) is str else value
-
-
 _USED = (
     "begin_part", "change_line", "count", "cut_parts", "decoded", "hold_break", "is_held", "listens_again", "missed",
     "needs_names", "own_line", "put", "replied", "send_built", "send_made", "send_value", "serve", "set_field",
@@ -247,16 +237,7 @@ _OF_RUNS = (
 _GLOBALS: dict[str, Any] = {
     **{name: getattr(runtime, name) for name in _USED},
     **{name: getattr(runs, name) for name in _OF_RUNS},
-    "EACH": EACH,
-    "EVALUATION_ERRORS": EVALUATION_ERRORS,
-    "FrameValue": FrameValue,
     "NEVER": NEVER,
-    "Names": Names,
-    "attribute": attribute,
-    "number_of": number_of,
-    "plain": plain,
-    "read_as": read_as,
-    **HOMES,
     "__name__": "framekit_sequences",
 }
 _BUILTINS = {

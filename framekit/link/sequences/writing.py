@@ -48,11 +48,12 @@ from framekit.definition.model.procedure import (
 )
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Bits, Data, Field, Inner, Repeat, Segment
-from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
+from framekit.definition.model.values import FrameOf, Value
 from framekit.definition.schema import add_keys
-from framekit.link.frame_table import FrameInfo, FrameTable
+from framekit.link.frame_table import FrameTable
 from framekit.link.late import is_numbered
 from framekit.link.sequences import runtime
+from framekit.link.value_source import SourceModule, ValueWriter
 from framekit.link.variables import empty_of
 
 OF_EXCHANGE = frozenset({"request", "buffer", "expected", "station", "reply", "reply_buffer", "refusal"})
@@ -73,7 +74,7 @@ class Frames:
 
     def __init__(self, protocol: Protocol, table: FrameTable) -> None:
         self.protocol = protocol
-        self.infos = table.infos
+        self.table, self.infos = table, table.infos
         self.plain: dict[str, set[str]] = {}
         self.inner: dict[str, set[str]] = {}
         for name, frame in protocol.frames.items():
@@ -105,11 +106,6 @@ class Frames:
                     self._parts(name, known)
         return known
 
-    def made_plainly(self, frame: str) -> bool:
-        """Whether nothing but constants has to be added to the fields of a frame before it is sent."""
-        info = self.infos[frame]
-        return not {name for name, *_ in info.computed} & {name for name, *_ in info.echo}
-
 
 def _always_there(segments: tuple[Segment, ...]) -> Iterator[str]:
     """The fields that every received frame of these segments has."""
@@ -122,31 +118,6 @@ def _always_there(segments: tuple[Segment, ...]) -> Iterator[str]:
             yield from segment.value_names
 
 
-class SequenceModule:
-    """Functions of a module, and the constants that they use: each is written once."""
-
-    def __init__(self) -> None:
-        self.functions = Source()
-        self.constants: dict[str, str] = {}
-        self._constants: dict[str, str] = {}
-
-    def constant(self, kind: str, source: str) -> str:
-        """The name of a module constant that is worked out when the module is loaded."""
-        found = self._constants.get(source)
-        if found is None:
-            found = self._constants[source] = f"{kind}_{len(self._constants)}"
-        return found
-
-    def text(self, about: str) -> str:
-        out = Source()
-        out.docstring(about)
-        for source, name in self._constants.items():
-            out.add(f"{name} = {source}")
-        for name, source in self.constants.items():
-            out.add(f"{name} = {source}")
-        return out.text() + self.functions.text()
-
-
 class SequenceNames:
     """How names are written in a generator. `frames`: those that a frame which has come may be, in a row for it."""
 
@@ -154,6 +125,11 @@ class SequenceNames:
         self.writer = writer
         self.in_row = in_row
         self.frames = frames
+
+    @property
+    def known(self) -> str:
+        """Source of the variables and the names above them, by name."""
+        return self.writer.names
 
     def name(self, node: Name) -> str:
         name, writer = node.name, self.writer
@@ -219,10 +195,11 @@ class StepWriter:
     """
 
     def __init__(
-        self, module: SequenceModule, frames: Frames, sequence: Sequence, number: int, index: int, held: bool,
+        self, module: SourceModule, frames: Frames, sequence: Sequence, number: int, index: int, held: bool,
         out: Source, listens: bool = False,
     ) -> None:  # fmt: skip
         self.module = module
+        self.values = ValueWriter(frames.table, module)
         self.listens = listens
         self.frames = frames
         self.protocol = frames.protocol
@@ -329,28 +306,10 @@ class StepWriter:
         return f"Names({{**x.arguments, {', '.join(fields)}}}, n)"
 
     def value(self, value: Value, row: tuple[str, ...] | None = None) -> str:
-        match value:
-            case Expression():
-                return self.expression(value, row)
-            case FrameOf(frame=frame, fields=fields):
-                make = self.module.constant("make", "TABLE.made")
-                return f"{make}({quoted(frame)}, {self.record(fields, row)}, {self.names})"
-            case LayoutOf(layout=layout, fields=fields):
-                encode = self.module.constant("layout", f"LAYOUTS[{quoted(layout)}][0]")
-                return f"{encode}(plain({self.record(fields, row)}), {self.names})"
-            case ReadAs(layout=layout, source=source):
-                functions = self.module.constant("layout", f"LAYOUTS[{quoted(layout)}]")
-                return f"read_as({functions}, {self.value(source, row)}, {self.names})"
-            case ListOf(items=items):
-                return f"[{', '.join(self.value(item, row) for item in items)}]"
-            case RecordOf(fields=fields):
-                return self.record(fields, row)
-            case EachOf():
-                return f"{self.names}[EACH]"  # there is none in a sequence: it cannot be worked out
-        raise TypeError(f"no value of a definition: {value!r}")
+        return self.values.value(value, SequenceNames(self, row is not None, row or ()))
 
     def record(self, fields: Mapping[str, Value], row: tuple[str, ...] | None = None) -> str:
-        return "{" + ", ".join(f"{quoted(name)}: {self.value(value, row)}" for name, value in fields.items()) + "}"
+        return self.values.record(fields, SequenceNames(self, row is not None, row or ()))
 
     # ---- set ----------------------------------------------------------------------------------------------
 
@@ -405,45 +364,28 @@ class StepWriter:
             if kept:
                 with self.out.block("else:"):
                     self.add("sent = None")
-        elif not self.frames.made_plainly(value.frame):
+        elif not self.values.is_plain(value.frame):
             self.add(f"{kept}send_made(m, run, x, {self.value(value, row)}, {self.names})")
         else:
             self._send_made(value, row, repeats)
 
     def _send_made(self, value: FrameOf, row: tuple[str, ...] | None, repeats: bool) -> None:
-        frame, info = value.frame, self.frames.infos[value.frame]
-        names, constant = self.context_of(frame), self.module.constant
-        fields = [f"{quoted(name)}: {self._sent_field(info, name, one, row)}" for name, one in value.fields.items()]
-        known = {name: one for name, one in info.known.items() if name not in value.fields}
-        fields += [f"{quoted(name)}: {literal(one)}" for name, one in known.items()]
+        frame, constant = value.frame, self.module.constant
+        names = SequenceNames(self, row is not None, row or ())
         kept = "sent = " if repeats and self.repeats else ""
-        held = constant("info", f"INFOS[{quoted(frame)}]")
-        echoes = self.frames.echoes(frame)
-        self.add(f"value = FrameValue({quoted(frame)}, {{{', '.join(fields)}}})")
-        if echoes:
+        self.add(f"value = {self.values.frame(value, names, sent=True)}")
+        info = self.frames.infos[frame]
+        if self.frames.echoes(frame):
             fill = constant("fill_echo", "TABLE.fill_echo")
             with self.out.block("if not x.checks_echo:"):
-                if info.inner is None or not info.echo_fields <= value.fields.keys() | known.keys():
+                if info.inner is None or not info.echo_fields <= value.fields.keys() | info.known.keys():
                     self.add(f"{fill}(value, x.answering, x.taken)")
                 else:
                     self.add(f"inner = value.fields[{quoted(info.inner)}]")
                     with self.out.block("if type(inner) is FrameValue and inner.raw is None:"):
                         self.add(f"{fill}(inner, x.answering, x.taken)")
-        self.add(f"{kept}send_built(m, run, x, {held}, value, {names})")
-
-    def _sent_field(self, info: FrameInfo, name: str, value: Value, row: tuple[str, ...] | None) -> str:
-        """Source of a field of a frame that is sent: names of numbers become these."""
-        if isinstance(value, FrameOf) and self.frames.made_plainly(value.frame):
-            inner = self.frames.infos[value.frame]
-            fields = [f"{quoted(key)}: {self._sent_field(inner, key, one, row)}" for key, one in value.fields.items()]
-            known = {key: one for key, one in inner.known.items() if key not in value.fields}
-            fields += [f"{quoted(key)}: {literal(one)}" for key, one in known.items()]
-            return f"FrameValue({quoted(value.frame)}, {{{', '.join(fields)}}})"
-        source = self.value(value, row)
-        if name in info.numbers and not (isinstance(value, Expression) and isinstance(value.root, (Number, Binary))):
-            numbers = self.module.constant("numbers", f"INFOS[{quoted(info.name)}].numbers[{quoted(name)}]")
-            return f"number_of({numbers}, {source})"
-        return source
+        held = constant("info", f"INFOS[{quoted(frame)}]")
+        self.add(f"{kept}send_built(m, run, x, {held}, value, {self.context_of(frame)})")
 
     def context_of(self, frame: str) -> str:
         """Source of the names on which a frame is built."""

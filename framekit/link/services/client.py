@@ -13,19 +13,17 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Protocol
 
-from framekit.codec.python.source import Source
 from framekit.codec.shown import explain
 from framekit.definition.model import protocol as model
 from framekit.definition.model.frames import expressions_of, parts_of
-from framekit.definition.model.values import FrameOf, LayoutOf, Value
+from framekit.definition.model.values import FrameOf, LayoutOf
 from framekit.link.addresses import Address
 from framekit.link.events import Asked, Command, Exchange, Outcome, outcome_of
 from framekit.link.frame_table import FrameTable, ProtocolCodec
 from framekit.link.packing import cut_memory, in_unit, join_memory, memory_of, reader_of
 from framekit.link.scope import Scope
 from framekit.link.services.replies import ErrorReader, ReplyReader, UnfitReplyError
-from framekit.link.services.rows import Piece, Plan, Planner, RowFacts, ServiceError, ServiceRows, arguments_of, rows_of
-from framekit.link.services.writing import ValueWriter, WriterLevel, function_of
+from framekit.link.services.rows import Piece, Plan, Planner, RowFacts, ServiceError, arguments_of, rows_of
 from framekit.link.values import EACH, EVALUATION_ERRORS, Evaluate, FrameValue, Names, compile_expression, plain
 from framekit.memory.memory import unit_bits
 
@@ -89,12 +87,12 @@ class ClientRow:
     @cached_property
     def _make(self) -> Callable[[Names], Made]:
         row = self.facts.row
-        return _maker(self.facts.shared, (row.request, b"" if row.buffer is None else row.buffer, row.run))
+        return self.facts.shared.values.all((row.request, b"" if row.buffer is None else row.buffer, row.run))
 
     @cached_property
     def give(self) -> Callable[[Names], tuple[Any, ...]]:
         """What gives a service's results, in the order of their names."""
-        return _maker(self.facts.shared, tuple(self.facts.row.gives.values()))
+        return self.facts.shared.values.all(tuple(self.facts.row.gives.values()))
 
     def made(self, offered: Names) -> Made:
         """The request, the bytes beside it, and the sequence that carries it. Raises ServiceError."""
@@ -114,17 +112,6 @@ class ClientRow:
         written = sum(piece.count for piece in pieces if piece.data is not None)
         expected, outside = self.reply.expected, self.facts.row.outside_session
         return Prepared(self, pieces, offered, made, station, expected, outside, arguments, params, None, written)
-
-
-def _maker(shared: ServiceRows, values: Sequence[Value | bytes | None]) -> Callable[[Names], Any]:
-    """A function of names that gives all these values, as a tuple."""
-    given: dict[str, Any] = {}
-    writer, level = ValueWriter(shared, given, "names"), WriterLevel(())
-    parts = [repr(one) if one is None or isinstance(one, bytes) else writer.value(one, level) for one in values]
-    body = Source(1)
-    body.add(f"return ({''.join(f'{part}, ' for part in parts)})")
-    make: Callable[[Names], Any] = function_of("def function(names):", body, given)
-    return make
 
 
 Made = tuple[FrameValue | None, bytes, Any]

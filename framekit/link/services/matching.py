@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 from decimal import Decimal
 from typing import Any
 
-from framekit.codec.python.source import Source
 from framekit.codec.shown import explain
 from framekit.definition.expression import Expression, emit, is_constant, tells_setting
 from framekit.definition.fingerprint import fingerprint
@@ -24,8 +23,9 @@ from framekit.link.addresses import Address, AddressError, code_of
 from framekit.link.events import Served
 from framekit.link.packing import PackingError, memory_of, memory_of_numbers, numbers_of, values_of
 from framekit.link.services.areas import AreaUnit, Codes, DeviceAreas
+from framekit.link.services.row_names import KNOWN, WriterLevel, Written, said
 from framekit.link.services.rows import RowFacts, padded_names
-from framekit.link.services.writing import ValueWriter, WriterLevel, Written, function_of
+from framekit.link.value_source import FunctionWriter
 from framekit.link.values import (
     EACH,
     EVALUATION_ERRORS,
@@ -189,7 +189,6 @@ class RowWriter:
         self.areas = matching.areas
         self.with_buffer, self.whole = with_buffer, whole
         self.inline = whole and matching.is_whole
-        self.out = Source(1)
         self.level = WriterLevel()
         self.items_found: dict[str, tuple[str, WriterLevel, Expression | None]] = {}
         """By `when` of the lists: the variable with what their items hold, and the names it has in every round."""
@@ -210,7 +209,7 @@ class RowWriter:
         made += [protocol.layouts[one.layout].segments for one in parts_of(replies, LayoutOf)]
         for segments in made:
             self.mentioned |= names_read(segments) - field_names(segments)
-        self.given: dict[str, Any] = {
+        given = {
             **_RUNTIME,
             "address_named": matching.address_named,
             "area_named": matching.area_named,
@@ -224,7 +223,8 @@ class RowWriter:
             "views": self.grammar.views,
             "fill_echo": self.shared.table.fill_echo,
         }
-        self.values = ValueWriter(self.shared, self.given, KNOWN)
+        self.writer = FunctionWriter(self.shared.table, given)
+        self.out, self.values = self.writer.body, self.writer.values
         self._variables = 0
 
     # ---- variables and constants --------------------------------------------------------------------------
@@ -270,7 +270,7 @@ class RowWriter:
             place = self._targets()
             out.add("pass")
         with out.block("except WRONG_PLACE as error:"):
-            history = self.values.constant(tuple(self.level.history))
+            history = self.writer.object(tuple(self.level.history))
             known = KNOWN if self.inline else "reading.names"
             out.add(f"reading = wrong_place(error, {known}, {history}, locals(), {self.level.parts or None!r})")
             if self.inline:
@@ -281,7 +281,7 @@ class RowWriter:
         else:
             self.unfit_if("not holds(reading)")
             out.add("return go_on(request, reading)" if self.whole else "return reading")
-        return function_of("def function(request, buffer, station, names):", out, self.given)
+        return self.writer.load("request", "buffer", "station", "names")
 
     # ---- comparing ----------------------------------------------------------------------------------------
 
@@ -307,7 +307,7 @@ class RowWriter:
             case RecordOf(fields=fields):
                 self._fields(fields, actual, None, level, {}, frozenset())
             case LayoutOf(layout=layout, fields=fields):
-                record, decode = self.variable(), self.values.constant(self.shared.codec.layouts[layout][1])
+                record, decode = self.variable(), f"{self.values.layout(layout)}[1]"
                 self.out.add(f"{record} = layout_read({decode}, {actual}, {KNOWN}, {padded})")
                 padding = padded_names(self.shared.protocol.layouts[layout].segments)
                 self._fields(fields, record, None, level, {}, padding)
@@ -348,7 +348,7 @@ class RowWriter:
             constant = compile_expression(expression)(Names())
             if isinstance(constant, str):
                 constant = numbers.get(constant, constant)
-            text = self.values.constant(constant)
+            text = self.writer.object(constant)
             if isinstance(constant, Decimal):
                 self.unfit_if(f"not same_number({actual}, {text})")
             elif padded and isinstance(constant, bytes):  # what follows is padding
@@ -400,7 +400,7 @@ class RowWriter:
         if not self.items_found:
             place = self._target(level)
             if not self.inline:
-                out.add(f"reading.names.update({self.values.items(level)})")
+                out.add(f"reading.names.update({level.items})")
                 if place is not None:
                     self._note_target(level, place, "reading.names")
                     out.add("name_targets(reading)")
@@ -411,11 +411,11 @@ class RowWriter:
                     each.values.setdefault(name, repr(value))
                 place = self._target(each)
                 if when is not None:
-                    self.unfit_if(f"not {self.worked_out(self.values.expression(when, each))}")
+                    self.unfit_if(f"not {self.worked_out(self.values.value(when, Written(each)))}")
                 if place is not None:
-                    self._note_target(each, place, f"Names({self.values.items(each)}, reading.names)")
+                    self._note_target(each, place, f"Names({each.items}, reading.names)")
         self._solve(level)
-        out.add(f"set_missing(reading.names, {self.values.items(level)})")
+        out.add(f"set_missing(reading.names, {level.items})")
         out.add("name_targets(reading)")
         return None
 
@@ -444,7 +444,7 @@ class RowWriter:
             place = self.variable()
             self.out.add(f"{place} = own_unit(str({memory}), {unit})")
         elif fixed is not None and "unit" not in level.values:
-            place = self.values.constant(fixed)
+            place = self.writer.object(fixed)
         else:
             place = self.variable()
             self.out.add(f"{place} = unit_there({area}, {unit}{level.shift})")
@@ -476,7 +476,7 @@ class RowWriter:
             return self._by_code(level)
         if len(row.areas) == 1:
             unit = row.units[0] if len(row.units) == 1 else None
-            area = self.let(level, "area", self.values.constant(self.grammar.views[row.areas[0]]))
+            area = self.let(level, "area", self.writer.object(self.grammar.views[row.areas[0]]))
             return area, repr(unit), self.areas.unit(row.areas[0], unit)
         return None, None, None
 
@@ -503,7 +503,7 @@ class RowWriter:
                     found[code] = (self.grammar.views[area], self._unit_of_row(area, unit, code))
                     break
         named, code = self.variable(), level.values["code"]
-        self.out.add(f"{named} = {self.values.constant(found)}.get({code})")
+        self.out.add(f"{named} = {self.writer.object(found)}.get({code})")
         with self.out.block(f"if {named} is None:"):
             self.out.add(f"elsewhere({code})")
         return self.let(level, "area", f"{named}[0]"), f"{named}[1]", None
@@ -520,7 +520,7 @@ class RowWriter:
         for inverse, actual in level.pending:
             if inverse.name in self.back:
                 continue
-            value = self.worked_out(inverse.source(actual, lambda other: self.values.expression(other, level)))
+            value = self.worked_out(inverse.source(actual, lambda other: self.values.value(other, Written(level))))
             if inverse.name in level.values:
                 self.unfit_if(f"{level.values[inverse.name]} != {value}")
             else:
@@ -528,11 +528,11 @@ class RowWriter:
 
     def _complete(self, level: WriterLevel, place: str) -> None:
         """Writes start, count, sizes and data of a place."""
-        values, fixed = level.values, self.given.get(place)
+        values, fixed = level.values, self.writer.given(place)
         otherwise = str(only_start(self.shared.protocol.addresses, self.row.areas) or 0)
         self.let(level, "start", f"int({values['start']})" if "start" in values else otherwise)
         if isinstance(fixed, AreaUnit):
-            packer = self.values.constant(self.facts.packers[fixed.unit])
+            packer = self.writer.object(self.facts.packers[fixed.unit])
             unit = fixed.unit
             self.let(level, "unit", repr(unit))
         else:
@@ -596,11 +596,11 @@ class RowWriter:
         """Writes condition, refusals, the transfer and the reply."""
         level, out, row = self.level, self.out, self.row
         if self.matching.when is not None:
-            holds = self.worked_out(self.values.expression(self.matching.when, level))
+            holds = self.worked_out(self.values.value(self.matching.when, Written(level)))
             self.unfit_if(f"not {holds}")
         for rule in row.refuse:
-            with out.block(f"if {self.values.expression(rule.when, level)}:"):
-                out.add(f"raise RefusedError(int({self.values.expression(rule.code, level)}))")
+            with out.block(f"if {self.values.value(rule.when, Written(level))}:"):
+                out.add(f"raise RefusedError(int({self.values.value(rule.code, Written(level))}))")
         if place is not None:
             self._check(place)
         if row.service == "read":
@@ -622,13 +622,13 @@ class RowWriter:
             if reply.when is None:
                 self._reply(reply.frame, reply.buffer)
                 return
-            with out.block(f"if {self.values.expression(reply.when, level)}:"):
+            with out.block(f"if {self.values.value(reply.when, Written(level))}:"):
                 self._reply(reply.frame, reply.buffer)
         out.add("return Served(None)")
 
     def _check(self, place: str) -> None:
         start, count = self.level.values["start"], self.level.values["count"]
-        fixed = self.given.get(place)
+        fixed = self.writer.given(place)
         check = f"{place}.check({start}, {count}, {self.row.service == 'write'})"
         if isinstance(fixed, AreaUnit) and fixed.most and self.row.service != "write":
             with self.out.block(f"if {count} < 1 or {start} + {count} > {fixed.most}:"):
@@ -640,18 +640,18 @@ class RowWriter:
         """Writes the read; the variable with the data as they stand in the frame."""
         level = self.level
         start, count = level.values["start"], level.values["count"]
-        fixed, memory, data = self.given.get(place), self.variable(), self.variable()
+        fixed, memory, data = self.writer.given(place), self.variable(), self.variable()
         level.memory = memory
         if not isinstance(fixed, AreaUnit):
-            names = f"{place}.build and {self.values.names(level)}"
+            names = f"{place}.build and {level.known}"
             self.out.add(f"{memory} = {place}.read({start}, {count}, {names})")
             self.out.add(f"{data} = packers[{place}.unit].to_data({memory}, {start}, {count})")
             return data
         if fixed.most and fixed.is_plain and fixed.bits % 8 == 0 and fixed.offset % 8 == 0:
-            read, size, first = self.values.constant(fixed.present().read_bytes), fixed.bits // 8, fixed.offset // 8
+            read, size, first = self.writer.object(fixed.present().read_bytes), fixed.bits // 8, fixed.offset // 8
             self.out.add(f"{memory} = {read}({f'{first} + ' if first else ''}{start} * {size}, {count} * {size})")
         else:
-            names = "None" if fixed.build is None else self.values.names(level)
+            names = "None" if fixed.build is None else level.known
             self.out.add(f"{memory} = {place}.read({start}, {count}, {names})")
         packer = self.facts.packers[fixed.unit]
         if packer.bits == 8 or (packer.bits > 8 and packer.order == "little"):
@@ -659,22 +659,20 @@ class RowWriter:
         if packer.order == "big" and packer.bits in (16, 32, 64):
             self.out.add(f"{data} = support.swap({memory}, {packer.bits // 8})")
         else:
-            self.out.add(f"{data} = {self.values.constant(packer)}.to_data({memory}, {start}, {count})")
+            self.out.add(f"{data} = {self.writer.object(packer)}.to_data({memory}, {start}, {count})")
         return data
 
     def _reply(self, frame: FrameOf | None, buffer: Value | None) -> None:
-        reply = "None"
+        reply, names = "None", Written(self.level)
         if frame is not None:
             reply = self.variable()
-            self.out.add(f"{reply} = {self.values.value(frame, self.level)}")
+            self.out.add(f"{reply} = {self.values.value(frame, names)}")
             if self.values.repeats(frame):
                 self.out.add(f"fill_echo({reply}, request)")
-        self.out.add(f"return Served({reply}{'' if buffer is None else f', {self.values.value(buffer, self.level)}'})")
+        self.out.add(f"return Served({reply}{'' if buffer is None else f', {self.values.value(buffer, names)}'})")
 
 
 # ---- what the functions call ------------------------------------------------------------------------------
-
-KNOWN = 'Names({"request": request, "buffer": buffer, "station": station}, names)'
 
 
 def part_of(actual: Any, name: str) -> Any:
@@ -775,6 +773,7 @@ _RUNTIME: dict[str, Any] = {
     "numbers_there": numbers_there,
     "part_of": part_of,
     "quotient": quotient,
+    "said": said,
     "same_number": same_number,
     "set_missing": set_missing,
     "the_only": the_only,

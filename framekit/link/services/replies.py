@@ -14,7 +14,7 @@ from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, 
 from framekit.link.events import Outcome
 from framekit.link.packing import PackingError, memory_of_numbers
 from framekit.link.services.rows import Piece, RowFacts, ServiceRows, padded_names
-from framekit.link.services.writing import ValueWriter, WriterLevel, function_of
+from framekit.link.value_source import LOOKED_UP, FunctionWriter
 from framekit.link.values import (
     EACH,
     EVALUATION_ERRORS,
@@ -183,9 +183,9 @@ class FindWriter:
 
     def __init__(self, shared: ServiceRows, row: ReplyRow, is_transfer: bool) -> None:
         self.shared, self.row, self.is_transfer = shared, row, is_transfer
-        self.out = Source(1)
-        self.given: dict[str, Any] = {"present": present, "listed": listed, "read_layout": read_layout}
-        self.values = ValueWriter(shared, self.given, "names")
+        given = {"present": present, "listed": listed, "read_layout": read_layout}
+        self.writer = FunctionWriter(shared.table, given)
+        self.out = self.writer.body
         self.of_some = any(each.when is not None for each in parts_of([row.frame, row.buffer], EachOf))
         """Whether lists are for some of the variables each: what is found is put in the order of the variables."""
         self.place = "len(found)"
@@ -203,7 +203,7 @@ class FindWriter:
         if self.row.buffer is not None:
             self._collect(self.row.buffer, "buffer", False, self.out)
         self.out.add("return [found[place] for place in sorted(found)]" if self.of_some else "return found")
-        find: Find = function_of("def function(reply, buffer, names):", self.out, self.given)
+        find: Find = self.writer.load("reply", "buffer", "names")
         return find
 
     def _collect(self, value: Value, actual: str, padded: bool, out: Source) -> None:
@@ -223,8 +223,7 @@ class FindWriter:
                 padding = padded_names(self.shared.protocol.layouts[layout].segments)
                 self._fields(fields, record, padding, False, inside)
                 if inside.lines:
-                    decode = f"c{len(self.given)}"
-                    self.given[decode] = self.shared.codec.layouts[layout][1]
+                    decode = f"{self.writer.values.layout(layout)}[1]"
                     out.add(f"{record} = read_layout({decode}, {actual}, names)")
                     out.lines.extend(inside.lines)
             case ListOf(items=items):
@@ -241,7 +240,7 @@ class FindWriter:
                     header = f"for {part} in listed({actual}, None):"
                 else:
                     places, self.place = self._variable(), self._variable()
-                    holds = self.values.expression(when, WriterLevel(()))
+                    holds = self.writer.values.value(when, LOOKED_UP)
                     known = f"[(place, Names(one, names)) for place, one in enumerate(names[{EACH!r}])]"
                     out.add(f"{places} = [place for place, names in {known} if {holds}]")
                     header = f"for {self.place}, {part} in zip({places}, listed({actual}, len({places}))):"

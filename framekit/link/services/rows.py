@@ -23,11 +23,11 @@ from framekit.definition.problems import did_you_mean, listed
 from framekit.link.addresses import Address, AddressGrammar, code_of
 from framekit.link.frame_table import ProtocolCodec, made_once, table_of
 from framekit.link.packing import Packers, cut_memory, in_unit, numbers_of, values_of
+from framekit.link.value_source import ValueCompiler
 from framekit.link.values import (
     EVALUATION_ERRORS,
     Evaluate,
     Names,
-    ValueCompiler,
     bare_name,
     compile_expression,
     compile_optional,
@@ -55,7 +55,7 @@ class ServiceRows:
         self.protocol = protocol
         self.codec = codec
         self.table = table_of(protocol, codec)
-        self.values = ValueCompiler(codec.layouts, self.table.made)
+        self.values = ValueCompiler(self.table)
         self.grammar = AddressGrammar(protocol.addresses, protocol.areas, protocol.tables)
         rows = {service: tuple(RowFacts(row, self) for row in rows) for service, rows in protocol.services.items()}
         asking = {name: tuple(facts for facts in one if not facts.row.server_only) for name, one in rows.items()}

@@ -17,18 +17,17 @@ from framekit.link.scope import Scope
 from framekit.link.services.areas import Codes, DeviceAreas, Span, span_of
 from framekit.link.services.matching import MatchedRow
 from framekit.link.services.rows import RowFacts
+from framekit.link.value_source import ValueCompiler
 from framekit.link.values import (
-    Compute,
     Evaluate,
     Names,
-    ValueCompiler,
     bare_name,
     compile_expression,
     compile_optional,
 )
 from framekit.memory.memory import AccessError, unit_bits
 
-CompilePart = Callable[[str, Value], Compute]
+CompilePart = Callable[[str, Value], Evaluate]
 """Compiles one word of a place, such as area or start."""
 
 
@@ -52,7 +51,7 @@ class CompiledAfter:
     """What is done when an exchange has ended, if `when` holds."""
 
     when: Evaluate | None
-    set: Sequence[tuple[SetTarget, Compute | None, Compute]]
+    set: Sequence[tuple[SetTarget, Evaluate | None, Evaluate]]
     store: CompiledPlace | None
 
 
@@ -61,12 +60,12 @@ class CompiledJob:
     """A `JobWork` ready to be worked out; what it does not say is None."""
 
     kind: str
-    slot: Compute
+    slot: Evaluate
     report: CompiledPlace | None
-    host: Compute | None
-    every: Compute | None
-    late: Compute | None
-    times: Compute | None
+    host: Evaluate | None
+    every: Evaluate | None
+    late: Evaluate | None
+    times: Evaluate | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,28 +73,28 @@ class CompiledBlock:
     """A `BlockWork` ready to be worked out. `calls` are services of the channel's protocol with their arguments."""
 
     work: BlockWork
-    station: Compute | None
-    params: Mapping[str, Compute]
+    station: Evaluate | None
+    params: Mapping[str, Evaluate]
     session: Evaluate | None
     read: CompiledPlace | None
     write: CompiledPlace | None
     into: CompiledPlace | None
     source: CompiledPlace | None
-    calls: Sequence[tuple[str, Mapping[str, Compute]]]
+    calls: Sequence[tuple[str, Mapping[str, Evaluate]]]
     then: Sequence[CompiledAfter]
     job: CompiledJob | None = None
 
 
-def compile_block(work: BlockWork, compile_value: Callable[[Value], Compute], part: CompilePart) -> CompiledBlock:
+def compile_block(work: BlockWork, compile_value: Callable[[Value], Evaluate], part: CompilePart) -> CompiledBlock:
     """Compiles a block; `part` compiles the words of places, in which areas may stand by their names."""
 
     def place(found: PlaceOf | None) -> CompiledPlace | None:
         return None if found is None else CompiledPlace(found, part)
 
-    def values(fields: Mapping[str, Value]) -> dict[str, Compute]:
+    def values(fields: Mapping[str, Value]) -> dict[str, Evaluate]:
         return {name: compile_value(value) for name, value in fields.items()}
 
-    def one(value: Value | None) -> Compute | None:
+    def one(value: Value | None) -> Evaluate | None:
         return None if value is None else compile_value(value)
 
     asked = work.job
@@ -116,7 +115,7 @@ def compile_block(work: BlockWork, compile_value: Callable[[Value], Compute], pa
 
 
 def compile_afters(
-    rows: Sequence[After], compile_value: Callable[[Value], Compute], part: CompilePart
+    rows: Sequence[After], compile_value: Callable[[Value], Evaluate], part: CompilePart
 ) -> list[CompiledAfter]:
     """Compiles what is done afterwards."""
     return [
@@ -172,14 +171,14 @@ class Work:
         self._read_each = _each_of(work.read) if isinstance(work.read, Mapping) else None
         self._read_as = _as_of(work.read) if isinstance(work.read, Mapping) else None
 
-    def _fields(self, fields: Mapping[str, Value]) -> dict[str, Compute]:
+    def _fields(self, fields: Mapping[str, Value]) -> dict[str, Evaluate]:
         return {name: self._part(name, value) for name, value in fields.items() if name not in ("each", "as")}
 
     @staticmethod
     def part_compiler(values: ValueCompiler, areas: DeviceAreas) -> CompilePart:
         """Compiles the words of a place: a bare word that is an area is that area, not a variable."""
 
-        def part(name: str, value: Value) -> Compute:
+        def part(name: str, value: Value) -> Evaluate:
             word = bare_name(value) if isinstance(value, Expression) else None
             if word is not None and (name == "unit" or (name in ("area", "memory") and word in areas.areas)):
                 return lambda names: word
@@ -187,7 +186,7 @@ class Work:
 
         return part
 
-    def _kept(self, target: SetTarget, value: Value) -> Compute:
+    def _kept(self, target: SetTarget, value: Value) -> Evaluate:
         """A layout's record put into a variable of that layout stays a record."""
         if isinstance(value, LayoutOf) and value.layout in self._holds.get(target.name, ()):
             return self._values.fields(value.fields)
@@ -219,12 +218,12 @@ class Work:
             start_block(self.block, names)
         return data
 
-    def span_of(self, fields: Mapping[str, Compute], names: Names) -> Span:
+    def span_of(self, fields: Mapping[str, Evaluate], names: Names) -> Span:
         """The place that `area|memory|code|text, unit, start, count` mean. Raises UnknownAreaError."""
         given = {name: compute(names) for name, compute in fields.items() if name != "data"}
         return span_of(self.areas, self.grammar, self.codes, given)
 
-    def _do_write(self, fields: Mapping[str, Compute], names: Names) -> None:
+    def _do_write(self, fields: Mapping[str, Evaluate], names: Names) -> None:
         span = self.span_of(fields, names)
         data = fields["data"](names)
         self.areas.write(span, self.facts.packers[span.unit].to_memory(data, span.start, span.count))
@@ -268,7 +267,7 @@ class Work:
             new = [int(update(Names({"old": value}, names))) & mask for value in old]
             self.areas.write(span, memory_of(new, span.unit))
 
-    def _do_drop(self, table: str, when: Compute, names: Names, scope: Scope) -> None:
+    def _do_drop(self, table: str, when: Evaluate, names: Names, scope: Scope) -> None:
         holder = scope[table]
         for key, entry in list(holder.items()):
             if when(Names({"key": key, "entry": entry}, names)):
