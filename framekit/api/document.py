@@ -22,7 +22,7 @@ from framekit.definition.model.frames import Frame, StaticSizes, parts_of
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Bits, Segment
 from framekit.definition.model.values import FrameOf
-from framekit.definition.problems import plural
+from framekit.definition.problems import plural, visible
 from framekit.definition.vectors import FrameVector, read_vectors
 from framekit.definition.wire_types import ANY, NOTHING, Sizes
 
@@ -41,9 +41,9 @@ _FILLS: dict[Shade, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """One segment: its name, what stands below it (the type or the bytes), its size in words, and its shade.
+    """One segment: its name, the line below the name (type or bytes), its size in words, and its shade.
 
-    `bytes_`: its size where that is always the same. `optional`: it may be absent.
+    `bytes_`: its size if it is constant. `optional`: it may be absent.
     """
 
     name: str
@@ -295,7 +295,7 @@ def _name(segment: Segment) -> str:
 
 
 def _what(segment: Segment) -> str:
-    """What a segment is, in the words of docstrings of generated code; of a list only what it is itself."""
+    """Describe a segment in the words of docstrings of generated code; a list without its items."""
     if segment.blocks or segment.inner_record is not None:
         told = f"{segment.called()}" + (f" if {segment.when}" if segment.when is not None else "")
     else:
@@ -304,7 +304,7 @@ def _what(segment: Segment) -> str:
 
 
 def _after_name(segment: Segment) -> str:
-    """What the summary says behind the name, without the condition."""
+    """Return the part of the summary after the name, without the condition."""
     text = summary([segment]).removesuffix(f" if {segment.when}")
     for prefix in (segment.name, segment.called()):
         text = text.removeprefix(f"{prefix} ") if prefix else text
@@ -363,7 +363,7 @@ def _as_markdown(block: Block, pictures: str, files: dict[str, str]) -> str:
             return f"![{_plain(title)}]({pictures}/{file})\n"
         case Listing(language, text):
             fence = "`" * max(3, 1 + max((len(run) for run in re.findall("`+", text)), default=0))
-            return f"{fence}{language}\n{text.rstrip()}\n{fence}\n"
+            return f"{fence}{language}\n{visible(text.rstrip())}\n{fence}\n"
 
 
 _ENTITIES = {sign: f"&{name};" for sign, name in (("&", "amp"), ("<", "lt"), (">", "gt"))} | {
@@ -373,8 +373,8 @@ _ENTITIES = {sign: f"&{name};" for sign, name in (("&", "amp"), ("<", "lt"), (">
 
 
 def _plain(text: str) -> str:
-    """Text that means nothing to Markdown, in one line."""
-    escaped = re.sub(r"([\\`*{}\[\]#!]|(?<!\w)_|_(?!\w))", r"\\\1", " ".join(text.split()))
+    """Return the text in one line without any meaning in Markdown."""
+    escaped = re.sub(r"([\\`*{}\[\]#!]|(?<!\w)_|_(?!\w))", r"\\\1", " ".join(visible(text).split()))
     return "".join(_ENTITIES.get(sign, sign) for sign in escaped)
 
 
@@ -389,22 +389,26 @@ def html(blocks: Sequence[Block]) -> str:
     """One page with everything in it."""
     title = next((block.text for block in blocks if isinstance(block, Heading)), "")
     body = "\n".join(_as_html(block) for block in blocks)
-    head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{_STYLE}</style>'
+    head = f'<meta charset="utf-8"><title>{_as_text(title)}</title><style>{_STYLE}</style>'
     return f'<!doctype html>\n<html lang="en"><head>{head}</head>\n<body>\n{body}\n</body></html>\n'
+
+
+def _as_text(text: str) -> str:
+    return escape(visible(text))
 
 
 def _as_html(block: Block) -> str:
     match block:
         case Heading(level, text):
-            return f"<h{level}>{escape(text)}</h{level}>"
+            return f"<h{level}>{_as_text(text)}</h{level}>"
         case Paragraph(text):
-            return f"<p>{escape(text)}</p>"
+            return f"<p>{_as_text(text)}</p>"
         case PageTable(head, rows):
-            top = "".join(f"<th>{escape(cell)}</th>" for cell in head)
-            lines = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+            top = "".join(f"<th>{_as_text(cell)}</th>" for cell in head)
+            lines = "".join("<tr>" + "".join(f"<td>{_as_text(cell)}</td>" for cell in row) + "</tr>" for row in rows)
             return f"<table><tr>{top}</tr>{lines}</table>"
         case Picture(_, _, svg):
             return svg
         case Listing(language, text):
             kind = ' class="mermaid"' if language == "mermaid" else ""
-            return f"<pre{kind}>{escape(text)}</pre>"
+            return f"<pre{kind}>{_as_text(text)}</pre>"

@@ -1,9 +1,9 @@
-"""Fleets: the gateways that tell a broker how they are, and run files rolled out to them.
+"""Fleets: gateways that publish their health at a broker, and run files rolled out to them.
 
 Each gateway has five topics `GROUP/GATEWAY/…`. `online` (1 or 0, the latter also as the broker's last will), `birth`
 and `health` are retained; `roll` takes a run file, `rolled` gives the answer. A rolled file is signed: HMAC-SHA256 with
-the token over everything it says and a number that the gateway's birth tells and that counts once. So the token never
-goes over the network, and what was heard there cannot be sent again.
+the token over all its parts and a number from the gateway's birth that is valid once. So the token never crosses the
+network, and a recorded file cannot be sent again.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ LARGEST_MESSAGE = 3 * LARGEST_FILE
 ONLINE, BIRTH, HEALTH, ROLL, ROLLED = "online", "birth", "health", "roll", "rolled"
 YES, NO = b"1", b"0"
 SIGN_OF_LIFE = 30
-"""So often a gateway tells its health (s), also when it is the same."""
+"""Period (s) in which a gateway publishes its health even if it is unchanged."""
 STALE_AFTER = 100
 """A gateway whose last sign of life is older than this (s) is not taken to be there."""
 
@@ -48,7 +48,7 @@ def topic(group: str, name: str, what: str) -> str:
 
 
 def signature(token: str, group: str, name: str, number: str, identity: str, file: bytes) -> str:
-    """What only those can say of a rolled file who know the token."""
+    """Return the signature of a rolled file, made with the token."""
     parts = (group.encode(), name.encode(), number.encode(), identity.encode(), hashlib.sha256(file).digest())
     said = b"".join(len(part).to_bytes(4, "big") + part for part in parts)
     return hmac.new(token.encode(errors="surrogateescape"), said, hashlib.sha256).hexdigest()
@@ -64,7 +64,7 @@ def _no_number(text: str) -> None:
 
 
 def from_message(payload: bytes) -> dict[str, Any]:
-    """What others have published; nothing where that is no object of JSON."""
+    """Return the object of a received message; empty if the message is no JSON object."""
     try:
         found = json.loads(payload, parse_constant=_no_number) if len(payload) <= LARGEST_MESSAGE else None
     except (ValueError, RecursionError):
@@ -74,7 +74,7 @@ def from_message(payload: bytes) -> dict[str, Any]:
 
 @dataclass(slots=True)
 class Member:
-    """A gateway as the broker tells of it. `birth` and `health` are what it said last, also when it is down."""
+    """A gateway as its messages show it. `birth` and `health` are the last messages, also when it is down."""
 
     name: str
     online: bool = False
@@ -88,7 +88,7 @@ class Member:
 
     @property
     def is_silent(self) -> bool:
-        """Whether it is said to be there and has given no sign of life for a while, by the clocks of both."""
+        """Whether it counts as online without a sign of life for `STALE_AFTER` seconds, by the clocks of both."""
         said = self.health.get("at")
         try:
             age = time.time() - datetime.fromisoformat(said if isinstance(said, str) else "").timestamp()
@@ -103,7 +103,7 @@ class Member:
 
     @property
     def troubles(self) -> list[str]:
-        """What is not as it should be, in words; the names of what it is about come from the gateway."""
+        """The troubles of its health as phrases; the names in them come from the gateway."""
         found = []
         for key, words in TROUBLES:
             some = self.health.get(key)
@@ -122,10 +122,10 @@ TROUBLES = (
     ("sinks", "sink"),
     ("problems", "problem:"),
 )
-"""What a gateway says of its health: lists of what is not all right, and how that is told."""
+"""The lists of troubles in a health message, and the phrase for each list."""
 MOST_NAMED = 3
 MANY_WAITING = 1000
-"""So many samples wait only where a server is away, or slow."""
+"""So many waiting samples mean that a server is away, or slow."""
 
 
 def _others(some: list[Any]) -> str:
@@ -149,7 +149,7 @@ class GatewayAnswer:
 class Fleet:
     """The gateways of a group at a broker; `with` or `close` ends it. Threads may share it.
 
-    `changed(name)` is called in a thread of its own for everything that a gateway tells. Raises RequestError where the
+    `changed(name)` is called in a thread of its own for each message of a gateway. Raises RequestError where the
     broker cannot be reached or refuses, and without the library.
     """
 
@@ -161,7 +161,7 @@ class Fleet:
         self._reason = ""
         self._echoed = self.connected = False
         self._answers: dict[tuple[str, str], dict[str, Any] | None] = {}
-        """What is awaited, by gateway and number of the question; None: there is no answer yet."""
+        """Awaited answers by gateway and id of the request; None until the answer arrives."""
         self._own = f"{group}/-{secrets.token_hex(8)}"  # no gateway has a topic of two parts
         self._client = self._open()
 
@@ -204,16 +204,11 @@ class Fleet:
     # ---- run files ----------------------------------------------------------------------------------------
 
     def roll(self, names: Iterable[str], file: bytes, token: str, within: float = 60.0) -> list[GatewayAnswer]:
-        """Rolls a run file out to gateways, all at once, and gives what each of them says within so many seconds.
+        """Roll a run file out to gateways, all at once, and return their answers within so many seconds.
 
-        Raises RequestError for a file that is too large or no text; nothing is sent then.
+        Raises RequestError for a file that is too large or no text, before sending it.
         """
-        if len(file) > LARGEST_FILE:
-            raise RequestError(f"the file has {len(file)} bytes – {LARGEST_FILE} at most are rolled out")
-        try:
-            text = file.decode()
-        except UnicodeDecodeError:
-            raise RequestError("the file is no text in UTF-8") from None
+        text = _text_of(file)
         asked: dict[str, str] = {}
         found: dict[str, GatewayAnswer] = {}
         for name in dict.fromkeys(names):
@@ -266,7 +261,7 @@ class Fleet:
             self._changed(member.name)
 
     def _heard(self, client: Client, data: Any, message: Any) -> None:
-        """What the broker keeps comes before the echo of what was published behind the subscription."""
+        """Take a message. The echo of the own message comes after all retained ones."""
         if message.topic == self._own:
             with self._state:
                 self._echoed = True
@@ -301,9 +296,24 @@ def _answer(name: str, said: Mapping[str, Any] | None, within: float) -> Gateway
 
 
 def file_of(path: Path) -> bytes:
-    """The content of a run file that is to be rolled out. Raises RequestError."""
+    """Return the content of a run file to roll out. Raises RequestError if it cannot be read or sent."""
     try:
         with path.open("rb") as stream:
-            return stream.read(LARGEST_FILE + 1)
+            content = stream.read(LARGEST_FILE + 1)
     except OSError as error:
         raise RequestError(f"{path}: {error.strerror}") from None
+    try:
+        _text_of(content)
+    except RequestError as error:
+        raise RequestError(f"{path}: {error}") from None
+    return content
+
+
+def _text_of(file: bytes) -> str:
+    """Return a run file as text. Raises RequestError if it is too large or no text."""
+    if len(file) > LARGEST_FILE:
+        raise RequestError(f"the file has more than {LARGEST_FILE} bytes, the most that is rolled out")
+    try:
+        return file.decode()
+    except UnicodeDecodeError:
+        raise RequestError("the file is no text in UTF-8") from None

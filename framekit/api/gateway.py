@@ -1,8 +1,8 @@
-"""A run that is one of a fleet: it tells a broker how it is, and takes run files that are rolled out to it.
+"""A gateway of a fleet: a run that publishes its health to a broker and takes run files from there.
 
-A rolled file is checked here as `framekit check` does it. What can be changed while the run goes on is changed so; for
-everything else the run ends when no exchange is under way, and begins anew with the other file. The file is replaced
-before any of that, and put back where it comes to nothing. At any moment it is the old one or the new one, whole.
+A rolled file is checked first (`rolled_file`). The gateway then replaces its run file and edits the run in place. If
+the change needs a restart, the run ends as soon as no exchange is open, and starts with the new file. The old file is
+restored if that fails. At any moment the run file is completely the old one or completely the new one.
 """
 
 from __future__ import annotations
@@ -10,14 +10,11 @@ from __future__ import annotations
 import asyncio
 import hmac
 import logging
-import os
 import secrets
 import time
-from collections.abc import Callable, Iterator
-from contextlib import suppress
+from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime
-from ipaddress import ip_address
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -41,17 +38,15 @@ from framekit.api.fleet import (
     topic,
 )
 from framekit.api.replaced_file import ReplacedFile, digest_of
-from framekit.api.run import RunCalls, content_of, reasons
-from framekit.codec.shown import explain
+from framekit.api.rolled_file import MOST_REPORTED, check_apart, files_of_before, more_than, refusal
+from framekit.api.run import RunCalls, content_of
 from framekit.definition.fingerprint import fingerprint
-from framekit.definition.problems import DefinitionError, Problem, library_missing
+from framekit.definition.problems import DefinitionError, library_missing
 from framekit.run.edit import Edit
 from framekit.run.model import RunModel
 from framekit.runfile.fleet import FleetSection
 from framekit.runfile.run_file import load_run
-from framekit.sinks.base import SinkKind
 from framekit.sinks.broker import KEEPALIVE
-from framekit.transport.schemes import writes_files
 
 if TYPE_CHECKING:
     from paho.mqtt.client import Client
@@ -59,9 +54,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 HEALTH_EVERY = 2_000_000_000
-"""How often a gateway looks at its health (ns); what has changed is told."""
-MOST_TOLD = 50
-"""So many problems of a file, and so many names of a kind of trouble, are told."""
+"""Period of the health check (ns); changes are published."""
 SHORTEST_TOKEN = 12
 LONGEST_HOLD = 30
 """Seconds for which a rolled file waits until no exchange is under way."""
@@ -70,11 +63,11 @@ LONGEST_WAIT = 60
 
 
 class Gateway:
-    """The place of one run file in its fleet, while runs of it come and go; `with` tells the fleet of its end.
+    """The membership of one run file in its fleet, over all runs of the file; `with` publishes its end.
 
-    `content`: what the file held when `model` was loaded. To be used in a running loop. `over` is set when the run that
-    is at work has to end because `next_run` is to begin. Raises RequestError without the library, and for a token that
-    cannot be read.
+    `content` is the text that `model` was loaded from. Use it in a running loop. `over` is set when the current run
+    shall end because `next_run` shall begin. Raises RequestError without the library, and for a token that cannot be
+    read.
     """
 
     def __init__(self, path: Path, model: RunModel, content: bytes) -> None:
@@ -85,9 +78,9 @@ class Gateway:
         self._file = ReplacedFile(path)
         self._model, self._content = model, content
         self._before: tuple[RunModel, bytes] | None = None
-        """What counts again if nothing comes of the file that is on trial; None: none is."""
+        """Model and content to restore if the trial of a rolled file fails; None without a trial."""
         self._failed: list[str] = []
-        self._own_files = {*model.files, *_files_of_before(path, self._file)}
+        self._own_files = {*model.files, *files_of_before(path, self._file)}
         self._run: RunCalls | None = None
         self._loop = asyncio.get_running_loop()
         self._began = datetime.now(UTC)
@@ -138,15 +131,15 @@ class Gateway:
     def _topic(self, what: str) -> str:
         return topic(self.fleet.group, self.name, what)
 
-    # ---- what it tells ------------------------------------------------------------------------------------
+    # ---- birth and health ---------------------------------------------------------------------------------
 
     def begins(self, run: RunCalls) -> None:
-        """A run that is about to start is the one that is told of from now on."""
+        """Publish the health of this run from now on; it starts next."""
         self._run, self._health = run, {}
         run.each(HEALTH_EVERY, self._look)
 
     def has_begun(self) -> None:
-        """The run of `begins` has started, and tells of itself: with that a rolled file is applied, or refused."""
+        """Publish the birth of the started run, and answer the rolled file that it runs or has failed to run."""
         self.over.clear()
         self.next_run = None
         failed, self._failed = self._failed, []
@@ -158,22 +151,22 @@ class Gateway:
         else:
             self._bear()
 
-    def has_failed(self, why: list[str]) -> RunModel:
-        """The next run could not begin: the file of before is put back. Gives its run, which is to begin instead."""
-        self._failed = [*why, *self._put_back()]
+    def has_failed(self, error: Exception) -> RunModel:
+        """Restore the previous file because the next run could not begin; return the previous run, to begin instead."""
+        self._failed = [*refusal(error, self.path), *self._put_back()]
         return self._model
 
     def edited(self, model: RunModel, content: bytes) -> None:
-        """The run was changed at the gateway itself, and goes on."""
+        """Publish the run after an edit at the gateway itself."""
         self._model, self._content = model, content
         self._bear()
 
     def _bear(self) -> None:
-        """Tells what this gateway is. The number in it signs one rolled file."""
+        """Publish the birth of this gateway. Its number signs one rolled file."""
         if self._token and not self._number:
             self._number = secrets.token_hex(16)
         if not self._client.is_connected():
-            return  # it is told as soon as there is a connection
+            return  # the connection publishes it later
         birth = {
             "run": self._model.name,
             "about": self._model.about,
@@ -191,7 +184,7 @@ class Gateway:
             self._tell_health()
 
     def _look(self) -> None:
-        """Tells the health where it is another one, and once in a while as a sign of life."""
+        """Publish the health when it has changed, and every `SIGN_OF_LIFE` seconds."""
         if self._run is None:
             return
         health = health_of(self._run)
@@ -212,7 +205,7 @@ class Gateway:
     # ---- rolled files -------------------------------------------------------------------------------------
 
     def _heard(self, payload: bytes) -> None:
-        """A file comes. What is not signed rightly is answered with nothing but that."""
+        """Accept a rolled file. Answer a badly signed file with an error only."""
         data = from_message(payload)
         identity, text, signed = (data.get(key) for key in ("id", "file", "signature"))
         if not (isinstance(identity, str) and isinstance(text, str) and isinstance(signed, str)):
@@ -238,23 +231,25 @@ class Gateway:
         task.add_done_callback(self._tasks.discard)
 
     async def _roll(self, content: bytes) -> None:
-        """Refused without a trace, or on trial: the file is the new one, and the run changes when it can."""
+        """Check a rolled file, then put it on trial and change the run; a refusal changes no file."""
         log.info("fleet: a run file of %d bytes is rolled out", len(content))
         if content == self._content == content_of(self.path):
             self._end_rolling("it is this file already; what it names beside counts from a new start on")
             return
         try:
-            model = await asyncio.to_thread(self._checked, content)
+            self._refuse_unfit(content)
+            await check_apart(self.path, content)
+            model = await asyncio.to_thread(self._loaded, content)
             run = self._run
             if run is None or not run.running:
                 raise ValueError("the run is not at work")
             self._put(model, content)
         except ValueError as error:
-            self._refuse(reasons(error))
+            self._refuse(refusal(error, self.path))
             return
-        except Exception as error:  # whatever a file brings about, this gateway is ready for the next one
+        except Exception as error:  # after any failure this gateway takes the next file
             log.exception("fleet: a rolled file")
-            self._refuse([f"this gateway cannot apply it: {explain(error)}"])
+            self._refuse(refusal(error, self.path))
             return
 
         assert self._before is not None
@@ -276,34 +271,36 @@ class Gateway:
                 if now.name != model.name or fingerprint(now.initial) != fingerprint(model.initial):
                     raise ValueError("names and start values count from a start on")
                 run.edit(model, applied)
-            except ValueError:  # it takes a new start, when no exchange is under way
+            except ValueError:  # the change needs a restart, when no exchange is open
                 run.edit(replace(now, blocks=()), ended)
         except Exception as error:
             waits.cancel()
             log.debug("fleet: a rolled file", exc_info=True)
-            self._take_back(reasons(error) if isinstance(error, ValueError) else [explain(error)])
+            self._take_back(refusal(error, self.path))
 
     def _give_up(self, run: RunCalls, now: RunModel) -> None:
-        """Exchanges that do not end keep a file from being applied; all channels stand still meanwhile."""
+        """Refuse a file that waits too long for the end of an exchange; the wait holds all channels."""
         if self._before is None or self.next_run is not None:
             return
-        run.edit(now)  # what waits is forgotten, and nothing is held any more
+        run.edit(now)  # cancels the waiting edit and releases the channels
         self._take_back([f"an exchange has not ended within {LONGEST_HOLD} s – try again"])
 
-    def _checked(self, content: bytes) -> RunModel:
-        """The run that a rolled file says. Raises DefinitionError, ValueError."""
+    def _refuse_unfit(self, content: bytes) -> None:
+        """Raise ValueError if the file is too large, or the present run file is not the one that was loaded."""
         if len(content) > LARGEST_FILE:
             raise ValueError(f"the file has {len(content)} bytes – {LARGEST_FILE} at most are rolled out")
         if content_of(self.path) != self._content:
             raise ValueError("the run file was edited at the gateway since the run began – start the run anew there")
+
+    def _loaded(self, content: bytes) -> RunModel:
+        """Return the run of a checked file. Raises DefinitionError if the file exceeds its rights."""
         model = load_run(self.path, content.decode())
-        problems = list(more_than(self._model, model, self._file, self._own_files))
-        if problems:
+        if problems := list(more_than(self._model, model, self._file, self._own_files)):
             raise DefinitionError(problems)
         return model
 
     def _put(self, model: RunModel, content: bytes) -> None:
-        """The file is the new one, on trial. Raises ValueError; then it is the old one."""
+        """Replace the run file by `content`, on trial. Raises ValueError; then the file is unchanged."""
         try:
             self._file.put(content)
         except OSError as error:
@@ -312,7 +309,7 @@ class Gateway:
         self._model, self._content = model, content
 
     def _keep(self) -> None:
-        """The trial has ended well."""
+        """End the trial; the new file stays."""
         self._before = None
         self._own_files |= set(self._model.files)
         try:
@@ -321,7 +318,7 @@ class Gateway:
             log.warning("fleet: the trial of a rolled file is not noted to be over: %s", error)
 
     def _put_back(self) -> list[str]:
-        """The trial has ended badly; what went wrong with that too."""
+        """End the trial and restore the previous file; return the problems of the restoration."""
         if self._before is None:
             return []
         self._model, self._content = self._before
@@ -336,16 +333,14 @@ class Gateway:
         self._refuse([*why, *self._put_back()])
 
     def _refuse(self, problems: list[str]) -> None:
-        told = problems[:MOST_TOLD]
-        for folder in {self.path.parent.resolve(), self.path.parent.absolute()}:
-            told = [one.replace(f"{folder}{os.sep}", "") for one in told]
-        if len(problems) > MOST_TOLD:
-            told.append(f"and {len(problems) - MOST_TOLD} more")
-        log.warning("fleet: a rolled file is refused: %s", told[0] if told else "")
-        self._end_rolling("", told)
+        reported = problems[:MOST_REPORTED]
+        if len(problems) > MOST_REPORTED:
+            reported.append(f"and {len(problems) - MOST_REPORTED} more")
+        log.warning("fleet: a rolled file is refused: %s", reported[0] if reported else "")
+        self._end_rolling("", reported)
 
     def _end_rolling(self, how: str, problems: list[str] | None = None) -> None:
-        """Answers what is being rolled out. What this gateway is now, with a new number, is told before that."""
+        """Answer the sender of the rolled file, after publishing the birth with a new number."""
         said, self._rolling = self._rolling, None
         self._bear()
         if said is not None:
@@ -365,7 +360,7 @@ class Gateway:
         self._in_loop(self._bear)
 
     def _message(self, client: Client, data: Any, message: Any) -> None:
-        """What comes to its own topics: rolled files, and what others say under its name."""
+        """Take a message to a topic of this gateway: a rolled file, or the health of a namesake."""
         if message.retain:
             return
         what = message.topic.rpartition("/")[2]
@@ -375,7 +370,7 @@ class Gateway:
         elif what == HEALTH:
             if from_message(payload).get("instance") != self._instance:
                 self._in_loop(self._is_not_alone)
-        elif payload == NO:  # the will of a connection that was lost: this one is there
+        elif payload == NO:  # the will of an earlier connection; this gateway is online
             self._in_loop(self._bear)
 
     def _is_not_alone(self) -> None:
@@ -389,7 +384,7 @@ class Gateway:
 
 
 def health_of(run: RunCalls) -> dict[str, Any]:
-    """What is not as it should be: nothing but empty lists when all is well."""
+    """Return the troubles of a run by kind; all lists are empty when all is well."""
     status = run.status()
     failing = [
         f"{block.label} {block.name}".strip()
@@ -404,82 +399,12 @@ def health_of(run: RunCalls) -> dict[str, Any]:
             channel.number
             for channel in status.channels
             if channel.state != "open" and ((one := run.run.channels.get(channel.number)) is None or one.enabled)
-        ][:MOST_TOLD],
-        "failing": failing[:MOST_TOLD],
-        "bad": [name for name, point in points.items() if point.quality != "good"][:MOST_TOLD],
-        "sinks": sinks[:MOST_TOLD],
-        "problems": run.problems[:MOST_TOLD],
+        ][:MOST_REPORTED],
+        "failing": failing[:MOST_REPORTED],
+        "bad": [name for name, point in points.items() if point.quality != "good"][:MOST_REPORTED],
+        "sinks": sinks[:MOST_REPORTED],
+        "problems": run.problems[:MOST_REPORTED],
     }
-
-
-def more_than(old: RunModel, new: RunModel, file: ReplacedFile, own: set[str]) -> Iterator[Problem]:
-    """What a rolled file may not say: another fleet, secrets for another place, files and ports of others.
-
-    `own`: files that runs of this gateway have written.
-    """
-    if new.fleet is None or fingerprint(new.fleet) != fingerprint(old.fleet):
-        at = new.at if new.fleet is None else new.fleet.at
-        yield Problem(at, "a rolled file stays in its fleet, and says the same of it", "change that on the gateway")
-    known = {_in_essence(sink) for sink in old.sinks}
-    for sink in new.sinks:
-        if _in_essence(sink) in known:
-            continue
-        if sink.has_secret:
-            what = "a sink with a secret, or one that the system gives, is not of the present file"
-            yield Problem(sink.at, what, "change that sink on the gateway first")
-        if sink.listens is not None and not _is_local(sink.listens[0]):
-            what = f"{sink.target} can be reached from outside, and the present file does not have it so"
-            yield Problem(sink.at, what, "listen on 127.0.0.1, or change that on the gateway first")
-    ports = {channel.port for channel in old.channels.values()}
-    for channel in new.channels.values():
-        if channel.port not in ports and writes_files(channel.port):
-            what = f"the port '{channel.port}' writes into a file, and the present file does not have it"
-            yield Problem(channel.port_at, what, "name another port")
-    here = Path(os.path.realpath(new.folder))
-    for name in new.files:
-        path = Path(os.path.realpath(name))
-        if name in own:
-            continue
-        if not path.is_relative_to(here):
-            what = f"'{name}' is not in the folder of the run file"
-            yield Problem(new.at, f"{what}, and a rolled file writes nothing elsewhere", "name a file in that folder")
-        elif path in file.companions or _is_taken(Path(name)):
-            what = f"'{name}', or a file named after it, is there already, and neither this run nor the last has it"
-            yield Problem(new.at, what, "name a file that is not there")
-
-
-def _is_taken(path: Path) -> bool:
-    """Whether a file is there, or one that the same sink would name so: those before it, parts of it."""
-    if os.path.lexists(path):
-        return True
-    try:
-        names = os.listdir(path.parent)
-    except OSError:
-        return False
-    put_aside = f"{path.stem}."
-    return any(
-        one.startswith(path.name) or (path.suffix and one.startswith(put_aside) and one.endswith(path.suffix))
-        for one in names
-    )
-
-
-def _in_essence(sink: SinkKind) -> str:
-    """What a sink is but for which points go there, and how often."""
-    return fingerprint(replace(sink, points=("*",), every=None))
-
-
-def _is_local(host: str) -> bool:
-    with suppress(ValueError):
-        return ip_address(host).is_loopback
-    return host == "localhost"
-
-
-def _files_of_before(path: Path, file: ReplacedFile) -> tuple[str, ...]:
-    """Those that the run of before wrote."""
-    try:
-        return load_run(path, file.before.read_text("utf-8")).files
-    except (OSError, ValueError):
-        return ()
 
 
 def _utc(moment: datetime) -> str:

@@ -1,4 +1,4 @@
-"""What is shown as rows of text: what was seen on a line, and how a run is doing at one moment."""
+"""Rows of text for the events of a line and for the status of a run."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class FrameEntry:
 
 @dataclass(frozen=True, slots=True)
 class FieldRow:
-    """One field of a frame: its path, where it stands and what it says."""
+    """One field of a frame: path, offset, bytes and value."""
 
     path: str
     offset: int
@@ -134,7 +134,7 @@ def block_row(one: BlockStatus) -> tuple[str, ...]:
 
 
 def removed_row(one: RemovedBlocks) -> tuple[str, ...]:
-    """What is left of blocks that an edit took out."""
+    """Return the row of blocks that an edit has removed."""
     why = ", ".join(f"{count} × {reason}" for reason, count in sorted(one.reasons.items()))
     return (
         "-", "-", plural(one.blocks, "removed block"), str(one.channel), "gone", str(one.done), str(one.failed),

@@ -15,6 +15,8 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TextIO, TypeVar
 
+from framekit.cli.terminal import unguarded
+
 if TYPE_CHECKING:
     import asyncio
     from types import FrameType
@@ -402,8 +404,10 @@ def in_words() -> Iterator[None]:
 
 
 def table(rows: Sequence[Sequence[str]], head: Sequence[str]) -> str:
-    """Return rows in columns, left-aligned, under a head."""
-    lines = [list(head), *[list(row) for row in rows]]
+    """Return rows in columns, left-aligned, under a head; invisible characters as escapes."""
+    from framekit.definition.problems import printable
+
+    lines = [[printable(cell) for cell in row] for row in (head, *rows)]
     widths = [max(len(line[column]) for line in lines) for column in range(len(head))]
     return "\n".join(
         "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines
@@ -423,9 +427,18 @@ def plain(value: Any) -> Any:
 
 
 def print_json(value: Any) -> None:
+    """Print a value as one line of JSON."""
+    print(json_line(value))
+
+
+def json_line(value: Any, default: Callable[[Any], Any] | None = None) -> str:
+    """Return a value as one line of JSON, invisible characters as escapes; `default` converts other objects."""
     import json
 
-    print(json.dumps(value, ensure_ascii=False).encode(errors="backslashreplace").decode())
+    text = json.dumps(value, ensure_ascii=False, default=default)
+    if text.isprintable():
+        return text
+    return "".join(sign if sign.isprintable() else json.dumps(sign)[1:-1] for sign in text)
 
 
 class Unread:
@@ -474,6 +487,10 @@ def seen_text(
     if where:
         place = f"{where} {place}"
     what = f"{seen.frame if kind == 'frame' else _rows().what_was_seen(seen):<22}"
+    if not what.isprintable():
+        from framekit.definition.problems import printable
+
+        what = printable(what)
     if kind in COLOUR_OF_KIND:
         what = painted(what, COLOUR_OF_KIND[kind], sys.stdout if stream is None else stream)
     if type(time) is float:
@@ -544,7 +561,7 @@ class ProgressLine:
     ) -> None:  # fmt: skip
         self.says = says
         self._what = what
-        self._stream = sys.stderr if stream is None else stream
+        self._stream = unguarded(sys.stderr if stream is None else stream)
         self._after = after
         self._over = threading.Event()
         self._thread: threading.Thread | None = None
@@ -561,11 +578,13 @@ class ProgressLine:
             self._thread.join()
 
     def _show(self) -> None:
+        from framekit.definition.problems import printable
+
         began, wait, width = time.monotonic(), self._after, 0
         while not self._over.wait(wait):
             wait = SHOWN_EVERY
             said = self.says()
-            text = f"{self._what}: {time.monotonic() - began:.0f} s{f', {said}' if said else ''}"[:WIDEST]
+            text = printable(f"{self._what}: {time.monotonic() - began:.0f} s{f', {said}' if said else ''}")[:WIDEST]
             self._stream.write("\r" + text.ljust(width))
             self._stream.flush()
             width = len(text)

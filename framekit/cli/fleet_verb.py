@@ -1,4 +1,4 @@
-"""`framekit fleet BROKER`: the gateways that tell a broker how they are, and run files rolled out to them."""
+"""`framekit fleet BROKER`: list the gateways of a fleet, and roll run files out to them."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def run_fleet(arguments: argparse.Namespace) -> int:
 
 
 def refuse_useless(arguments: argparse.Namespace) -> None:
-    """Raises WordsError for options that have no effect, or lack another one."""
+    """Raise WordsError for options that have no effect, or need another option."""
     if arguments.roll is None:
         for name, given in (("--all", arguments.all), ("--token", arguments.token), ("--within", arguments.within)):
             if given:
@@ -143,7 +143,7 @@ def kept_secret(option: str, text: str, what: str) -> Secret:
 
 
 def row_of(member: Member) -> tuple[str, ...]:
-    """A gateway in words, without what would move the cursor of a terminal."""
+    """Return the cells of a gateway."""
     birth = member.birth
     state = "silent" if member.is_silent else "up" if member.online else "down"
     words = (
@@ -151,7 +151,7 @@ def row_of(member: Member) -> tuple[str, ...]:
         str(birth.get("points", "")), member.said("version"), member.said("file"),
         "; ".join(member.troubles) or ("good" if member.health else "-"),
     )  # fmt: skip
-    return tuple(printable(word) for word in words)
+    return words
 
 
 def data_of(member: Member) -> dict[str, Any]:
@@ -206,7 +206,7 @@ def watch(fleet: Fleet, arguments: argparse.Namespace, changed: queue.SimpleQueu
             if arguments.json:
                 print_json(data_of(member))
             else:
-                print(f"{time.strftime('%H:%M:%S')}  " + "  ".join(word for word in row if word), flush=True)
+                print(printable(f"{time.strftime('%H:%M:%S')}  " + "  ".join(word for word in row if word)), flush=True)
 
 
 def show_answers(answers: list[GatewayAnswer], as_json: bool) -> int:

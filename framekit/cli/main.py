@@ -70,6 +70,14 @@ def _main(words: list[str]) -> int:
     if words == ["--version"]:  # without the parser, whose imports take longer than the answer
         print(f"framekit {__version__}")
         return 0
+    from framekit.cli.terminal import guarded_terminals
+
+    with guarded_terminals():
+        return _verb(words)
+
+
+def _verb(words: list[str]) -> int:
+    """Parse the words of a verb, run it, and print its errors."""
     from framekit.cli.common import VerbError, tell_error, tell_problems
     from framekit.cli.parser import VERBS, build_parser, parse
 

@@ -12,6 +12,7 @@ from itertools import chain, islice
 from pathlib import Path
 
 from framekit.cli.common import VerbError, WordsError, in_words, time_of
+from framekit.definition.problems import printable
 
 FURTHEST = (1 << 63) - 1
 """No time in a history lies further from 1970 (ns)."""
@@ -91,10 +92,11 @@ def run_history(arguments: argparse.Namespace) -> int:
 
 
 def _print_pages(head: Sequence[str], page: Sequence[Sequence[str]], rows: Iterator[Sequence[str]]) -> None:
-    """A table of any length: columns get wider where a later page needs it, and never narrower."""
+    """Print a table of any length: columns get wider where a later page needs it, and never narrower."""
     widths = [len(title) for title in head]
     lines = [head, *page]
     while lines:
+        lines = [tuple(map(printable, line)) for line in lines]
         widths = [max(width, *map(len, column)) for width, column in zip(widths, zip(*lines, strict=True), strict=True)]
         for line in lines:
             print("  ".join(map(str.ljust, line, widths)).rstrip())

@@ -1,8 +1,7 @@
-"""What is printed of a run: what it does, its status, the load of its channels, for people or as JSON."""
+"""Output of a run, for people or as JSON: its events, its status, the load of its channels."""
 
 from __future__ import annotations
 
-import json
 import sys
 from collections import Counter
 from collections.abc import Iterable
@@ -24,7 +23,7 @@ from framekit.api.rows import (
     removed_row,
     sink_row,
 )
-from framekit.cli.common import plain, seen_data, seen_text, table, tables, told
+from framekit.cli.common import json_line, plain, seen_data, seen_text, table, tables, told
 from framekit.definition.problems import plural
 from framekit.definition.times import format_time, milliseconds
 
@@ -170,7 +169,7 @@ def _plain(channel: dict[str, Any]) -> dict[str, Any]:
 
 
 SOON = 20_000_000
-"""What was seen is printed so much later (ns) at most, together with all that was seen meanwhile."""
+"""Longest delay (ns) of the output of an event; all events of that time are printed together."""
 
 MOST = 500
 """So many lines do not wait any longer."""
@@ -221,17 +220,17 @@ class RunOutput:
             self.catch_up()
 
     def catch_up(self) -> None:
-        """Prints what was seen and has not been printed yet."""
+        """Print the events that wait for their output."""
         if self._noted:
             noted, self._noted = self._noted, []
             put("\n".join([*self.lines(noted), ""]))
 
     def lines(self, noted: list[tuple[Channel, Seen]]) -> Iterable[str]:
-        """What is printed of what was seen."""
+        """Return the output of events."""
         raise NotImplementedError
 
     def edited(self, edit: Edit) -> None:
-        """An edited run is at work; what was worked out for channels that are others now is forgotten."""
+        """Take over an edited run; forget the loads of the channels that the edit has touched."""
         self.catch_up()
         self.run = edit.run
         self.loads = tuple(load for load in self.loads if load.channel.number not in edit.touched)
@@ -245,7 +244,7 @@ class RunOutput:
             self.warning(reason)
 
     def blocks(self, status: RunStatus) -> list[tuple[Block, BlockStatus, str]]:
-        """The blocks with their status, and how each ended last, '' where that was well."""
+        """Return the blocks with their status and the last failure of each, '' if it ended well."""
         models = {block.id: block for block in self.run.blocks}
         found = []
         for one in status.blocks:
@@ -312,7 +311,7 @@ class TextOutput(RunOutput):
 
 
 class JsonOutput(RunOutput):
-    """One JSON object a line: `seen` for what goes by, `block` and `channel` for each of these at the end."""
+    """Print one JSON object a line: events of the lines, then `block` and `channel` objects at the end."""
 
     def lines(self, noted: list[tuple[Channel, Seen]]) -> Iterable[str]:
         from framekit.api.monitor import result_of
@@ -321,7 +320,7 @@ class JsonOutput(RunOutput):
         for channel, seen in noted:
             result, plain = result_of(channel.protocol, seen, channel.role), PlainValues(channel.protocol)
             line = seen_data(seen, self.seconds(seen.at), plain, channel=channel.number, result=result)
-            yield json.dumps(line, ensure_ascii=False)
+            yield json_line(line)
 
     def edited(self, edit: Edit) -> None:
         super().edited(edit)
@@ -332,7 +331,7 @@ class JsonOutput(RunOutput):
 
     def data(self, **line: Any) -> None:
         self.catch_up()
-        print(json.dumps(line, ensure_ascii=False, default=str), flush=True)
+        print(json_line(line, default=str), flush=True)
 
     def summary(self, run: RunCalls) -> None:
         self.catch_up()

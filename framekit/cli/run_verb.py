@@ -41,7 +41,7 @@ R = TypeVar("R")
 
 
 class Watched(NamedTuple):
-    """A run file, and what it held before it was loaded; None: it could not be read."""
+    """A run file and its content before it was loaded; None if it could not be read."""
 
     path: Path
     content: bytes | None
@@ -228,7 +228,7 @@ class RealRun:
 
     def _begun(self, loaded: RunModel, page: WebPage) -> AsyncRun:
         """The run, not started. One that a rolled file says, and that cannot be, is the one of before."""
-        from framekit.api.run import AsyncRun, reasons
+        from framekit.api.run import AsyncRun
 
         gateway = self._gateway
         try:
@@ -236,12 +236,12 @@ class RealRun:
         except (OSError, ValueError, VerbError) as error:
             if gateway is None or gateway.next_run is None:
                 raise
-            before = gateway.has_failed(reasons(error) if isinstance(error, ValueError) else [str(error)])
+            before = gateway.has_failed(ValueError(str(error)) if isinstance(error, VerbError) else error)
             self._output = self._make_output(before)
             return made(AsyncRun, before, self._monitor(page), self.watch)
 
     def _monitor(self, page: WebPage) -> OnSeen | None:
-        """Who is told what goes over the lines."""
+        """Return the callback for events of the lines."""
         return page.monitor(None if self.watch.quiet else self._output.seen)
 
     async def _one(self, loaded: RunModel, page: WebPage, unread: Unread) -> Ended:
@@ -291,8 +291,7 @@ class RealRun:
         threading.Thread(target=read, name="framekit-control", daemon=True).start()
 
     async def _watch_file(self, run: RunCalls) -> None:
-        """Applies what the file says whenever it says something else; what it cannot apply is told, and the run goes
-        on."""
+        """Apply each change of the run file; print a warning for changes that cannot be applied, and go on."""
         from framekit.api.run import FileWatch, reads_only, reasons
 
         output = self._output
@@ -323,7 +322,7 @@ def settle(path: Path) -> None:
 
 
 class Ended(NamedTuple):
-    """What a run did not do: what could not be kept or captured, and channels whose ports could never be opened."""
+    """Failures of a run: samples or captures that could not be kept, and channels whose ports never opened."""
 
     problems: list[str]
     never_open: list[str]
@@ -352,7 +351,7 @@ class RunWatch:
         begin_log(arguments.log)
 
     def begin(self, run: RunCalls, catch_up: Callable[[], None]) -> None:
-        """Asks for the times of the status; `catch_up` prints what was seen before."""
+        """Asks for the times of the status; `catch_up` prints the events before."""
         self._run, self._catch_up = run, catch_up
         if self._every:
             run.each(self._every, self.show)
@@ -360,7 +359,7 @@ class RunWatch:
             on_signal("SIGUSR1", self.show)
 
     def at_end(self) -> None:
-        """Shows the status for the last time, where it was asked for."""
+        """Print the last status, if the options ask for it."""
         if self._at_end:
             self.show()
 

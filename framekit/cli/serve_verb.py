@@ -1,11 +1,10 @@
-"""`framekit serve PROTOCOL --port PORT`: devices that answer on a port, with memory, until told to stop."""
+"""`framekit serve PROTOCOL --port PORT`: serve devices with memory on a port until a signal stops them."""
 
 from __future__ import annotations
 
 import argparse
 import asyncio
 import contextlib
-import json
 import sys
 import time
 from collections.abc import Callable, Iterable
@@ -19,6 +18,7 @@ from framekit.cli.common import (
     duration_of,
     each_once,
     in_words,
+    json_line,
     on_signal,
     on_stop,
     period_of,
@@ -106,7 +106,7 @@ def run_serve(arguments: argparse.Namespace) -> int:
 
 
 def server_of(arguments: argparse.Namespace) -> AsyncServer:
-    """What the command line asks for, not yet open. Raises DefinitionError, WordsError."""
+    """Return the servers of the command line, not yet open. Raises DefinitionError, WordsError."""
     from framekit.api.server import aserve
 
     given: dict[str, Any] = {
@@ -299,7 +299,7 @@ class JsonServeOutput(ServeOutput):
     """One JSON object a line."""
 
     def data(self, line: dict[str, Any]) -> None:
-        self.line(json.dumps(line, ensure_ascii=False))
+        self.line(json_line(line))
 
     def show_ready(self) -> None:
         server = self.server

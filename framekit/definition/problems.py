@@ -68,6 +68,21 @@ def printable(text: str) -> str:
     return text if text.isprintable() else "".join(sign if sign.isprintable() else repr(sign)[1:-1] for sign in text)
 
 
+def visible(text: str) -> str:
+    """Return the text with its invisible characters as escapes; line ends, tabs and other spaces remain.
+
+    Invisible are control characters, bidirectional marks, characters of no width and lone surrogates.
+    """
+    return text if text.isprintable() else "".join(map(_visible_sign, text))
+
+
+def _visible_sign(sign: str) -> str:
+    from unicodedata import category
+
+    is_visible = sign.isprintable() or sign in "\n\t" or category(sign) == "Zs"
+    return sign if is_visible else repr(sign)[1:-1]
+
+
 def plural(number: int, noun: str) -> str:
     """Return the number with its noun: `1 byte`, `2 bytes`."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

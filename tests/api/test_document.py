@@ -9,7 +9,18 @@ from xml.etree import ElementTree
 
 import pytest
 
-from framekit.api.document import Box, Heading, PageTable, Picture, byte_diagram, document, html, markdown
+from framekit.api.document import (
+    Box,
+    Heading,
+    Listing,
+    PageTable,
+    Paragraph,
+    Picture,
+    byte_diagram,
+    document,
+    html,
+    markdown,
+)
 from framekit.api.vectors import vectors_path
 from framekit.cli.main import main
 from framekit.definition.load.protocol import definition_path, load_protocol, load_protocol_text
@@ -84,6 +95,14 @@ def test_text_of_a_definition_is_never_markup() -> None:
     table = [line for line in text.splitlines() if "img src" in line]
     assert len(table) == 1 and len(re.findall(r"(?<!\\)\|", table[0])) == 5
     assert list(pictures) == ["A.svg"] and ElementTree.fromstring(pictures["A.svg"]) is not None
+
+
+def test_invisible_characters_are_shown() -> None:
+    marks = "a\u202eb\u2066c\x1b[2Jd\x9b"
+    blocks = [Heading(1, marks), Paragraph(marks), PageTable([marks], [[marks]]), Listing("", marks)]
+    for page, times in ((html(blocks), 6), (markdown(blocks, "pictures")[0], 5)):
+        assert not set(page) & set("\u202e\u2066\x1b\x9b")
+        assert page.replace("\\\\", "\\").count("\\u202e") == times, page
 
 
 def test_a_long_frame_has_several_rows_and_strange_signs_are_shown_as_such() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import threading
 from collections.abc import Mapping
 from contextlib import redirect_stderr, redirect_stdout
@@ -10,8 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from framekit.cli.common import ProgressLine, has_colours, painted
+from framekit.cli.common import ProgressLine, has_colours, json_line, painted
 from framekit.cli.main import main
+from framekit.cli.terminal import harmless
 
 OWN = "protocol: own\nline: {kind: stream}\nframes:\n  one: {body: [{const: 01}, {field: value, type: u8}]}\n"
 CASES = "vectors: own\nframes:\n  - {frame: one, bytes: 01 02, values: {value: 2}}\n"
@@ -101,3 +103,65 @@ def test_cases_tell_how_many_are_done(tmp_path: Path) -> None:
     told: list[tuple[int, int]] = []
     assert len(run_vectors(tmp_path / "own.yaml", None, lambda done, of: told.append((done, of)))) == 2
     assert told == [(1, 2), (2, 2)]
+
+
+# ---- text of devices and files --------------------------------------------------------------------------------------
+
+EVIL = "\x1b]0;owned\x07\x9b2J\r\u202e"
+SHOWN = r"\x1b]0;owned\x07\x9b2J\r\u202e"
+DEVICE = """device: t
+protocol: modbus-tcp
+station: 1
+memory: {set: {"40001": [0x1b5d, 0x303b, 0x7077, 0x6e07, 0x0d00]}}
+"""
+RUN = """run: t
+channels:
+  1: {port: "sim:t.device.yaml", protocol: modbus-tcp, station: 1}
+points:
+  esc: {channel: 1, address: "40001", type: string, size: 10}
+sinks:
+  - {sqlite: t.db}
+"""
+
+
+@pytest.mark.parametrize("stream", [Terminal, io.StringIO])
+def test_text_of_a_device_is_shown_and_never_obeyed(
+    stream: type[io.StringIO], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "t.device.yaml").write_text(DEVICE, "utf-8")
+    (tmp_path / "t.run.yaml").write_text(RUN, "utf-8")
+    monkeypatch.chdir(tmp_path)
+    output = stream()
+    with redirect_stdout(output), redirect_stderr(output):
+        station = ["--port", "sim:t.device.yaml", "--station", "1"]
+        main(["read", "modbus-tcp", *station, "40001", "--type", "string", "-n", "10"])
+        main(["run", "t.run.yaml", "--virtual", "--for", "3s"])
+        main(["history", "t.run.yaml"])
+    text = output.getvalue()
+    assert text.count(r"\x1b]0;pwn\x07\r") == 3, text
+    assert not set(text) & set("\x1b\x07\r"), text
+
+
+@pytest.mark.parametrize("verb", ["check", "decode", "monitor"])
+def test_no_text_of_a_command_line_or_a_file_reaches_a_terminal_raw(
+    verb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    output = Terminal()
+    with redirect_stdout(output), redirect_stderr(output):
+        more = {"decode": ["00"], "monitor": ["--port", "x"]}.get(verb, [])
+        main([verb, f"{EVIL}.yaml", *more])
+    assert SHOWN in output.getvalue()
+    assert not set(output.getvalue()) & set("\x07\x9b\r\u202e"), output.getvalue()
+
+
+def test_a_guarded_terminal_keeps_lines_spaces_and_own_colours() -> None:
+    kept = "one\ttwo\nthree\u00a0four \x1b[31mred\x1b[0m é 中"
+    assert harmless(kept) == kept
+    assert harmless(EVIL) == SHOWN
+    assert harmless("\x1b[5mblink\x1b[2J") == r"\x1b[5mblink\x1b[2J"
+
+
+def test_json_is_of_visible_characters_and_the_same_value() -> None:
+    line = json_line({EVIL: ["\ud800", "\U000e0041", "é"]})
+    assert line.isprintable() and json.loads(line) == {EVIL: ["\ud800", "\U000e0041", "é"]}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -155,6 +156,7 @@ def test_a_run_file_is_rolled_out_or_refused_whole(
         path = write_run(tmp_path / "one", "one", broker.port)
         other = write_run(tmp_path / "two", "two", broker.port, "")
         old, place = path.read_text(), f"127.0.0.1:{broker.port}"
+        path.with_name("db.password").write_text("S3cr3t: {very: S3cr3t}\n")
         rolled = tmp_path / "rolled.run.yaml"
 
         def roll(text: str, token: str = TOKEN, name: str = "one") -> tuple[int, list[str]]:
@@ -175,6 +177,9 @@ def test_a_run_file_is_rolled_out_or_refused_whole(
                 ),
                 "jsonl: rows.jsonl": ("prometheus: '0.0.0.0:0'", "0.0.0.0:0 can be reached from outside"),
                 "rows.jsonl}": ("printed}", "printed', or a file named after it, is there already"),
+                "{jsonl: rows.jsonl}": ("{jsonl: site.py}", "'site.py' is not the name of a data file"),
+                "channel: 1, address": ("channel: 1, scale: {}, address", "meter.run.yaml:5:"),
+                "protocol: modbus-tcp": ("protocol: db.password", "db.password: this file has 2 problems"),
                 "{jsonl: rows.jsonl": ("{jsonl: meter.run.yaml.before", "there already"),
                 'port: "sim:meter.device.yaml"': ("port: 'spy:///dev/null?file=rows'", "writes into a file"),
                 "- {jsonl: rows.jsonl": ("- {postgres: 'postgresql://127.0.0.1:1/x'", "one that the system gives"),
@@ -185,6 +190,7 @@ def test_a_run_file_is_rolled_out_or_refused_whole(
             for part, (instead, told) in wrong.items():
                 status, lines = roll(old.replace(part, instead))
                 assert status == 1 and lines[0] == "one: refused" and told in "\n".join(lines[1:]), lines
+                assert "S3cr3t" not in "".join(lines)
                 assert path.read_text() == old
             assert "signed" in roll(old, "another token of letters")[1][1]
             assert roll(old, name="two") == (
@@ -204,7 +210,17 @@ def test_a_run_file_is_rolled_out_or_refused_whole(
             status, lines = roll(more.replace("sinks:", f"{blocks}sinks:").replace("every: 1 s", "every: 2 s"))
             assert (status, lines) == (0, ["one: applied while it goes on: block 0 changed"])
         counted = rows(path.with_name("rows.jsonl"))
-        assert counted and "Traceback" not in path.with_name("printed").read_text()
+        assert counted and not {"Traceback", "S3cr3t"} & set(re.findall(r"\w+", path.with_name("printed").read_text()))
+
+
+def test_a_file_that_is_too_large_or_no_text_is_not_sent(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "token").write_text(TOKEN)
+    rolled = tmp_path / "rolled.run.yaml"
+    for content, told in ((b"#" * ((1 << 20) + 1), "more than 1048576 bytes"), (b"\xff", "no text in UTF-8")):
+        rolled.write_bytes(content)
+        words = ["fleet", "127.0.0.1:1", "one", "--roll", str(rolled), "--token", f"file:{tmp_path / 'token'}"]
+        assert main(words) == 1
+        assert told in capsys.readouterr().err
 
 
 @needs_mosquitto
@@ -214,15 +230,15 @@ def test_a_run_that_cannot_begin_is_the_one_of_before_again(tmp_path: Path) -> N
         old = path.read_bytes()
         with gateway(path):
             watcher.wait("one", is_well)
-            wrong = old.replace(b"sinks:", b"memory: masterlogic\nstate: kept\nsinks:")
+            wrong = old.replace(b"sinks:", b"memory: masterlogic\nstate: kept.state\nsinks:")
             for text in (wrong, old):  # from now on that file is one of this gateway's own
                 (answer,) = watcher.fleet.roll(["one"], text, TOKEN)
                 assert answer.ok, answer
                 watcher.wait("one", is_well)
             before = path.with_name("meter.run.yaml.before").read_bytes()
-            path.with_name("kept").write_text("this is no state")
+            path.with_name("kept.state").write_text("this is no state")
             (answer,) = watcher.fleet.roll(["one"], wrong, TOKEN)
-            assert not answer.ok and "kept is no state file" in answer.problems[0], answer
+            assert not answer.ok and "kept.state is no state file" in answer.problems[0], answer
             assert path.read_bytes() == old and path.with_name("meter.run.yaml.before").read_bytes() == before == wrong
             watcher.wait("one", is_well)
             part = path.with_name(".meter.run.yaml.part")

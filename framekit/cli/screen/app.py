@@ -1,4 +1,4 @@
-"""The live display: channels with their load, blocks, scrolling frames, the fields of the one that is selected."""
+"""The live display: channels with their load, blocks, scrolling frames, the fields of the selected frame."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from framekit.api.monitor import parse_filter
 from framekit.api.rows import BLOCK_HEAD, FIELD_HEAD, FRAME_HEAD, POINT_HEAD, block_row, field_row, frame_row
 from framekit.api.run import COMMANDS
 from framekit.cli.common import VerbError
-from framekit.definition.problems import plural
+from framekit.definition.problems import plural, printable
 
 if TYPE_CHECKING:
     from framekit.api.monitor import LineOf, LiveView
@@ -34,8 +34,8 @@ STATUS_EVERY = 10
 class MonitorApp(App[None]):
     """Shows one session until its time is over or the user quits.
 
-    Timers and messages still come while the display is taken down, and widgets go one by one: each is held by its name
-    here, none is looked for, and drawing on one that is gone shows nothing.
+    Timers and messages still arrive while the display closes its widgets. Therefore each widget is an
+    attribute here and never searched for; drawing on a closed widget has no effect.
     """
 
     CSS = """
@@ -59,7 +59,7 @@ class MonitorApp(App[None]):
     def __init__(self, session: LiveSession) -> None:
         super().__init__()
         self.session = session
-        self.title = f"framekit {session.title}"
+        self.title = printable(f"framekit {session.title}")
         self.view: LiveView | None = None
         self.failure: Exception | None = None
         self.paused = False
@@ -141,7 +141,7 @@ class MonitorApp(App[None]):
         counts = self.view.log.counts
         frames = plural(counts["frame"], "frame")
         lines.append(f"{frames}, {counts['bad']} bad, {counts['noise']} times noise{self._in_force()}")
-        self.channels.update("\n".join(lines))
+        self.channels.update("\n".join(map(printable, lines)))
         self.blocks.clear()
         for block in self.view.blocks():
             self.blocks.add_row(*_as_it_is(block_row(block)))
@@ -154,7 +154,7 @@ class MonitorApp(App[None]):
         return "".join(f" · {mode}" for mode in modes)
 
     def _add(self, entries: Iterable[FrameEntry]) -> None:
-        """Puts rows at the end; the cursor follows where it stood on the last one."""
+        """Append rows; the cursor follows if it was on the last row."""
         table, view = self.frames, self.view
         new = list(entries)[-MOST_ROWS:]
         if not new or view is None:
@@ -184,7 +184,7 @@ class MonitorApp(App[None]):
             self.show_fields(int(event.row_key.value))
 
     def show_fields(self, number: int) -> None:
-        """Fields with their offsets; for a bad frame also what is wrong where."""
+        """Show the fields with their offsets, and the fault of a bad frame with its offset."""
         entry = None if self.view is None else self.view.log.entry(number)
         self.fields.clear()
         if entry is None or self.view is None:
@@ -192,7 +192,7 @@ class MonitorApp(App[None]):
             return
         seen = entry.seen
         fault = f" – {seen.reason} at byte {seen.place}" if seen.kind == "bad" else ""
-        self.about.update(f"no. {number}: {seen.frame or seen.kind}, {plural(len(seen.raw), 'byte')}{fault}")
+        self.about.update(printable(f"no. {number}: {seen.frame or seen.kind}, {plural(len(seen.raw), 'byte')}{fault}"))
         for row in self.view.log.fields(entry):
             self.fields.add_row(*_as_it_is(field_row(row, self.as_ascii)))
 
@@ -244,12 +244,12 @@ class MonitorApp(App[None]):
             self._filter("")
 
     def _leave_command(self, trouble: str) -> None:
-        """Back to the frames; why a command could not be carried out stands where a frame is told about."""
+        """Return to the frames, and show why a command could not be carried out in place of the frame."""
         self.command_entry.display = False
         self.frames.focus()
         self.draw_status()
         if trouble:
-            self.about.update(trouble)
+            self.about.update(printable(trouble))
 
     def _filter(self, text: str) -> None:
         self.filter_text = text
@@ -259,7 +259,7 @@ class MonitorApp(App[None]):
 
 
 def _fill(table: DataTable[Text], rows: Sequence[Sequence[str]]) -> None:
-    """The rows, always as many: cells that are others now are drawn anew, and the place where it stands stays."""
+    """Show the rows; of the same number of rows only changed cells are drawn, and the scroll position stays."""
     if table.row_count != len(rows):
         table.clear()
         for row in rows:
@@ -267,13 +267,17 @@ def _fill(table: DataTable[Text], rows: Sequence[Sequence[str]]) -> None:
         return
     for number, row in enumerate(rows):
         for column, (cell, before) in enumerate(zip(row, table.get_row_at(number), strict=True)):
-            if before.plain != cell:
-                table.update_cell_at(Coordinate(number, column), Text(cell, no_wrap=True, end=""), update_width=True)
+            if before.plain != printable(cell):
+                table.update_cell_at(Coordinate(number, column), _literal(cell), update_width=True)
 
 
 def _as_it_is(cells: Iterable[str]) -> Iterator[Text]:
-    """Cells in which brackets are brackets: what comes from a line is no markup."""
-    return (Text(cell, no_wrap=True, end="") for cell in cells)
+    """Return literal cells: text of a line is never markup, and its invisible characters are escapes."""
+    return map(_literal, cells)
+
+
+def _literal(cell: str) -> Text:
+    return Text(printable(cell), no_wrap=True, end="")
 
 
 BAR = 20
