@@ -322,7 +322,8 @@ def both(first: Expression, second: Expression | None) -> Expression:
 CONDITIONAL, OR, AND, NOT, COMPARE, BIT_OR, BIT_XOR, BIT_AND, SHIFT, SUM, PRODUCT, SIGN, ATOM = range(13)
 _BINARY = ({"|"}, {"^"}, {"&"}, {"<<", ">>"}, {"+", "-"}, {"*", "//", "%"})
 """Operators of two operands, those that bind most weakly first."""
-_LEVELS = {operator: level for level, operators in enumerate(_BINARY, start=BIT_OR) for operator in operators}
+_BINARY_OF_PLACES = (*_BINARY[:-1], {*_BINARY[-1], "/"})
+_LEVELS = {op: level for level, operators in enumerate(_BINARY_OF_PLACES, start=BIT_OR) for op in operators}
 _METHODS = {"lower": "lower", "upper": "upper"}
 _SAME_IN_PYTHON = {"len", "min", "max", "abs", "sum"}
 WIDEST_SHIFT = 256
@@ -466,9 +467,10 @@ _TOKEN = re.compile(
       (?P<bytes>h'[^']*')
     | (?P<text>'(?:[^'\\]|\\.)*')
     | (?P<time>(?:\d+(?:\.\d+)?)\s*(?:ns|us|ms|s|min|h|d|chars?|bits?)\b)
+    | (?P<real>\d+\.\d+)
     | (?P<number>0[xX][0-9a-fA-F]+|\d+)
     | (?P<word>[A-Za-z_][A-Za-z0-9_]*)
-    | (?P<sign><<|>>|==|!=|<=|>=|//|[-+*%&|^~<>()\[\],.:])
+    | (?P<sign><<|>>|==|!=|<=|>=|//|[-+*/%&|^~<>()\[\],.:])
     )""",
     re.VERBOSE,
 )
@@ -499,8 +501,11 @@ def place_of(at: Position, offset: int) -> Position:
     return Position(at.file, at.line, at.column + offset)
 
 
-def tokens_of(text: str, at: Position) -> list[Token]:
-    """The tokens of an expression that begins at `at`. Raises ExpressionError."""
+def tokens_of(text: str, at: Position, *, of_places: bool = False) -> list[Token]:
+    """Return the tokens of an expression that begins at `at`; only an expression of places has fractions and `/`.
+
+    Raises ExpressionError.
+    """
     found: list[Token] = []
     offset = 0
     while offset < len(text.rstrip()):
@@ -509,7 +514,12 @@ def tokens_of(text: str, at: Position) -> list[Token]:
             start = offset + len(text[offset:]) - len(text[offset:].lstrip())
             raise expression_error(text, _strange(text[start]), place_of(at, start))
         kind = match.lastgroup or ""
-        found.append((kind, match[kind], place_of(at, match.start(kind))))
+        place = place_of(at, match.start(kind))
+        if not of_places and kind == "real":
+            raise expression_error(text, "numbers are whole", place, "write 3, or a time with its unit, such as 3.5 s")
+        if not of_places and match[kind] == "/":
+            raise expression_error(text, "'/' is no operator, numbers are whole: use '//'", place)
+        found.append((kind, match[kind], place))
         offset = match.end()
     return found
 
@@ -520,8 +530,6 @@ def _strange(sign: str) -> str:
         return "a text has no closing quote"
     if sign == "=":
         return "'=' is no operator, comparison is '=='"
-    if sign == "/":
-        return "'/' is no operator, numbers are whole: use '//'"
     if sign == "!":
         return "'!' is no operator, write 'not'"
     if sign == "?":
@@ -573,12 +581,13 @@ _DEPTH = 48
 _DEEPEST = 100
 
 
-def parse_expression(text: str, at: Position, *, quoted_names: bool = False) -> Expression:
-    """The tree of `text`, which stands at `at` in its file. Raises ExpressionError.
+def parse_expression(text: str, at: Position, *, of_places: bool = False) -> Expression:
+    """Return the tree of `text`, which begins at `at` in its file. Raises ExpressionError.
 
-    `quoted_names`: what stands in quotes is a name, as addresses are that are no words.
+    `of_places`: the expression is about numbers at places of a memory. Texts in quotes are names, since addresses need
+    not be words; numbers may have fractions, and `/` divides exactly. Numbers of frames are whole.
     """
-    return Expression(text, _Parser(text, at, quoted_names).whole())
+    return Expression(text, _Parser(text, at, of_places).whole())
 
 
 class OperatorGrammar(ABC):
@@ -665,11 +674,12 @@ class OperatorGrammar(ABC):
 
 
 class _Parser(OperatorGrammar):
-    binary, signs = _BINARY, ("-", "~")
+    signs = ("-", "~")
 
-    def __init__(self, text: str, at: Position, quoted_names: bool) -> None:
-        self.text, self.at, self.quoted_names = text, at, quoted_names
-        self.tokens = tokens_of(text, at)
+    def __init__(self, text: str, at: Position, of_places: bool) -> None:
+        self.text, self.at, self.of_places = text, at, of_places
+        self.binary = _BINARY_OF_PLACES if of_places else _BINARY
+        self.tokens = tokens_of(text, at, of_places=of_places)
         self.place = 0
         self.depth = 0
 
@@ -765,8 +775,6 @@ class _Parser(OperatorGrammar):
         node = self._atom()
         while True:
             if self._accept("."):
-                if isinstance(node, Number) and self._peek() == "number":
-                    raise self._error("numbers are whole", node.at, "write 3, or a time with its unit, such as 3.5 s")
                 node = Attribute(node.at, node, self._word("a name must follow the dot"))
             elif self._accept("["):
                 node = self._subscript(node)
@@ -796,11 +804,13 @@ class _Parser(OperatorGrammar):
         self.place += 1
         if kind == "number":
             return Number(at, int(word, 16 if word[:2] in ("0x", "0X") else 10))
+        if kind == "real":
+            return Real(at, Decimal(word), is_float=True)
         if kind == "time":
             return time_of(word, at)
         if kind == "text":
             value = re.sub(r"\\(.)", r"\1", word[1:-1])
-            return Name(at, value) if self.quoted_names else Text(at, value)
+            return Name(at, value) if self.of_places else Text(at, value)
         if kind == "bytes":
             return self._bytes(word, at)
         if word == "(":

@@ -27,6 +27,7 @@ from framekit.definition.expression import (
     Name,
     Node,
     Number,
+    Real,
     Unary,
     walk,
 )
@@ -46,7 +47,7 @@ from framekit.sinks.sqlite import HistoryError, read_history
 
 _OF_THE_PLACE = ("type", "order", "scale", "offset")
 """Keys that say what stands at an address, as those of a point do."""
-_OPERATORS = (Number, Name, Unary, Binary, Compare, Logic, Conditional)
+_OPERATORS = (Number, Real, Name, Unary, Binary, Compare, Logic, Conditional)
 _FUNCTIONS = ("min", "max", "abs", "bit")
 
 
@@ -121,7 +122,7 @@ class BehaveLoader:
 
     def formula(self, node: YamlNode) -> Expression:
         """An expression over names and addresses, these bare or in quotes. Raises Broken after all was looked at."""
-        expression, broken = self.reader.expression(node, quoted_names=True), False
+        expression, broken = self.reader.expression(node, of_places=True), False
         for part in walk(expression.root):
             with self.reader.going_on():
                 if not self._has_a_place(part):

@@ -88,6 +88,10 @@ def made(tmp_path: Path) -> Make:
         ("follow: 9, after: 2 s, start: 4", [4, 4, 9, 9, 9, 9]),
         ("follow: 1000, lag: 2 s", [round(1000 * (1 - math.exp(-time / 2))) for time in range(6)]),
         ("follow: 12000, type: bcd16", [0x9999] * 6),
+        ("follow: 7 / 2, scale: 0.1", [35] * 6),
+        ("follow: 0.1 + 0.2 * 2, scale: 0.1", [5] * 6),
+        ("follow: 7 / 2 // 1", [3] * 6),
+        ("counter: 1 / 4, scale: 0.01", [0, 25, 50, 75, 100, 125]),
     ],
 )
 def test_what_a_behaviour_does(made: Make, keys: str, values: list[int]) -> None:
@@ -187,21 +191,26 @@ def test_what_cannot_be_worked_out_changes_nothing_and_is_told_once(made: Make) 
 behave:
   "40001": {follow: 100 // '40005'}
   "40002": {follow: level + 1, type: float32}
+  "40006": {follow: 100 / '40005'}
   "40004": {hold: 4}
   "40010": {hold: 1, type: float32, name: level}
 """)
     world.clock.run_for(3 * SECOND)
-    assert world.troubles == ["the behaviour of 40001: integer division or modulo by zero"]
+    assert sorted(world.troubles) == [
+        "the behaviour of 40001: integer division or modulo by zero", "the behaviour of 40006: division by zero"
+    ]  # fmt: skip
+    world.troubles.clear()
     world.write("40005", 5)
     world.clock.run_for(SECOND)
-    assert world.read("40001") == 20
+    assert (world.read("40001"), world.read("40006")) == (20, 20)
     world.write("40005", 0)
     world.write("40011", 0x7F80)  # the level is infinite
     world.clock.run_for(2 * SECOND)
     assert (world.read("40001"), world.read("40002", "float32")) == (20, 2.0)
-    assert sorted(world.troubles[1:]) == [
+    assert sorted(world.troubles) == [
         "the behaviour of 40001: integer division or modulo by zero",
         "the behaviour of 40002: inf is no number",
+        "the behaviour of 40006: division by zero",
     ]
 
 

@@ -143,13 +143,13 @@ class Reader:
 
     # ---- expressions --------------------------------------------------------------------------------------
 
-    def expression(self, node: Node | None, *, quoted_names: bool = False) -> Expression:
+    def expression(self, node: Node | None, *, of_places: bool = False) -> Expression:
         scalar = self.scalar(node)
-        return self.expression_text(scalar.text, inside(scalar), quoted_names=quoted_names)
+        return self.expression_text(scalar.text, inside(scalar), of_places=of_places)
 
-    def expression_text(self, text: str, at: Position, *, quoted_names: bool = False) -> Expression:
+    def expression_text(self, text: str, at: Position, *, of_places: bool = False) -> Expression:
         try:
-            return parse_expression(text, at, quoted_names=quoted_names)
+            return parse_expression(text, at, of_places=of_places)
         except ExpressionError as error:
             self.problems.append(error.problem)
             raise Broken(str(error)) from None
