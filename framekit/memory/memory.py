@@ -13,7 +13,7 @@ from array import array
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache, partial, reduce
 from operator import or_
-from typing import Literal
+from typing import Literal, TypeVar
 
 from framekit.codec.support import swap
 from framekit.definition.model.services import UNIT_BITS
@@ -99,6 +99,8 @@ Changed = Callable[["Area", int, int], None]
 """Called with the area, the first changed word and the number of words from it to the last changed one."""
 
 ALL_BITS = 0xFFFF
+
+Content = TypeVar("Content")
 
 
 class Area:
@@ -407,6 +409,104 @@ class OrderedArea(Area):
             return
         self._within(unit, bits, start, len(values))
         self.write_bytes(start * bits // 8, ordered(_encode(values, bits), self.order, bits // 8), force=force)
+
+
+class LateArea(Area):
+    """An area whose owner writes a part of it late: before the area is read, written or watched.
+
+    Before there is an owner it is an area like any other; functions that it has handed out until then ask no owner.
+    """
+
+    __slots__ = ("_bring", "_watched")
+
+    def __init__(
+        self,
+        name: str,
+        *,
+        size: int,
+        unit: str | int = "word",
+        access: Literal["rw", "read"] = "rw",
+        aliases: Iterable[str] = (),
+    ) -> None:
+        super().__init__(name, size=size, unit=unit, access=access, aliases=aliases)
+        self._bring: Callable[[], None] | None = None
+        self._watched: Callable[[], None] | None = None
+
+    def own(self, bring: Callable[[], None], watched: Callable[[], None]) -> None:
+        """Call `bring` before each access, so that the owner writes what is late; call `watched` before a new watch."""
+        self._bring, self._watched = bring, watched
+
+    def anew(self) -> LateArea:
+        return LateArea(self.name, size=self.size, unit=self.unit, access=self.access, aliases=self.aliases)
+
+    def _up_to_date(self) -> None:
+        if self._bring is not None:
+            self._bring()
+
+    def read_bytes(self, offset: int, count: int) -> bytes:
+        self._up_to_date()
+        return super().read_bytes(offset, count)
+
+    def bytes_reader(self, offset: int, count: int) -> Callable[[], bytes]:
+        return self._after_bringing(super().bytes_reader(offset, count))
+
+    def byte_reader(self, offset: int) -> Callable[[], int]:
+        return self._after_bringing(super().byte_reader(offset))
+
+    def holder(self, offset: int, data: bytes) -> Callable[[], bool]:
+        return self._after_bringing(super().holder(offset, data))
+
+    def _after_bringing(self, read: Callable[[], Content]) -> Callable[[], Content]:
+        """Return `read`, called after the owner has written what is late."""
+        bring = self._bring
+        if bring is None:
+            return read
+
+        def look() -> Content:
+            bring()
+            return read()
+
+        return look
+
+    def write_bytes(self, offset: int, data: bytes, *, force: bool = False) -> None:
+        self._up_to_date()
+        super().write_bytes(offset, data, force=force)
+
+    def bytes_writer(self, offset: int, count: int) -> Callable[[bytes], None]:
+        bring, write = self._bring, super().bytes_writer(offset, count)
+        if bring is None:
+            return write
+
+        def store(data: bytes) -> None:
+            bring()
+            write(data)
+
+        return store
+
+    def read(self, unit: str | int, start: int, count: int = 1) -> list[int]:
+        self._up_to_date()
+        return super().read(unit, start, count)
+
+    def write(self, unit: str | int, start: int, values: Sequence[int], *, force: bool = False) -> None:
+        self._up_to_date()
+        super().write(unit, start, values, force=force)
+
+    def read_bit(self, start: int) -> bool:
+        self._up_to_date()
+        return super().read_bit(start)
+
+    def read_bits(self, start: int, count: int) -> bytes:
+        self._up_to_date()
+        return super().read_bits(start, count)
+
+    def write_bits(self, start: int, count: int, data: bytes, *, force: bool = False) -> None:
+        self._up_to_date()
+        super().write_bits(start, count, data, force=force)
+
+    def watch(self, first_word: int, count: int, callback: Changed, mask: int = ALL_BITS) -> Watch:
+        if self._watched is not None:
+            self._watched()
+        return super().watch(first_word, count, callback, mask)
 
 
 def _encode(values: Sequence[int], bits: int) -> bytes:

@@ -28,7 +28,7 @@ from framekit.definition.nodes import Entry, Mapping, Node, Scalar
 from framekit.definition.problems import NOWHERE, DefinitionError, Position, Problem, did_you_mean
 from framekit.definition.sources import find_profile
 from framekit.definition.times import NEVER
-from framekit.memory.memory import Area, DeviceMemory, unit_bits
+from framekit.memory.memory import Area, DeviceMemory, LateArea, unit_bits
 
 CALENDAR_PARTS: dict[str, Callable[[datetime], int]] = {
     "second": lambda date: date.second,
@@ -162,9 +162,12 @@ class MemoryProfile:
     at: Position
 
     def create(self) -> DeviceMemory:
-        """A memory with these areas, all 0."""
+        """Return a memory with these areas, all 0; an area with words of blocks may get an owner."""
+        late = {section.area for section in self.flags.values()}
         return DeviceMemory(
-            Area(area.name, size=area.size, unit=area.unit, access=area.access, aliases=area.aliases)
+            (LateArea if area.name in late else Area)(
+                area.name, size=area.size, unit=area.unit, access=area.access, aliases=area.aliases
+            )
             for area in self.areas.values()
         )
 

@@ -12,7 +12,7 @@ from framekit.definition.model.services import UNIT_BITS
 from framekit.definition.problems import Problem, did_you_mean
 from framekit.definition.times import NEVER
 from framekit.link.packing import memory_of, values_of
-from framekit.memory.memory import Area, DeviceMemory, unit_bits
+from framekit.memory.memory import Area, DeviceMemory, LateArea, unit_bits
 from framekit.memory.profile import BlockItem, BlockWords, MemoryProfile
 from framekit.run.block_state import ITEMS, PULSES, BlockState, BlockStatus, Shown
 from framekit.run.model import Block
@@ -34,30 +34,83 @@ class StatusWords:
     """Shows blocks in the words of those `sections` that show state, also in areas that are read-only for others.
 
     `pulse` is how long a pulse lasts, in nanoseconds. Blocks for which a section has no words are not shown there.
-    `deadline`: when a pulse ends next, at the earliest.
+
+    With a clock (`now`) the words are written late, when their area is accessed, until a watch needs each change at
+    once; `wake` is called then, because `deadline` counts from there on.
     """
 
-    def __init__(self, memory: DeviceMemory, sections: Iterable[BlockWords], pulse: int) -> None:
+    def __init__(
+        self,
+        memory: DeviceMemory,
+        sections: Iterable[BlockWords],
+        pulse: int,
+        now: Callable[[], int] | None = None,
+        wake: Callable[[], None] = lambda: None,
+    ) -> None:
         self._memory = memory
         self._sections = status_sections(sections)
         self._pulse = pulse
         self.deadline = NEVER
+        """When `tick` has a pulse to end; NEVER while words are written late."""
+        self._wake = wake
+        self._late: dict[Key, tuple[Shown, bool | None, int]] = {}
+        """Blocks whose words are not written yet: the state, whether its last exchange ended well (None: no exchange
+        ended), and the time of that end."""
+        areas = [memory.area(section.area) for section in self._sections]
+        self._now = now if areas and all(isinstance(area, LateArea) for area in areas) else None
+        """The time while words are written late; None when they are written at once."""
         self._ends: list[tuple[int, Key]] = []
         self._end_of: dict[Key, int] = {}
         self._places: dict[Key, tuple[_WordPlace, ...]] = {}
         self._layouts = {id(section): _Layout(section) for section in self._sections}
         shown = {name for section in self._sections for name in section.items}
         self.shows_starts = any(name in shown for name in ("started_count", "waiting", "running", "overrun_count"))
+        if self._now is not None:
+            for area in areas:
+                if isinstance(area, LateArea):
+                    area.own(self.bring, self._be_prompt)
 
     # ---- what happens -------------------------------------------------------------------------------------
 
     def show(self, key: Key, status: Shown) -> None:
-        """Brings the words of a block up to date; its pulses stay as they are."""
+        """Show the state of a block; its pulses stay as they are."""
+        if self._now is not None:
+            self._late.setdefault(key, (status, None, 0))
+            return
         for place in self._places_of(key):
             place.show(status)
 
     def completed(self, key: Key, status: Shown, ok: bool, now: int) -> None:
-        """An exchange has ended: the counts, then the pulse of its kind."""
+        """Show the counts after the end of an exchange, then the pulse for a normal or an abnormal completion."""
+        if self._now is not None:
+            self._late[key] = status, ok, now
+        else:
+            self._write(key, status, ok, now)
+
+    def bring(self) -> None:
+        """Write all words that are late, as they are now."""
+        if self._now is None:
+            return
+        if self._late:
+            late, self._late = self._late, {}
+            for key, (status, ok, at) in late.items():
+                if ok is None:
+                    for place in self._places_of(key):
+                        place.show(status)
+                else:
+                    self._write(key, status, ok, at)
+        if self._ends:
+            self.tick(self._now())
+
+    def _be_prompt(self) -> None:
+        """Write each change at once from now on."""
+        if self._now is not None:
+            self.bring()
+            self._now = None
+            self._note_deadline()
+            self._wake()
+
+    def _write(self, key: Key, status: Shown, ok: bool, now: int) -> None:
         pulses = False
         for place in self._places.get(key) or self._places_of(key):
             pulses |= place.completed(status, PULSES[0] if ok else PULSES[1])
@@ -65,11 +118,12 @@ class StatusWords:
             end = now + self._pulse
             if key not in self._end_of:
                 heapq.heappush(self._ends, (end, key))
-                self.deadline = self._ends[0][0]
+                self._note_deadline()
             self._end_of[key] = end
 
     def forget(self, key: Key) -> None:
-        """A block is no more: its words are 0."""
+        """Set the words of a block that no longer exists to 0."""
+        self.bring()
         if self._end_of.pop(key, None) is not None:
             self._ends = [entry for entry in self._ends if entry[1] != key]
             heapq.heapify(self._ends)
@@ -81,7 +135,7 @@ class StatusWords:
     # ---- time ---------------------------------------------------------------------------------------------
 
     def _note_deadline(self) -> None:
-        self.deadline = self._ends[0][0] if self._ends else NEVER
+        self.deadline = self._ends[0][0] if self._ends and self._now is None else NEVER
 
     def tick(self, now: int) -> None:
         """Ends the pulses whose time is over."""
@@ -148,8 +202,8 @@ class _WordPlace:
     def __init__(self, area: Area, first: int, layout: _Layout) -> None:
         self._layout, self._size = layout, layout.size
         self._pulses, self._every_pulse = layout.pulses, layout.every_pulse
-        self._read = area.bytes_reader(2 * first, self._size)
-        self._write = area.bytes_writer(2 * first, self._size)
+        self._read = Area.bytes_reader(area, 2 * first, self._size)  # of the owner: these bring nothing up to date
+        self._write = Area.bytes_writer(area, 2 * first, self._size)
 
     def show(self, status: Shown) -> None:
         """What the counts are now; its pulses stay as they are."""
@@ -427,10 +481,17 @@ class BlockMemory:
     `areas`: the names of the areas that they stand in.
     """
 
-    def __init__(self, memory: DeviceMemory, profile: MemoryProfile, shown: bool = True) -> None:
+    def __init__(
+        self,
+        memory: DeviceMemory,
+        profile: MemoryProfile,
+        shown: bool = True,
+        now: Callable[[], int] | None = None,
+        wake: Callable[[], None] = lambda: None,
+    ) -> None:
         self._sections = sections = tuple(profile.flags.values()) if shown else ()
         self.areas = {section.area for section in sections}
-        self.words = StatusWords(memory, sections, profile.scan)
+        self.words = StatusWords(memory, sections, profile.scan, now, wake)
         self.settings = BlockSettings(memory, sections)
 
     def add(self, state: BlockState, protocol: Protocol | None) -> None:

@@ -141,7 +141,7 @@ class RunService(ChannelOwner):
         self.loop = RunLoop(clock, self._act, self._next_time)
         self.channels: dict[int, ChannelService] = {}
         self.on_end = on_end
-        self.block_memory = BlockMemory(self.memory, run.memory, run.status)
+        self.block_memory = BlockMemory(self.memory, run.memory, run.status, clock.now, self.loop.set)
         self._words = self.block_memory.words
         self.exchanges = Exchanges(self.channels, self.block_memory, self.finished)
         self.scheduler = Scheduler(

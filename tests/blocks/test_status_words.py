@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
@@ -237,3 +238,90 @@ def test_items_that_no_block_has() -> None:
     (problem,) = check_items([section])
     assert "'doen' in 's' is nothing a block has" in problem.what and "done" in problem.todo
     assert list(check_items(load_profile("masterlogic").flags.values())) == []
+
+
+# ---- words that are written late ----------------------------------------------------------------------------------
+
+
+class Late:
+    """The masterlogic words on a time that the test sets; they are written when they are looked at."""
+
+    def __init__(self) -> None:
+        profile = load_profile("masterlogic")
+        self.memory = profile.create()
+        self.time = 0
+        self.woken = 0
+        self.words = StatusWords(self.memory, profile.flags.values(), SCAN, lambda: self.time, self._wake)
+
+    def _wake(self) -> None:
+        self.woken += 1
+
+    def ended(self, done: int, ok: bool = True, number: int = 0) -> None:
+        self.words.completed((1, number), status(done, number=number), ok, self.time)
+
+
+LOOKS = {
+    "words": lambda memory: memory.read("L", "word", 625)[0] & 1,
+    "a bit": lambda memory: int(memory.area("L").read_bit(625 * 16)),
+    "bits": lambda memory: memory.area("L").read_bits(625 * 16, 1)[0],
+    "numbers at a bit": lambda memory: memory.area("L").read_from(625 * 16, "bit")[0],
+    "bytes": lambda memory: memory.read_bytes("L", 1250, 1)[0] & 1,
+    "the whole": lambda memory: memory.snapshot()["L"][1250] & 1,
+}
+
+
+@pytest.mark.parametrize("look", LOOKS.values(), ids=LOOKS)
+def test_late_words_are_right_whenever_they_are_looked_at(look: Callable[[DeviceMemory], int]) -> None:
+    late = Late()
+    late.time = 5
+    late.ended(1)
+    assert late.words.deadline == NEVER, "no timer ends the pulse"
+    late.time = 5 + SCAN - 1
+    assert look(late.memory) == 1
+    late.time += 1
+    assert look(late.memory) == 0
+    late.ended(2)
+    late.time += SCAN
+    assert look(late.memory) == 0, "a pulse that begins and ends between two looks"
+    assert late.memory.read("L", "word", 627) == [2]
+
+
+def test_functions_that_read_late_words_ask_at_each_call() -> None:
+    late = Late()
+    area = late.memory.area("L")
+    read, first, holds = area.bytes_reader(1250, 6), area.byte_reader(1250), area.holder(1250, b"\x01")
+    write = area.bytes_writer(1254, 2)
+    assert (read(), first(), holds()) == (bytes(6), 0, False)
+    late.ended(3)
+    assert (read(), first(), holds()) == (b"\x01\x00\x00\x00\x03\x00", 1, True)
+    late.ended(4)
+    write(b"\x63\x00")
+    assert late.memory.read("L", "word", 625, 3) == [1, 0, 99], "written after the words that were late"
+
+
+def test_a_write_does_not_get_lost_under_late_words() -> None:
+    late = Late()
+    late.ended(3)
+    late.memory.write("L", "word", 627, [99], force=True)
+    assert late.memory.read("L", "word", 627) == [99]
+    late.ended(4)
+    assert late.memory.read("L", "word", 627) == [4]
+
+
+def test_a_watch_makes_words_prompt() -> None:
+    late = Late()
+    late.ended(1)
+    seen: list[int] = []
+    late.memory.watch("L", 625, 1, lambda *_: seen.append(late.memory.read("L", "word", 625)[0]))
+    assert (seen, late.woken, late.words.deadline) == ([], 1, SCAN), "the pulse that is on ends by itself"
+    late.time = SCAN
+    late.words.tick(SCAN)
+    late.ended(2)
+    assert seen == [0, 1]
+
+
+def test_a_block_that_is_no_more_leaves_no_late_words() -> None:
+    late = Late()
+    late.ended(3)
+    late.words.forget((1, 0))
+    assert late.memory.read("L", "word", 625, 6) == [0] * 6
