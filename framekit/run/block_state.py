@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import enum
 from collections import Counter
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -223,14 +223,14 @@ class BlockState:
     number there. `chain`: the blocks that made it due one after the other, each of which ended while it was being
     started. `switched_on`: the block itself is on; `set_on`: its set is. `queue`: the lane in which it waits.
     `given`: its settings in memory; `effective`: the block as they say, from the look at its station to its start;
-    `at_station`: a block that names a station, and that station. `ending`: what is told of the end of its exchange,
-    `starts`: what begins one.
+    `at_station`: the station of the block as the run file gives it, if that names the station. `starts`: starts its
+    exchanges as long as its channel stays, if they have no parameters of their own.
     """
 
     queue: BlockLane
 
     __slots__ = (
-        "armed", "at_station", "block", "chain", "companions", "dead", "done", "effective", "ending", "failed", "given",
+        "armed", "at_station", "block", "chain", "companions", "dead", "done", "effective", "failed", "given",
         "has_station", "id", "key", "lane", "last_end", "last_failure", "overruns", "probing", "queue", "reasons",
         "round", "running", "set_on", "started", "started_at", "starts", "starts_left", "switched_on", "waiting",
     )  # fmt: skip
@@ -244,8 +244,7 @@ class BlockState:
         self.chain: tuple[int, ...] = ()
         self.given: Sequence[Given] = ()
         self.effective: Block | None = None
-        self.at_station: tuple[Block, Hashable] | None = None
-        self.ending: Callable[[Failure | None], None] | None = None
+        self.at_station: tuple[Hashable] | None = None
         self.starts: BlockStarts | None = None
         self.started = self.done = self.failed = self.overruns = 0
         self.switched_on = block.enabled

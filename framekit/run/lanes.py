@@ -77,15 +77,11 @@ class BlockLane:
         self.open = True
         self.held = False
         self.free_from = 0
-        self._failing: dict[Hashable, _Failing] = {}
+        self.failing: dict[Hashable, _Failing] = {}
+        """Stations that do not answer."""
         self._probed = False
         self._last: tuple[Hashable, int] | None = None
         self.changed: list[tuple[Hashable, bool]] = []
-
-    @property
-    def has_failed(self) -> bool:
-        """Whether a station does not answer."""
-        return bool(self._failing)
 
     @property
     def busy(self) -> bool:
@@ -95,7 +91,7 @@ class BlockLane:
 
     def look_again(self, state: BlockState) -> None:
         """A block that stands aside may talk to another station by now: it waits among the others again."""
-        for failing in self._failing.values():
+        for failing in self.failing.values():
             found = [entry for entry in failing.parked if entry[3] is state]
             for entry in found:
                 failing.parked.remove(entry)
@@ -104,7 +100,7 @@ class BlockLane:
 
     def clear(self, which: Callable[[BlockState], bool] = lambda state: True) -> None:
         """Forgets blocks that wait."""
-        for entries in (self.waiting, *(failing.parked for failing in self._failing.values())):
+        for entries in (self.waiting, *(failing.parked for failing in self.failing.values())):
             kept = [entry for entry in entries if not which(entry[3])]
             for *_, state in entries:
                 state.waiting = state.waiting and not which(state)
@@ -118,18 +114,32 @@ class BlockLane:
             return NEVER
         if self.waiting:
             return self.free_from
-        if not self._failing:
+        if not self.failing:
             return NEVER
-        probes = [one.probe_at for one in self._failing.values() if one.parked and one.probe_at is not None]
+        probes = [one.probe_at for one in self.failing.values() if one.parked and one.probe_at is not None]
         return max(self.free_from, min(probes, default=NEVER))
 
     def take(self, now: int) -> BlockState | None:
-        """The next block that may start now; it counts as running from here on."""
+        """Return the block that starts now, and count it as running; None if no block may start."""
         if self.running or not self.open or self.held or now < self.free_from:
             return None
-        if not self._failing:
-            taken = self._next(now) if self.waiting else None
-        elif self._probed:
+        if self.failing:
+            return self._take_besides_failing(now)
+        waiting, last = self.waiting, self._last
+        if not waiting:
+            return None
+        entry = heapq.heappop(waiting)
+        state = entry[3]
+        station = self.station_of(state) if state.has_station else None
+        if last is not None and station != last[0] and not self._silent_for(station, now):
+            heapq.heappush(waiting, entry)
+            return None
+        self._probed = False
+        self.running[state.id] = station
+        return state
+
+    def _take_besides_failing(self, now: int) -> BlockState | None:
+        if self._probed:
             taken = self._next(now) or (self._probe(now) if now >= self.free_from else None)
         else:
             taken = self._probe(now) or (self._next(now) if now >= self.free_from else None)
@@ -142,7 +152,7 @@ class BlockLane:
 
     def _probe(self, now: int) -> Taken | None:
         """A dead station whose time has come is asked once. A block that talks to another one now just waits again."""
-        for station, failing in self._failing.items():
+        for station, failing in self.failing.items():
             rule = self.rules.dead_rule(station)
             if rule is None or failing.probe_at is None or failing.probe_at > now:
                 continue
@@ -175,8 +185,8 @@ class BlockLane:
             entry = heapq.heappop(waiting)
             state = entry[3]
             station = self.station_of(state) if state.has_station else None
-            if self._failing and self.is_dead(station):
-                heapq.heappush(self._failing[station].parked, entry)
+            if self.is_dead(station):
+                heapq.heappush(self.failing[station].parked, entry)
                 continue
             if last is not None and station != last[0] and not self._silent_for(station, now):
                 heapq.heappush(waiting, entry)
@@ -204,16 +214,16 @@ class BlockLane:
         self._last = station, now
         between = self.rules.silence.between
         self.free_from = now + (least if least > between else between)
-        if station is not None and (failure is not None or self._failing):
+        if station is not None and (failure is not None or self.failing):
             self._count_failure(station, failure, now)
 
     def _count_failure(self, station: Hashable, failure: Failure | None, now: int) -> None:
         if failure is not None and failure.outcome in OWN:
             return
-        failing = self._failing.get(station)
+        failing = self.failing.get(station)
         if failure is None or failure.outcome in ALIVE or failure.device_code is not None:
             if failing is not None:
-                del self._failing[station]
+                del self.failing[station]
                 for entry in failing.parked:
                     heapq.heappush(self.waiting, entry)
                 if failing.probe_at is not None:
@@ -223,14 +233,14 @@ class BlockLane:
         if rule is None:
             return
         if failing is None:
-            failing = self._failing[station] = _Failing(since=now)
+            failing = self.failing[station] = _Failing(since=now)
         failing.failures += 1
         if failing.probe_at is None and failing.failures >= rule.failures and now - failing.since >= rule.after:
             failing.probe_at = now + rule.every
             self.changed.append((station, True))
 
     def is_dead(self, station: Hashable) -> bool:
-        failing = self._failing.get(station)
+        failing = self.failing.get(station)
         return failing is not None and failing.probe_at is not None
 
     def changes(self) -> list[tuple[Hashable, bool]]:
@@ -245,9 +255,9 @@ class BlockLane:
         self.forget_failures()
 
     def forget_failures(self) -> None:
-        for station, failing in self._failing.items():
+        for station, failing in self.failing.items():
             for entry in failing.parked:
                 heapq.heappush(self.waiting, entry)
             if failing.probe_at is not None:
                 self.changed.append((station, False))
-        self._failing.clear()
+        self.failing.clear()

@@ -116,6 +116,9 @@ class ReadyQueue:
         self._station_of = station_of
         self._number = itertools.count()
         self.noted: list[BlockLane] = []
+        """Lanes that may have something to do now."""
+        self.waits_until = NEVER
+        """Before this time no other lane has something to do."""
         self._heap: list[tuple[int, int, BlockLane]] = []
 
     def add(self, number: int, rules: LaneRules) -> BlockLane:
@@ -156,39 +159,45 @@ class ReadyQueue:
         if when < lane.asked_for:
             lane.asked_for = when
             heapq.heappush(self._heap, (when, lane.order, lane))
+            self.waits_until = self._heap[0][0]
 
     def due(self, now: int) -> Sequence[BlockLane]:
-        """Lanes that may start something now, in their order; one that starts nothing has to be postponed."""
+        """Return the lanes that may start something now, in their order; `postpone` a lane that starts nothing."""
         heap = self._heap
-        while heap and heap[0][0] <= now:
-            when, _, lane = heapq.heappop(heap)
-            if when == lane.asked_for:
-                lane.asked_for = NEVER
-                self.note(lane)
-        found = self.noted
-        if found:
-            self.noted = []
+        if self.waits_until <= now:
+            while heap and heap[0][0] <= now:
+                when, _, lane = heapq.heappop(heap)
+                if when == lane.asked_for:
+                    lane.asked_for = NEVER
+                    self.note(lane)
+            self.waits_until = heap[0][0] if heap else NEVER
+        found, self.noted = self.noted, []
+        if len(found) == 1:
+            found[0].noted = False
+        elif found:
             for lane in found:
                 lane.noted = False
-            if len(found) > 1:
-                found.sort(key=lambda lane: lane.order)
+            found.sort(key=lambda lane: lane.order)
         return found
 
     @property
     def deadline(self) -> int:
-        """When the first of them has something to do; 0: now."""
+        """Return when the first lane has something to do; 0: now."""
         if self.noted:
             return 0
+        if self.waits_until == NEVER:
+            return NEVER
         heap = self._heap
         while heap:
             when, _, lane = heap[0]
             if when == lane.asked_for == lane.deadline:
-                return when
+                break
             heapq.heappop(heap)
             if when == lane.asked_for:
                 lane.asked_for = NEVER
                 self.postpone(lane)
-        return NEVER
+        self.waits_until = heap[0][0] if heap else NEVER
+        return self.waits_until
 
 
 LEAST_TIME = 1_000_000
@@ -384,9 +393,11 @@ class Scheduler:
         return triggers is None or triggers.unless is None or not triggers.unless()
 
     def _due(self, state: BlockState, now: int) -> None:
-        if not self._may_start(state):
+        if not (state.switched_on and state.set_on and self._active) or state.starts_left == 0:
             return
-        lane = state.queue
+        triggers, lane = state.armed, state.queue
+        if triggers is not None and triggers.unless is not None and triggers.unless():
+            return
         if state.waiting or state.running:
             state.overruns += 1
             if state.waiting:
@@ -402,11 +413,12 @@ class Scheduler:
 
     @property
     def deadline(self) -> int:
-        """When `tick` has to be called next."""
-        registry = self._registry
-        if registry.fired:
+        """Return when `tick` has to be called next; 0: now."""
+        registry, ready = self._registry, self._ready
+        if registry.fired or ready.noted:
             return 0
-        turns, timers = self._ready.deadline, registry.timers
+        turns = ready.waits_until if ready.waits_until == NEVER else ready.deadline
+        timers = registry.timers
         return timers[0][0] if timers and timers[0][0] < turns else turns
 
     def tick(self, now: int) -> None:
@@ -423,19 +435,21 @@ class Scheduler:
             fired.clear()
             for state in came:
                 self._due(state, now)
-        for lane in self._ready.due(now):
-            first = lane.take(now)
-            if first is None:  # else its end says when the lane has something to do
-                self._ready.postpone(lane)
-                continue
-            if lane.waiting and self._joins is not None and not first.probing:
-                self._join(lane, first, self._joins, now)
-            else:
-                first.companions = ()
-                self._starting = first
-            first.begun(now)
-            self._start(first, now)
-            self._starting = None
+        ready = self._ready
+        if ready.noted or ready.waits_until <= now:
+            for lane in ready.due(now):
+                first = lane.take(now)
+                if first is None:  # else its end says when the lane has something to do
+                    ready.postpone(lane)
+                    continue
+                if lane.waiting and self._joins is not None and not first.probing:
+                    self._join(lane, first, self._joins, now)
+                else:
+                    first.companions = ()
+                    self._starting = first
+                first.begun(now)
+                self._start(first, now)
+                self._starting = None
 
     def _join(self, lane: BlockLane, state: BlockState, joins: Joins, now: int) -> None:
         """Waiting blocks may come with the exchange of this one."""
@@ -444,17 +458,22 @@ class Scheduler:
             one.begun(now)
 
     def finished(self, number: int, failure: Failure | None, now: int) -> None:
-        """An exchange has ended, well if `failure` is None; blocks that wait for this come due.
-
-        Telling it twice changes nothing, nor does telling it of a block that is no more.
-        """
+        """Count the end of an exchange, as `over` does; a block that no longer exists has no end."""
         state = self.states.get(number)
-        if state is None or not state.running:
+        if state is not None:
+            self.over(state, failure, now)
+
+    def over(self, state: BlockState, failure: Failure | None, now: int) -> None:
+        """Count the end of an exchange, a good end if `failure` is None; blocks that wait for it come due.
+
+        A second report of the same end changes nothing.
+        """
+        if not state.running:
             return
-        lane = state.queue
+        lane, registry = state.queue, self._registry
         at_once = now - state.started_at < (1 if failure is None else LEAST_TIME)  # real time goes on meanwhile
         lane.ended(state, failure, now, LEAST_TIME if at_once else 0)
-        if lane.waiting or lane.has_failed:
+        if lane.waiting or lane.failing:
             if lane.free_from > now:
                 self._ready.postpone(lane)
             else:
@@ -466,8 +485,8 @@ class Scheduler:
         self._ended(state, failure, now)
         armed = state.armed
         if armed is not None and armed.levels and armed.level_holds():
-            self._registry.at(now + LEAST_TIME, state)
-        if self._registry.fired or self._ready.noted:
+            registry.at(now + LEAST_TIME, state)
+        if registry.fired or self._ready.noted:
             self._wake()
         else:
             self._look()

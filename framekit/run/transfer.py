@@ -87,11 +87,11 @@ class BlockTransfers:
             with suppress(DeviceMemoryError, ValueError):
                 self.fields_of(block)
 
-    def starts_of(self, block: Block) -> BlockStarts:
-        """What starts the exchanges of a block, as often as it comes due."""
+    def starts_of(self, block: Block, ended: Ended, carry_out: Callable[[list[Command]], None]) -> BlockStarts:
+        """Return what starts the exchanges of a block, as often as it comes due."""
         if block.instruction == "read" and len(block.targets) == 1:
-            return BlockReads(self, block)
-        return BlockStarts(self, block)
+            return BlockReads(self, block, ended, carry_out)
+        return BlockStarts(self, block, ended, carry_out)
 
     def begin(self, block: Block, station: Any, now: int, ended: Ended) -> list[Command]:
         """Begins one exchange. Raises DeviceMemoryError, EVALUATION_ERRORS."""
@@ -238,83 +238,92 @@ class BlockTransfers:
 
 
 class BlockStarts:
-    """Starts the exchanges of one block, with what was worked out for all of them; another block has others."""
+    """Start the exchanges of one block on one channel, with everything worked out that does not change.
 
-    def __init__(self, transfers: BlockTransfers, block: Block) -> None:
-        self.transfers, self.block = transfers, block
+    `ended` is called exactly once for each, perhaps before `go` returns.
+    """
 
-    def start(self, now: int, ended: Ended) -> list[Command]:
-        """Begins an exchange; `ended` is called exactly once, perhaps before this returns."""
+    def __init__(
+        self, transfers: BlockTransfers, block: Block, ended: Ended, carry_out: Callable[[list[Command]], None]
+    ) -> None:
+        self.transfers, self.block, self.ended, self._carry_out = transfers, block, ended, carry_out
+
+    def go(self, now: int) -> None:
+        """Begin an exchange."""
         try:
-            return self._begin(now, ended)
+            commands = self._begin(now)
         except (DeviceMemoryError, *EVALUATION_ERRORS) as error:
-            ended(Failure(outcome="cannot_send", cause=explain(error)))
-            return []
+            self.ended(Failure(outcome="cannot_send", cause=explain(error)))
+            commands = []
+        self._carry_out(commands)
 
-    def _begin(self, now: int, ended: Ended) -> list[Command]:
-        return self.transfers.begin(self.block, self.transfers.station_of(self.block), now, ended)
+    def _begin(self, now: int) -> list[Command]:
+        return self.transfers.begin(self.block, self.transfers.station_of(self.block), now, self.ended)
 
 
 class BlockReads(BlockStarts):
     """The reads of one block with one place: what they ask for, and what puts it where the block says."""
 
-    def __init__(self, transfers: BlockTransfers, block: Block) -> None:
-        super().__init__(transfers, block)
+    def __init__(
+        self, transfers: BlockTransfers, block: Block, ended: Ended, carry_out: Callable[[list[Command]], None]
+    ) -> None:
+        super().__init__(transfers, block, ended, carry_out)
         assert transfers.client is not None
         self._client, self._engine = transfers.client, transfers.engine
-        self._write: Callable[[bytes], None] | None = None
+        self.write: Callable[[bytes], None] = self._write_first
+        """Store what was read. Raises DeviceMemoryError."""
         self.spare: BlockRead | None = None
-        """One that is over, to be begun again."""
+        """A read that is over, to be begun again."""
         self._asked: ReadKey = block.targets[0], block.unit, block.count, block.station
 
-    def _begin(self, now: int, ended: Ended) -> list[Command]:
+    def _begin(self, now: int) -> list[Command]:
         key = self._asked
         if self.block.station_from is not None:
             key = (*key[:3], self.transfers.station_of(self.block))
         plan, read = self._client.read_plan(key), self.spare
         if read is not None:
-            self.spare, read.told = None, ended
+            self.spare = None
             commands = read.again(plan, now, read.over)
             if commands is not None:
                 return commands
-        return BlockRead(plan, self._engine, now, self, ended).commands
+        return BlockRead(plan, self._engine, now, self).commands
 
-    def write(self, data: bytes) -> None:
-        """What has come goes into memory. Raises DeviceMemoryError."""
-        write = self._write
-        if write is None:
-            bits = self.block.count * unit_bits(self.block.units[0])
-            write = self._write = piece_writer(self.transfers.memory, self.block.places[0], bits)
-        write(data)
+    def _write_first(self, data: bytes) -> None:
+        """Store what was read, and keep the writer of the place."""
+        bits = self.block.count * unit_bits(self.block.units[0])
+        self.write = piece_writer(self.transfers.memory, self.block.places[0], bits)
+        self.write(data)
 
 
 class BlockRead(Transfer):
-    """One read of a block. Its data go into memory as they come; nobody wants their numbers."""
+    """One read of a block. Its data go into memory as they come, without a list of their numbers."""
 
-    __slots__ = ("_reads", "told")
+    __slots__ = ("_reads",)
 
-    def __init__(self, plan: TransferPlan, engine: Engine, now: int, reads: BlockReads, ended: Ended) -> None:
-        self._reads, self.told = reads, ended
+    def __init__(self, plan: TransferPlan, engine: Engine, now: int, reads: BlockReads) -> None:
+        self._reads = reads
         Transfer.__init__(self, plan, engine, now, self.over)
 
     def brought(self, data: bytes, reply: FrameValue, buffer: bytes, done: Done) -> None:
-        self._reads.spare = self
-        self._store(data)
+        """Store the data; the read may be begun again."""
+        reads = self._reads
+        reads.spare = self
+        try:
+            reads.write(data)
+        except (DeviceMemoryError, ValueError) as error:
+            reads.ended(Failure(outcome="cannot_store", cause=str(error)))
+        else:
+            reads.ended(None)
 
     def over(self, result: TransferResult) -> None:
-        """It has ended in another way."""
-        if result.ok:
-            self._store(result.data)
-        else:
-            self.told(failure_of(result))
-
-    def _store(self, data: bytes) -> None:
-        try:
-            self._reads.write(data)
-        except (DeviceMemoryError, ValueError) as error:
-            self.told(Failure(outcome="cannot_store", cause=str(error)))
-        else:
-            self.told(None)
+        """Report an end that took more than one exchange, or a failure."""
+        reads, failure = self._reads, failure_of(result)
+        if failure is None:
+            try:
+                reads.write(result.data)
+            except (DeviceMemoryError, ValueError) as error:
+                failure = Failure(outcome="cannot_store", cause=str(error))
+        reads.ended(failure)
 
 
 Key = TypeVar("Key")

@@ -214,12 +214,14 @@ class ChannelService:
         """Takes leave of the other side as soon as nothing runs; `done` is called then."""
         self.driver.do(lambda now: self.engine.close_session(now, done))
 
-    def start_block(self, starts: BlockStarts, ended: Ended, now: int, *, repeats: bool = True) -> None:
-        """Begins the exchange of a block; `ended` is called exactly once. Without `repeats` it is tried once."""
-        if not repeats or starts.block.params or self.channel.stations:
-            params = self._params_for(starts.block, repeats)
-            ended = self._overriding(params, ended) if params else ended
-        self.driver.carry_out(starts.start(now, ended))
+    def starts_of(self, block: Block, ended: Ended) -> BlockStarts:
+        """Return what starts the exchanges of a block without parameters; `ended` is called once for each."""
+        return self.transfers.starts_of(block, ended, self.driver.carry_out)
+
+    def start_block(self, block: Block, ended: Ended, now: int, *, repeats: bool = True) -> None:
+        """Begin an exchange of a block; `ended` is called exactly once. Without `repeats` it is tried once."""
+        params = self._params_for(block, repeats)
+        self.starts_of(block, self._overriding(params, ended) if params else ended).go(now)
 
     def _overriding(self, params: Mapping[str, Any], ended: Ended) -> Ended:
         """Gives parameters other values until the exchange has ended."""
@@ -418,18 +420,18 @@ def watching(monitor: RunMonitor, channel: int) -> Monitor:
 
 
 class Exchanges:
-    """The exchanges of a run. `finished(id, failure)` is told the end of each block's; `take_job` carries out the
-    commands of blocks that have no channel."""
+    """Start the exchanges of a run. `over(block, failure)` gets the end of each; `take_job` carries out the commands of
+    blocks that have no channel."""
 
     def __init__(
         self,
         channels: Mapping[int, ChannelService],
         block_memory: BlockMemory,
-        finished: Callable[[int, Failure | None], None],
+        over: Callable[[BlockState, Failure | None], None],
     ) -> None:
         self._channels = channels
         self._block_memory = block_memory
-        self._finished = finished
+        self._over = over
         self.take_job: Callable[[JobCommand | JobRecord], None] | None = None
         self._look = block_memory.settings.look
         self._shows_starts = block_memory.words.shows_starts
@@ -447,20 +449,28 @@ class Exchanges:
             channel.transfers.forget(block)
 
     def station_of(self, state: BlockState) -> Hashable:
-        """The station a block talks to as its settings are now; None where there is none."""
+        """Return the station a block talks to as its settings are now; None if it has none.
+
+        The block with these settings is kept as `effective` until the block starts.
+        """
+        known = state.at_station
+        if known is not None:
+            for given in state.given:
+                if not given.holds():
+                    break
+            else:
+                state.effective = state.block
+                return known[0]
         if not state.has_station:
             return None
         try:
             block = self._look(state)
         except SettingError:
             return None
-        known = state.at_station
-        if known is not None and known[0] is block:
-            return known[1]
         station = self._channels[block.channel].station_of(block)
         found = station if isinstance(station, Hashable) else None
         if block is state.block and block.station_from is None:
-            state.at_station = block, found
+            state.at_station = (found,)
         return found
 
     def prepare(self, number: int, blocks: Iterable[Block]) -> None:
@@ -472,10 +482,15 @@ class Exchanges:
     # ---- starting -----------------------------------------------------------------------------------------
 
     def start(self, state: BlockState, now: int) -> None:
-        """Begins the exchange of a block, and of those that come with it; or its command, where that is for jobs."""
+        """Begin the exchange of a block, and those of its companions; a job command goes to the jobs."""
         if self._shows_starts:
             self._block_memory.changed(state)
-        block = state.effective or self._effective(state)
+        starts, block = state.starts, state.effective
+        if starts is not None and starts.block is block and not state.companions and not state.probing:
+            state.effective = None
+            starts.go(now)
+            return
+        block = block or self._effective(state)
         state.effective = None
         if block is not None and block.job is not None and self.take_job is not None:
             self.take_job(block.job)
@@ -487,12 +502,12 @@ class Exchanges:
             return
         channel = self._channels[block.channel]
         if not state.companions:
-            starts = state.starts
-            if starts is None or starts.block is not block or starts.transfers is not channel.transfers:
-                starts = state.starts = channel.transfers.starts_of(block)
-            if state.ending is None:
-                state.ending = partial(self._finished, state.id)
-            channel.start_block(starts, state.ending, now, repeats=not state.probing)
+            ended = partial(self._over, state)
+            if state.probing or block.params or channel.channel.stations:
+                channel.start_block(block, ended, now, repeats=not state.probing)
+            else:
+                state.starts = channel.starts_of(block, ended)
+                state.starts.go(now)
             return
         states = [state, *state.companions]
         reads: list[Read[tuple[Block, Ended]]] = []
@@ -502,7 +517,7 @@ class Exchanges:
             if read is not None:
                 reads.append(read)
             elif mine is not None:
-                channel.start_block(channel.transfers.starts_of(mine), partial(self._finished, one.id), now)
+                channel.start_block(mine, partial(self._over, one), now)
         if reads:
             channel.start_joined(reads)
 
@@ -511,7 +526,7 @@ class Exchanges:
         try:
             return self._look(state)
         except SettingError as error:
-            self._finished(state.id, Failure(outcome="bad_setting", cause=str(error)))
+            self._over(state, Failure(outcome="bad_setting", cause=str(error)))
             return None
 
     def _joined_ending(self, state: BlockState, states: list[BlockState]) -> Ended:
@@ -521,7 +536,7 @@ class Exchanges:
             refused = failure is not None and (failure.outcome == "refused" or failure.device_code is not None)
             if refused and failure is not None and failure.outcome != "no_reply":
                 self._alone |= {one.id for one in states}
-            self._finished(state.id, failure)
+            self._over(state, failure)
 
         return ended
 

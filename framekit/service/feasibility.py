@@ -404,7 +404,7 @@ class SimulatedChannel:
         began, carried, frames = clock.now(), line.bytes_carried, line.transmissions
         heard = counters.received
         self._sent.clear()
-        self.service.start_block(self.service.transfers.starts_of(block), ended.append, began)
+        self.service.start_block(block, ended.append, began)
         while not ended and clock.now() < began + LONGEST and clock.advance():
             pass
         duration, size, count = clock.now() - began, line.bytes_carried - carried, line.transmissions - frames

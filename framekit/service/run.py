@@ -143,7 +143,7 @@ class RunService(ChannelOwner):
         self.on_end = on_end
         self.block_memory = BlockMemory(self.memory, run.memory, run.status, clock.now, self.loop.set)
         self._words = self.block_memory.words
-        self.exchanges = Exchanges(self.channels, self.block_memory, self.finished)
+        self.exchanges = Exchanges(self.channels, self.block_memory, self._over)
         self.scheduler = Scheduler(
             run.blocks, self.memory, self.resolve,
             {number: rules_of(channel) for number, channel in run.channels.items()},
@@ -221,8 +221,12 @@ class RunService(ChannelOwner):
     # ---- what the scheduler says --------------------------------------------------------------------------
 
     def finished(self, number: int, failure: Failure | None) -> None:
-        """The exchange of a block, or its command, has ended."""
+        """Count the end of the command of a block."""
         self.scheduler.finished(number, failure, self.clock.now())
+
+    def _over(self, state: BlockState, failure: Failure | None) -> None:
+        """Count the end of the exchange of a block."""
+        self.scheduler.over(state, failure, self.clock.now())
 
     def _look(self) -> None:
         """An exchange has ended, and made nothing due; what waits for that may go on."""
@@ -563,6 +567,8 @@ class RunEditor:
                 scheduler.set_enabled(number, on, now)
                 service.set_switched(number)
         added = [scheduler.add(block) for block in added_blocks(edit)]
+        for state in scheduler.states.values():
+            state.starts = None  # its channel may be another
         for state in added:
             service.block_memory.add(state, protocol_of(edit.run, state.block))
         service.look_again()
