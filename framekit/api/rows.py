@@ -55,6 +55,13 @@ def ascii_of(data: bytes) -> str:
     return "".join(chr(byte) if 32 <= byte < 127 else "·" for byte in data)
 
 
+def shown_hex(data: bytes) -> str:
+    """Return upper-case hex pairs of at most `LONGEST_SHOWN` bytes."""
+    if len(data) > LONGEST_SHOWN:
+        return f"{data[:LONGEST_SHOWN].hex(' ').upper()} …"
+    return data.hex(" ").upper()
+
+
 def shown_bytes(data: bytes, as_ascii: bool = False, longest: int = LONGEST_SHOWN) -> str:
     """The bytes as hex pairs or as ASCII, no more than `longest` of them."""
     if len(data) > longest:

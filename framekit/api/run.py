@@ -18,7 +18,11 @@ from framekit.api.rows import point_rows
 from framekit.codec.shown import explain
 from framekit.definition.problems import DefinitionError
 from framekit.definition.times import parse_time
+from framekit.link.events import FrameRecord as FrameRecord
+from framekit.link.events import Record as Record
 from framekit.link.events import Seen
+from framekit.link.events import Tape as Tape
+from framekit.link.events import seen_of as seen_of
 from framekit.run.block_state import BlockState, BlockStatus
 from framekit.run.block_words import status_of
 from framekit.run.edit import Edit as Edit
@@ -169,14 +173,14 @@ OnSeen = Callable[[int, Seen], None]
 class RunCalls:
     """A run that has been loaded. Callbacks come after what they tell of is complete, one after the other.
 
-    `monitor` gets what `on_seen` gets, but at once, from inside of what happens: it calls nothing here. `capture` is a
-    file for what goes over the lines; `lost` says after the end what is not in there. `on_channel` is told of channels
-    that come later, and of those that an edit changes.
+    `monitor` gets what `on_seen` gets, but at once, from inside of what happens: it calls nothing here; a tape gets it
+    as records. `capture` is a file for what goes over the lines; `lost` says after the end what is not in there.
+    `on_channel` is told of channels that come later, and of those that an edit changes.
     """
 
     def __init__(
         self, run: RunModel, clock: Clock, do: Do, on_end: OnBlockEnd | None, on_seen: OnSeen | None,
-        monitor: OnSeen | None = None, capture: Path | None = None,
+        monitor: OnSeen | Tape | None = None, capture: Path | None = None,
     ) -> None:  # fmt: skip
         self.run = run
         self.lost: list[str] = []
@@ -195,9 +199,9 @@ class RunCalls:
         service.on_channel = self._came
         self.began = clock.now()
 
-    def _make(self, monitor: OnSeen | None) -> RunService:
+    def _make(self, monitor: OnSeen | Tape | None) -> RunService:
         try:
-            watch = monitor if self._told_seen is None else self._seen
+            watch: OnSeen | Tape | None = monitor if self._told_seen is None else self._seen
             return RunService(self.run, self._clock, watch, None if self._told_end is None else self._ended)
         except DefinitionError:
             raise
@@ -562,7 +566,7 @@ class VirtualRun(RunCalls, Stopping):
 
     def __init__(
         self, run: str | Path | RunModel, *, on_end: OnBlockEnd | None = None, on_seen: OnSeen | None = None,
-        monitor: OnSeen | None = None, capture: Path | None = None,
+        monitor: OnSeen | Tape | None = None, capture: Path | None = None,
     ) -> None:  # fmt: skip
         self._virtual = VirtualClock()
         super().__init__(loaded(run), self._virtual, lambda action: action(), on_end, on_seen, monitor, capture)
@@ -615,7 +619,7 @@ class AsyncRun(RunCalls):
 
     def __init__(
         self, run: str | Path | RunModel, *, on_end: OnBlockEnd | None = None, on_seen: OnSeen | None = None,
-        monitor: OnSeen | None = None, capture: Path | None = None,
+        monitor: OnSeen | Tape | None = None, capture: Path | None = None,
     ) -> None:  # fmt: skip
         clock = AsyncioClock(asyncio.get_running_loop())
         super().__init__(loaded(run), clock, lambda action: action(), on_end, on_seen, monitor, capture)

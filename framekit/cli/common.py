@@ -463,7 +463,8 @@ class Unread:
             raise self.error
 
 
-_ARROWS = {"in": "←", "out": "→", "": " "}
+ARROWS = {"in": "←", "out": "→", "": " "}
+"""The sign of each direction of a frame."""
 
 
 @cache
@@ -481,7 +482,7 @@ def seen_text(
 
     `stream` decides about colours; default: standard output.
     """
-    raw, kind, place = seen.raw, seen.kind, _ARROWS[seen.direction]
+    raw, kind, place = seen.raw, seen.kind, ARROWS[seen.direction]
     if seen.client:
         place = f"{seen.client} {place}"
     if where:

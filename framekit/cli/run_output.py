@@ -21,20 +21,23 @@ from framekit.api.rows import (
     percent,
     point_rows,
     removed_row,
+    shown_bytes,
+    shown_hex,
     sink_row,
 )
-from framekit.cli.common import json_line, plain, seen_data, seen_text, table, tables, told
+from framekit.cli.common import ARROWS, json_line, plain, seen_data, seen_text, table, tables, told
 from framekit.definition.problems import plural
 from framekit.definition.times import format_time, milliseconds
 
 if TYPE_CHECKING:
-    from framekit import BlockStatus, Seen
+    from framekit import BlockStatus
     from framekit.api.check import BlockLoad, ChannelLoad
     from framekit.api.run import (
         Block,
         Channel,
         Edit,
         JobsStatus,
+        Record,
         RemovedBlocks,
         RunCalls,
         RunModel,
@@ -171,9 +174,6 @@ def _plain(channel: dict[str, Any]) -> dict[str, Any]:
 SOON = 20_000_000
 """Longest delay (ns) of the output of an event; all events of that time are printed together."""
 
-MOST = 500
-"""So many lines do not wait any longer."""
-
 
 class RunOutput:
     """Watches a run, which is `at_work` once it has been made with this output as its monitor."""
@@ -183,8 +183,12 @@ class RunOutput:
         self.loads = loads
         self.as_ascii = False
         self.at_work: RunCalls | None = None
-        self._noted: list[tuple[Channel, Seen]] = []
+        from framekit.api.run import Tape
+
+        self.tape = Tape(self._begins)
+        """The monitor of the run."""
         self._channels: dict[int, Channel] = {}
+        """The channels that the records of the tape are of."""
 
     def seconds(self, time: int) -> float:
         return (time - self.at_work.began) / 1e9 if self.at_work is not None else 0.0
@@ -198,35 +202,31 @@ class RunOutput:
         return self.at_work
 
     def watches(self, run: RunCalls) -> None:
-        """It is the output of this run, which has been made and not begun."""
+        """Print what is seen of this run, which has been made and not begun."""
         self.at_work = run
-        self._channels.clear()
+        self._channels = {number: run.channel(number) for number in run.lines()}
         run.on_channel = self._is_other
+        if self.tape.records:
+            self._begins()
 
-    def _is_other(self, channel: int) -> None:
-        self._channels.pop(channel, None)
+    def _is_other(self, number: int) -> None:
+        """Print the records of a channel before another takes its number."""
+        self.catch_up()
+        self._channels[number] = self.run_at_work.channel(number)
 
-    def seen(self, channel: int, seen: Seen) -> None:
-        """Something was seen: it is printed soon."""
-        noted = self._noted
-        try:
-            noted.append((self._channels[channel], seen))
-        except KeyError:
-            self._channels[channel] = self.run_at_work.channel(channel)
-            noted.append((self._channels[channel], seen))
-        if len(noted) == 1:
-            self.run_at_work.later(SOON, self.catch_up)
-        elif len(noted) >= MOST:
-            self.catch_up()
+    def _begins(self) -> None:
+        """Print the records soon."""
+        if self.at_work is not None:
+            self.at_work.later(SOON, self.catch_up)
 
     def catch_up(self) -> None:
-        """Print the events that wait for their output."""
-        if self._noted:
-            noted, self._noted = self._noted, []
-            put("\n".join([*self.lines(noted), ""]))
+        """Print everything that was seen and is not printed yet."""
+        records = self.tape.take()
+        if records:
+            put("\n".join([*self.lines(records), ""]))
 
-    def lines(self, noted: list[tuple[Channel, Seen]]) -> Iterable[str]:
-        """Return the output of events."""
+    def lines(self, records: list[Record]) -> Iterable[str]:
+        """Return a line for each record."""
         raise NotImplementedError
 
     def edited(self, edit: Edit) -> None:
@@ -265,12 +265,20 @@ def put(text: str) -> None:
 class TextOutput(RunOutput):
     """A line for everything seen, and a table at the end."""
 
-    def lines(self, noted: list[tuple[Channel, Seen]]) -> Iterable[str]:
+    def lines(self, records: list[Record]) -> Iterable[str]:
         began, as_ascii = self.run_at_work.began, self.as_ascii
-        where = {channel.number: f"ch {channel.number}" for channel, _ in noted}
-        return [
-            seen_text(seen, (seen.at - began) / 1e9, where[channel.number], as_ascii) for channel, seen in noted
-        ]  # fmt: skip
+        found: list[str] = []
+        for record in records:
+            if len(record) == 2:
+                channel, seen = record
+                found.append(seen_text(seen, (seen.at - began) / 1e9, f"ch {channel}", as_ascii))
+            else:
+                channel, direction, at, raw, frame, _, _, _ = record
+                shown = shown_bytes(raw, True) if as_ascii else shown_hex(raw)
+                found.append(
+                    f"{(at - began) / 1e9:10.3f}  ch {channel} {ARROWS[direction]} {frame:<22}{len(raw):4d} {shown}"
+                )
+        return found
 
     def edited(self, edit: Edit) -> None:
         super().edited(edit)
@@ -313,13 +321,16 @@ class TextOutput(RunOutput):
 class JsonOutput(RunOutput):
     """Print one JSON object a line: events of the lines, then `block` and `channel` objects at the end."""
 
-    def lines(self, noted: list[tuple[Channel, Seen]]) -> Iterable[str]:
+    def lines(self, records: list[Record]) -> Iterable[str]:
         from framekit.api.monitor import result_of
+        from framekit.api.run import seen_of
         from framekit.codec.plain import PlainValues
 
-        for channel, seen in noted:
+        for record in records:
+            number, seen = record[0], seen_of(record)
+            channel = self._channels[number]
             result, plain = result_of(channel.protocol, seen, channel.role), PlainValues(channel.protocol)
-            line = seen_data(seen, self.seconds(seen.at), plain, channel=channel.number, result=result)
+            line = seen_data(seen, self.seconds(seen.at), plain, channel=number, result=result)
             yield json_line(line)
 
     def edited(self, edit: Edit) -> None:

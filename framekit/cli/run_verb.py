@@ -34,7 +34,7 @@ from framekit.cli.web_option import WebPage, add_web
 if TYPE_CHECKING:
     from framekit.api.gateway import Gateway
     from framekit.api.monitor import LiveView
-    from framekit.api.run import AsyncRun, Edit, OnSeen, RunCalls, RunModel, VirtualRun
+    from framekit.api.run import AsyncRun, Edit, OnSeen, RunCalls, RunModel, Tape, VirtualRun
     from framekit.cli.run_output import RunOutput
 
 R = TypeVar("R")
@@ -145,7 +145,7 @@ def run_run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def made(make: Callable[..., R], run: RunModel, monitor: OnSeen | None, watch: RunWatch) -> R:
+def made(make: Callable[..., R], run: RunModel, monitor: OnSeen | Tape | None, watch: RunWatch) -> R:
     """The run, not yet begun. Raises DefinitionError for a wrong device, VerbError for a port of no known kind."""
     from framekit.api.errors import RequestError
 
@@ -159,7 +159,7 @@ def _virtual(loaded: RunModel, output: RunOutput, watch: RunWatch, duration: int
     """Runs for a simulated time."""
     from framekit.api.run import VirtualRun
 
-    run = made(VirtualRun, loaded, None if watch.quiet else output.seen, watch)
+    run = made(VirtualRun, loaded, None if watch.quiet else output.tape, watch)
     output.watches(run)
     watch.begin(run, output.catch_up)
     run.start()
@@ -240,9 +240,9 @@ class RealRun:
             self._output = self._make_output(before)
             return made(AsyncRun, before, self._monitor(page), self.watch)
 
-    def _monitor(self, page: WebPage) -> OnSeen | None:
-        """Return the callback for events of the lines."""
-        return page.monitor(None if self.watch.quiet else self._output.seen)
+    def _monitor(self, page: WebPage) -> OnSeen | Tape | None:
+        """Return what records or shows the frames of the lines."""
+        return page.monitor(None if self.watch.quiet else self._output.tape)
 
     async def _one(self, loaded: RunModel, page: WebPage, unread: Unread) -> Ended:
         gateway, loop = self._gateway, asyncio.get_running_loop()

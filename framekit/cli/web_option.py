@@ -14,7 +14,7 @@ from framekit.cli.common import VerbError, WordsError, print_json
 if TYPE_CHECKING:
     from framekit import AsyncServer, Seen
     from framekit.api.monitor import LiveView
-    from framekit.api.run import OnSeen, RunCalls
+    from framekit.api.run import OnSeen, RunCalls, Tape
     from framekit.web.messages import PageBoard
     from framekit.web.server import WebServer
 
@@ -57,17 +57,17 @@ class WebPage:
         elif arguments.web_token is not None:
             raise WordsError("--web-token has no effect without --web")
 
-    def monitor(self, seen: OnSeen | None) -> OnSeen | None:
-        """Who is told what goes over the lines: `seen`, or the page that shows it instead; both for programs."""
+    def monitor(self, tape: Tape | None) -> OnSeen | Tape | None:
+        """Return the monitor of a run: `tape`, or the page that shows it instead; both with --json."""
         if self.server is None:
-            return seen
+            return tape
         shows = self.log.add
-        if not self._json or seen is None:
+        if not self._json or tape is None:
             return shows
 
-        def both(channel: int, what: Seen) -> None:
-            shows(channel, what)
-            seen(channel, what)
+        def both(channel: int, seen: Seen) -> None:
+            shows(channel, seen)
+            tape.of(channel)(seen)
 
         return both
 

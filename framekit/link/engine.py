@@ -33,6 +33,7 @@ from framekit.link.events import (
     Reopen,
     RequestHandler,
     Send,
+    Tape,
 )
 from framekit.link.frame_table import ProtocolCodec
 from framekit.link.lanes import Lanes
@@ -122,6 +123,7 @@ class Engine(Lanes):
         super().__init__(protocol, scope, program, model.lanes if model else (), is_stream)
         self.counters = LinkCounters() if counters is None else counters
         self.server, self.memory, self.ask_service, self.monitor = server, memory, ask, monitor
+        self.tape = monitor if isinstance(monitor, Tape) else None
         self.on_fault, self.on_send, self.on_frame = on_fault, on_send, on_frame
         self.on_bad: Callable[[BadFrame], None] | None = None
         context = Names({"request": None, "buffer": b""}, scope)

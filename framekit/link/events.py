@@ -138,6 +138,57 @@ class Seen:
 Monitor = Callable[[Seen], None]
 
 
+FrameRecord = tuple[Any, Direction, int, bytes, str, Any, int, bool]
+"""A good frame: the mark of the tape, direction, time, bytes, frame, its fields, time of the first byte, `repeated`.
+
+Fields of a frame that was sent: a function of its bytes and the names to call it with.
+"""
+Record = FrameRecord | tuple[Any, Seen]
+
+
+class Tape:
+    """Raw records of the frames that engines have seen, for a display that formats them in its own time.
+
+    It is also a monitor: everything else is recorded as it is reported.
+    """
+
+    __slots__ = ("begins", "mark", "records")
+
+    def __init__(self, begins: Callable[[], None], mark: Any = None, records: list[Record] | None = None) -> None:
+        self.begins = begins
+        """Called before the first record after each `take`; it raises nothing."""
+        self.mark = mark
+        """Says which engine a record is of."""
+        self.records: list[Record] = [] if records is None else records
+
+    def of(self, mark: Any) -> Tape:
+        """Return the same tape with another mark."""
+        return Tape(self.begins, mark, self.records)
+
+    def __call__(self, seen: Seen) -> None:
+        """Record something other than a good frame."""
+        if not self.records:
+            self.begins()
+        self.records.append((self.mark, seen))
+
+    def take(self) -> list[Record]:
+        """Return all records, and forget them."""
+        found = self.records.copy()
+        self.records.clear()
+        return found
+
+
+def seen_of(record: Record) -> Seen:
+    """Return what a record of a tape says."""
+    if len(record) == 2:
+        return record[1]
+    _, direction, at, raw, frame, fields, started_at, repeated = record
+    if direction == "in":
+        return Seen("in", "frame", at, raw, frame, fields, "", started_at)
+    read, names = fields
+    return Seen("out", "frame", at, raw, frame, None, "", 0, "", 0, repeated, lambda: read(raw, names, None))
+
+
 @dataclass(slots=True)
 class LinkCounters:
     """Frames by themselves sent, good frames received, those not taken, bad frames, bytes of noise.

@@ -501,16 +501,6 @@ class FrameTable:
                     usual = {one: names[given] for one, given in below.usual.items() if one not in fields}
                     inner.rest = info, data, names, name, usual
 
-    def read_later(self, value: FrameValue, names: tuple[str, ...]) -> Callable[[], dict[str, Any]] | None:
-        """What reads all fields of a frame that has just been sent, on these names as they are now; None: too late."""
-        if type(value.rest) is not tuple or value.rest[3] is not None:
-            return None
-        info, data, context, _, _ = value.rest
-        try:
-            return partial(info.read_back, data, {name: context[name] for name in names}, None)
-        except EVALUATION_ERRORS:
-            return None
-
     def fill_echo(self, reply: FrameValue, *requests: FrameValue | None) -> None:
         """Building a reply, or a frame that carries one, copies what it repeats of the first request that has it."""
         info = self.infos.get(reply.frame)

@@ -14,7 +14,7 @@ from framekit.codec.codec import Codec, compile_protocol
 from framekit.definition.model import protocol as model
 from framekit.link.arrivals import BadFrame
 from framekit.link.engine import Engine
-from framekit.link.events import Asked, MemoryAccess, Monitor, RequestHandler, Seen
+from framekit.link.events import Asked, MemoryAccess, Monitor, RequestHandler, Seen, Tape
 from framekit.link.services.client import Client
 from framekit.link.services.server import MemoryServer, ServiceCounters
 from framekit.link.values import FrameValue
@@ -317,7 +317,7 @@ class RunChannels:
 
     def __init__(
         self, channels: dict[int, ChannelService], clock: Clock, access: AddressedMemory, owner: ChannelOwner,
-        monitor: RunMonitor | None = None, moment: Moment | None = None,
+        monitor: RunMonitor | Tape | None = None, moment: Moment | None = None,
     ) -> None:  # fmt: skip
         self._clock = clock
         self._moment = moment
@@ -353,7 +353,7 @@ class RunChannels:
         """A simulated device could not do what it should."""
         log.warning("channel %d: %s", number, what)
         if self._monitor is not None:
-            undisturbed(self._monitor, number, Seen("", "trouble", self._clock.now(), reason=what))
+            watching(self._monitor, number)(Seen("", "trouble", self._clock.now(), reason=what))
 
     def put(self, number: int, made: Made) -> None:
         """From now on this is the channel of that number."""
@@ -405,8 +405,10 @@ def undisturbed(watcher: Callable[..., None], *what: object) -> None:
         log.exception("a watcher of the run failed")
 
 
-def watching(monitor: RunMonitor, channel: int) -> Monitor:
-    """Tells a monitor what is seen on one channel, as `undisturbed` does."""
+def watching(monitor: RunMonitor | Tape, channel: int) -> Monitor:
+    """Return the monitor of one channel; what `monitor` raises goes to the log, as `undisturbed` does."""
+    if isinstance(monitor, Tape):
+        return monitor.of(channel)
 
     def told(seen: Seen) -> None:
         try:

@@ -15,6 +15,7 @@ from typing import TypeVar
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import LineSettings
 from framekit.link.addresses import Address
+from framekit.link.events import Tape
 from framekit.memory.clock_bits import SystemBits
 from framekit.run.block_state import BlockState, BlockStatus, Failure
 from framekit.run.block_words import BlockMemory, SettingError, status_of
@@ -129,7 +130,7 @@ class RunService(ChannelOwner):
         self,
         run: RunModel,
         clock: Clock,
-        monitor: RunMonitor | None = None,
+        monitor: RunMonitor | Tape | None = None,
         on_end: OnEnd | None = None,
         resolve: ResolveHost | None = None,
     ) -> None:
@@ -469,7 +470,7 @@ class RunService(ChannelOwner):
             self.system.update(self.clock.now())
 
     def _act(self, now: int) -> None:
-        """Does what is due. Bits that nothing here looks at wait until the blocks have started."""
+        """Do everything that is due. Bits that no block looks at change after the blocks have started."""
         bits_first = self._bits_first
         if bits_first:
             self._show_bits(now)
@@ -480,11 +481,11 @@ class RunService(ChannelOwner):
         self.scheduler.tick(now)
         if self._has_points:
             self.points.tick(now)
-        if not bits_first:
+        if not bits_first and (self.system.look_at <= now or self._words.deadline <= now):
             self._show_bits(now)
 
     def _show_bits(self, now: int) -> None:
-        """The bits that the memory sets by itself, and the ends of pulses."""
+        """Set the bits that the memory sets by itself, and end the pulses that are over."""
         if self.system.look_at <= now:
             self.system.update(now)
         if self._words.deadline <= now:
@@ -505,8 +506,12 @@ class RunService(ChannelOwner):
         return False
 
     def _next_time(self) -> int:
-        """When something is due next; 0: now."""
-        due = min(self.scheduler.deadline, self.system.due, self._words.deadline)
+        """Return when something is due next; 0: now."""
+        due, bits, words = self.scheduler.deadline, self.system.due, self._words.deadline
+        if bits < due:
+            due = bits
+        if words < due:
+            due = words
         if self._has_points:
             due = min(due, self.points.deadline)
         return due if self.jobs is None else min(due, self.jobs.deadline)

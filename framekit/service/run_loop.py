@@ -1,53 +1,56 @@
-"""When a run, or what follows a memory, acts: one call soon for all that came due, a timer for what is due later."""
+"""When a run acts: at once for everything that has come due, by a timer for what is due later."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
+from framekit.definition.times import NEVER
 from framekit.transport.clock import Clock
 
 
 class RunLoop:
-    """Calls `act(now)` when something is due, between `start` and `stop`; `next_time()` says when that is.
-
-    `inside`: an event is being dealt with; what says so calls `end` afterwards.
-    """
+    """Call `act(now)` when something is due, between `start` and `stop`. `next_time()` returns when that is; 0: now."""
 
     def __init__(self, clock: Clock, act: Callable[[int], None], next_time: Callable[[], int]) -> None:
         self.clock = clock
         self.inside = False
+        """An event is being handled; its source calls `end` afterwards."""
+        self._now = clock.now
         self._act = act
         self._next_time = next_time
         self._ask_soon = clock.bell(self._beat)
         self._alarm = clock.alarm(self._beat)
-        self._woken = self._moved = False
+        self._woken = False
+        """A call of `act` is coming, or under way."""
+        self._moved = False
+        """The timer has to be set anew at the end of the event."""
         self._running = False
 
     def start(self) -> None:
-        """From now on it calls, as soon as `wake` or `set` is called."""
+        """Begin to call, as soon as `wake` or `set` is called."""
         self._running = True
 
     def stop(self) -> None:
-        """It calls no more."""
+        """End the calls."""
         self._running = False
         self._alarm.cancel()
 
     def wake(self) -> None:
-        """Something came due between two calls: one call soon is enough for all of it."""
+        """Ask for a call soon: something came due between two calls."""
         if not self._woken and self._running:
             self._woken = True
             if not self.inside:
                 self._ask_soon()
 
     def look(self) -> None:
-        """Nothing came due, but what is due next may be due at another time."""
+        """Set the timer, at the end of an event that is being handled: the next time may be another one."""
         if self.inside or self._woken:
             self._moved = True
         else:
             self.set()
 
     def end(self) -> None:
-        """The event has been dealt with."""
+        """Do what an event has made due, now that it has been handled."""
         self.inside = False
         if self._woken:
             self._beat()
@@ -55,20 +58,19 @@ class RunLoop:
             self.set()
 
     def set(self) -> None:
-        """What is due next may be due at another time."""
+        """Set the timer: the next time may be another one."""
         self._moved = False
-        if not self._running:
+        if self._running:
+            self._alarm.set(self._next_time() or self._now())
+        else:
             self._alarm.cancel()
-            return
-        due = self._next_time()
-        self._alarm.set(due if due else self.clock.now())
 
     def _beat(self) -> None:
-        """As asked for; where an event came first, that has done it already, and this finds nothing due."""
-        self._woken = True  # what comes due meanwhile is in the next time the timer is set for
+        """Act; after an event that has acted already nothing is due."""
+        self._woken = True  # the timer is set at the end, so it covers what comes due meanwhile
         try:
             if self._running:
-                self._act(self.clock.now())
+                self._act(self._now())
         finally:
-            self._woken = False
-            self.set()
+            self._woken = self._moved = False
+            self._alarm.set((self._next_time() or self._now()) if self._running else NEVER)

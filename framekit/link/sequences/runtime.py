@@ -27,6 +27,7 @@ from framekit.link.events import (
     RequestHandler,
     Seen,
     Send,
+    Tape,
     outcome_of,
 )
 from framekit.link.frame_table import NO_VALUES, FrameInfo, announce
@@ -113,8 +114,7 @@ class Runs:
     """What all runs of an engine share, and how they go on.
 
     `monitor` is shown everything. `on_fault` is shown everything but frames, `on_send` is told of each frame that goes
-    out: with these alone no frame is read for being shown. `with_lists`: frames that may hold lists or records.
-    `last_frame`: when the last good frame came or went.
+    out: with these alone no frame is read for being shown. `last_frame`: when the last good frame came or went.
     `ready`: what is to be done next: runs that are over, lanes in which something may begin, frames to be offered as
     if they had arrived, QUEUES, and calls. `changed`: the wanted frames may have changed. `need_names`: the frames that
     are built on names of the exchange. `shown_later`: the frames that can be decoded from their bytes at any later
@@ -134,7 +134,11 @@ class Runs:
         self.table = program.table
         self.sequences: Mapping[str, CompiledSequence] = program.sequences
         self.need_names, self.shown_later = program.need_names, program.shown_later
-        self.with_lists = {name for name, info in self.table.infos.items() if info.has_lists}
+        self.shown_plain = frozenset(name for name in self.shown_later if not self.table.infos[name].has_lists)
+        """The frames of `shown_later` that hold no lists or records."""
+        self.tape: Tape | None = None
+        """The monitor, if it records frames instead of showing them."""
+        self._known_names: dict[str, tuple[int, dict[str, Any]]] = {}
         self.copies = program.changes
         """Whether sequences change fields of frames, so that each exchange has to have a request of its own."""
         self.commands: list[Command] = []
@@ -509,27 +513,64 @@ class Runs:
             self.monitor(seen)
 
     def show_sent(self, value: FrameValue, data: bytes, repeated: bool = False) -> None:
-        """A frame that goes out. Its fields are read from its bytes when they are asked for, if that is the same."""
+        """Show a frame that goes out. Its fields are read from its bytes later, if that gives the same."""
         if self.monitor is not None:
-            names = self.shown_later.get(value.frame)
-            computed = None if names is None else self.table.read_later(value, names)
-            fields = None if computed is not None else _plain_of(value)
-            now = self.scope.now
-            self.monitor(Seen("out", "frame", now, data, value.frame, fields, "", 0, "", 0, repeated, computed))
+            frame, pending, scope = value.frame, value.rest, self.scope
+            if type(pending) is tuple and pending[3] is None and frame in self.shown_later:
+                kept, tape = self._known_names.get(frame), self.tape
+                if kept is None or kept[0] != scope.settings or pending[2] is not scope:
+                    kept = self._shown_names(frame, pending[2])
+                if kept is not None and tape is not None:
+                    if not tape.records:
+                        tape.begins()
+                    tape.records.append(
+                        (tape.mark, "out", scope.now, data, frame, (pending[0].read_back, kept[1]), 0, repeated)
+                    )
+                    return
+                if kept is not None:
+                    read = partial(pending[0].read_back, data, kept[1], None)
+                    self.monitor(Seen("out", "frame", scope.now, data, frame, None, "", 0, "", 0, repeated, read))
+                    return
+            self.monitor(Seen("out", "frame", scope.now, data, frame, _plain_of(value), "", 0, "", 0, repeated))
+
+    def _shown_names(self, frame: str, context: Mapping[str, Any]) -> tuple[int, dict[str, Any]] | None:
+        """Return the names that a frame is read back with, as they are now, and the number of `settings` so far.
+
+        None if they cannot be worked out.
+
+        They are parameters and constants. Names of the engine itself are kept until a parameter is set.
+        """
+        needed, scope = self.shown_later[frame], self.scope
+        try:
+            found = scope.settings, {name: context[name] for name in needed}
+        except EVALUATION_ERRORS:
+            return None
+        if context is scope and not any(name in (scope.formulas or {}) for name in needed):
+            self._known_names[frame] = found
+        return found
 
     def show_received(self, value: FrameValue, raw: bytes, started_at: int) -> None:
-        """A good frame, or one that is to be refused, whose first byte came at `started_at`."""
+        """Show a good frame, or a frame that is to be refused, whose first byte came at `started_at`."""
         if self.monitor is not None:
+            tape, frame = self.tape, value.frame
+            if tape is not None and frame in self.shown_plain and value.refusal is None:
+                if not tape.records:
+                    tape.begins()
+                tape.records.append(
+                    (tape.mark, "in", self.scope.now, raw, frame, value.fields.copy(), started_at, False)
+                )  # fmt: skip
+                return
             reason = "" if value.refusal is None else f"refused with {code_text(value.refusal)}"
-            if value.frame in self.shown_later:
+            if frame in self.shown_plain:
                 fields = value.fields.copy()
-                if value.frame in self.with_lists:
-                    for name, one in fields.items():
-                        if type(one) in (list, dict):  # of the program, which may change it
-                            fields[name] = plain(one)
+            elif frame in self.shown_later:
+                fields = {
+                    name: plain(one) if type(one) in (list, dict) else one  # of the program, which may change it
+                    for name, one in value.fields.items()
+                }
             else:
                 fields = _plain_of(value)
-            self.monitor(Seen("in", "frame", self.scope.now, raw, value.frame, fields, reason, started_at))
+            self.monitor(Seen("in", "frame", self.scope.now, raw, frame, fields, reason, started_at))
 
     def set_session(self, new: bool) -> None:
         self.session.end()
