@@ -61,6 +61,7 @@ from framekit.link.sequences.state import (
 from framekit.link.values import FrameValue, Names, plain
 
 RECEIVING, PAUSING, HELD, DONE = State.RECEIVING, State.PAUSING, State.HELD, State.DONE
+SILENT = State.SILENT
 
 OnFrame = Callable[[FrameValue], None]
 
@@ -375,7 +376,7 @@ class Engine(Lanes):
     def _send_in_turn(self, value: FrameValue, put_out: Callable[[], None]) -> None:
         """Puts a frame out that is sent by itself, or keeps it while a reply is due that its own could be taken for."""
         late = self.late
-        if late.items or late.asked(value, any(run.asked is not None for run in self.order)):
+        if late.items or late.sent_alone(value, any(run.asked is not None for run in self.order)):
             late.items.append(partial(self._send_in_turn, value, put_out))
         else:
             put_out()
@@ -560,7 +561,7 @@ class Engine(Lanes):
                 self.show_received(event, event.raw or b"", receiver.given_since)
             if event.frame in self._announcing:
                 self.accept(event)
-            if self.late.lost or not self.offer(event):
+            if (self.late.open and not self.late.until) or not self.offer(event):
                 self._not_taken(event)
         elif event is None:
             waiting = receiver.waiting
@@ -597,7 +598,7 @@ class Engine(Lanes):
         for run in order:
             if run.state is RECEIVING:
                 key = run.plan if key == () else (key, run.plan)
-            elif run.state is HELD:
+            elif run.state is HELD or run.state is SILENT:
                 key = (key, HELD)
         if len(order) == 1 and type(key) is Plan:
             self._plan = key
@@ -626,7 +627,7 @@ class Engine(Lanes):
         names: dict[str, None] = {}
         looks = others = held = False
         for run in self.order:
-            if run.state is HELD:
+            if run.state is HELD or run.state is SILENT:
                 held = looks = others = True
             elif run.state is RECEIVING:
                 looks = looks or run.plan.looks
@@ -653,8 +654,8 @@ class Engine(Lanes):
     def _not_taken(self, value: FrameValue) -> None:
         """A good frame that no row has taken yet: it may be another one, or late."""
         receiver, late = self.receiver, self.late
-        if late.lost:
-            if late.was_kept(value.frame, receiver.is_followed_by(late.expected.frames)):
+        if late.open and not late.until:
+            if late.came_before(value, receiver.is_followed_by(late.expected.frames)):
                 self.unsolicited(value, True)
                 return
             if self.offer(value):
@@ -665,8 +666,11 @@ class Engine(Lanes):
             if self.offer(other.value):
                 return
         is_awaited = value.frame in self.awaited
-        was_due = late.came(value.frame, is_awaited)
-        is_late = was_due and not late.by_itself
+        found = late.came(value, is_awaited)
+        is_late = found is not None and not found.by_itself
+        for run in self.order:
+            if run.state is SILENT and found is not None:
+                run.doubt.extra = self.scope.now
         is_taken = not is_late and any(
             self._handle(run, "on_other", Other(value)) for run in self.order if run.state is RECEIVING
         )
@@ -674,7 +678,7 @@ class Engine(Lanes):
             self._hand_over(value)
         elif not is_taken:
             self.unsolicited(value, is_late)
-        if was_due and not late.until:
+        if found is not None and not late.until:
             self.release()
 
     def unsolicited(self, value: FrameValue, is_late: bool = False) -> None:
@@ -771,6 +775,9 @@ class Engine(Lanes):
         number = run.wait_number
         if run.state is HELD:
             self.hold_over(run)
+            return
+        if run.state is SILENT:
+            self.silence_over(run)
             return
         if run.state is RECEIVING and run.candidate is not None:
             run.deadline = NEVER

@@ -201,6 +201,8 @@ class LinkCounters:
     not_taken: int = 0
     late: int = 0
     bad: int = 0
+    repeated: int = 0
+    """Requests sent once more, because no reply came or because it was in doubt."""
     noise_bytes: int = 0
 
 

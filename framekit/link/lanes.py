@@ -12,7 +12,6 @@ from framekit.definition.model.procedure import Lane
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
 from framekit.link.events import Exchange, Outcome, Reopen
-from framekit.link.late import MOST_HOLDS
 from framekit.link.receiver import Receiver
 from framekit.link.scope import Scope
 from framekit.link.sequences.runtime import Runs
@@ -81,6 +80,7 @@ class Lanes(Runs):
                 run.owed = run.agenda = None
                 run.cause, run.doing = "", "exchange"
                 running.append(run)
+            run.first_open = self.late.count
             self.live += 1
             if session.session is not None and (before := session.plan(x)):
                 self._begin_behind(before, run, x)
@@ -178,7 +178,7 @@ class Lanes(Runs):
     def release(self) -> None:
         """Nothing is due any more, or its time is over: what was held back goes on."""
         late = self.late
-        late.clear()
+        late.time_over()
         items, late.items = late.items, []
         for send in items:
             send()
@@ -188,6 +188,8 @@ class Lanes(Runs):
                     run.deadline = late.until
                 else:
                     self.go_on(run)
+            elif run.state is State.SILENT and run.doubt is not None and run.doubt.is_draining:
+                run.deadline = max(late.until, self.scope.now)
 
     def hold_over(self, run: Run) -> None:
         """A time for which a run was to be held back is over."""
@@ -199,7 +201,7 @@ class Lanes(Runs):
             if not (self.listens or self.awaited):
                 self.drop_stale()
             self.release()
-        elif now - run.started < MOST_HOLDS * (late.within + more):
+        elif not late.is_without_end(run.started):
             run.deadline = late.until
         else:
             run.cause = "replies that nothing waits for come without end"
@@ -269,7 +271,7 @@ class Lanes(Runs):
         for run in self.order:
             if run.exchange is exchange:
                 run.given_up = True
-                if run.state is State.HELD:
+                if run.state in (State.HELD, State.SILENT):
                     self.cancel_now(exchange)
 
     def fail_waiting(self, outcome: str, cause: str) -> None:

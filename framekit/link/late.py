@@ -1,95 +1,134 @@
-"""Replies that may still come when the wait for them is over, and until when nothing else goes out (guide: sequences).
+"""Keep a line in step: decide when a request may be sent, and whether a reply may be stored (docs/internals/late.md).
 
-A protocol without a number for each exchange cannot tell a late reply from the reply to the next request. So what was
-asked for and has not come is counted. While it is due, no other request goes out: not before it has come, or its time,
-and as much again, is over. Nothing is sent or received here.
+Most protocols give their replies no number, so a late reply looks like the reply to the next request. Every request
+that got no reply in time stays *open* until its reply comes or until no reply can come any more. The states:
+
+    in step          no request is open
+      | a time limit ends without the reply
+    holding          no request is sent until the open replies have come or are later than any reply before
+      | the hold ends and requests are still open
+    out of step      requests are sent; a reply is stored when it has come more often than open requests can bring it
+      | the replies differ, or come slowly
+    draining         no request is sent until the line was silent for as long as the last reply may have taken
+      | silence                                                                                    -> in step
+
+All open replies came: in step again, from every state. Sans-I/O: the engine calls these functions with its clock.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from typing import NamedTuple
+from collections.abc import Callable, Hashable
+from typing import Any
 
-from framekit.definition.expression import Expression, names_in
-from framekit.definition.model.procedure import Role, Row, Sequence, Step
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.values import FrameOf
+from framekit.link.awaited_replies import Replies
+from framekit.link.events import Exchange
+from framekit.link.frame_table import FrameTable
 from framekit.link.scope import Scope
-from framekit.link.values import (
-    EVALUATION_ERRORS,
-    Evaluate,
-    FrameValue,
-    Inverse,
-    Names,
-    bare_name,
-    compile_optional,
-    inverse_of,
-)
+from framekit.link.sequences.state import Run
+from framekit.link.values import EVALUATION_ERRORS, FrameValue, Names, compile_optional
 
 LONGEST = 60_000_000_000
-"""No late reply is waited for longer than this (ns)."""
+"""Upper limit of every hold (ns)."""
+
+HORIZON = 21
+"""An open request is dropped after this many times its time limit: no later reply is expected."""
+
+MOST_OPEN = 64
+"""Upper limit of the number of open requests; the oldest is dropped first."""
 
 MOST_HOLDS = 5
-"""A request that is held back so many times the usual time fails: frames that were not asked for come without end."""
+"""A request fails after so many times the usual hold: frames without a request arrive without end."""
+
+FORGET = 600_000_000_000
+"""A measured lateness loses its effect linearly within this time (ns)."""
+
+NO_REPLIES = Replies(frozenset(), frozenset(), ())
 
 
-class Beginning(NamedTuple):
-    """One of the first steps of an exchange: it sends `when` that holds, and then waits for a reply or for none."""
+class OpenRequest:
+    """A request whose reply has not come and may still come."""
 
-    when: Evaluate | None
-    has_reply: bool
+    __slots__ = ("asked", "at", "by_itself", "ends", "frames", "names", "number", "sent", "station", "within")
+
+    def __init__(self, x: Exchange | None, sent: FrameValue | None, names: Names, at: int, within: int) -> None:
+        self.asked = sent if x is None else x.asked
+        self.sent, self.names = sent, names
+        self.station = None if x is None else x.station
+        self.frames = () if x is None else x.expected
+        """Frames that the service of the exchange expects as the reply."""
+        self.at, self.within = at, within
+        self.number = 0
+        """Number of this request among all that were ever open on the line."""
+        self.ends = 0
+        """Time after which no reply to it is expected."""
+        self.by_itself = False
+        """Whether a SEND block or a program sent it, without an exchange."""
 
 
-class Replies(NamedTuple):
-    """What exchanges of a role wait for. `frames`: replies that repeat no number of their request; `requests`: frames
-    that services ask for those with, or that carry these; `waits`: how long steps wait for them. `stations`: which
-    fields of such a frame hold the station; `beginnings`: for each exchange its first steps that send, and whether a
-    reply follows.
-    """
+class Doubt:
+    """The replies to one exchange while requests before it are open: it runs again until a reply is believed."""
 
-    frames: frozenset[str]
-    requests: frozenset[str]
-    waits: tuple[Evaluate, ...]
-    stations: Mapping[str, tuple[str, Inverse]] = {}
-    beginnings: tuple[tuple[Beginning, ...], ...] = ()
+    __slots__ = ("asks", "began", "changes", "equal", "extra", "is_draining", "quickest", "reply", "result", "since")
 
-    def is_broadcast(self, value: FrameValue, names: Names) -> bool:
-        """Whether an exchange would send this request without waiting for a reply, as its station is everyone."""
-        if value.frame not in self.stations:
-            return False
-        field, inverse = self.stations[value.frame]
-        try:
-            station = inverse.solve(value.fields[field], names)
-            known = Names({"request": value, "station": station}, names)
-            return bool(self.beginnings) and not any(_has_reply(steps, known) for steps in self.beginnings)
-        except EVALUATION_ERRORS:
-            return False
+    def __init__(self, now: int) -> None:
+        self.began = now
+        self.asks: list[tuple[OpenRequest, int]] = []
+        """Each request of the exchange that seemed to be answered, and the time of the reply."""
+        self.result: object = None
+        """Content of the last reply."""
+        self.reply: FrameValue | None = None
+        self.equal = 0
+        """Number of replies in sequence that were equal to the last one."""
+        self.since = now
+        """Time of the first of these equal replies."""
+        self.changes = 0
+        self.quickest = LONGEST
+        """Shortest time between a request of the exchange and its reply (ns)."""
+        self.extra = 0
+        """Time of the last reply that came without a request."""
+        self.is_draining = False
 
 
 class LateReplies:
-    """`due` replies may still come; requests wait until the time `until` (0: none is held back).
+    """The open requests of a line, and what follows from them for sending and storing."""
 
-    `lost`: replies that were due and have not come in that time. Something on the way may keep them until the next one.
-    `expected`: what exchanges of the role wait for. `within`: how long the last exchange waited for its reply. `items`
-    put frames out that were sent by themselves and wait too. `by_itself`: what is due answers such a frame.
-    """
+    __slots__ = (
+        "_greatest", "_late", "_scope", "_service", "_table", "count", "expected", "items", "last", "on_slow", "open",
+        "reported", "strange_since", "until", "within",
+    )  # fmt: skip
 
-    __slots__ = ("_late", "_scope", "by_itself", "due", "expected", "items", "lost", "until", "within")
-
-    def __init__(self, protocol: Protocol, scope: Scope) -> None:
-        late = protocol.line.late
-        self._late = compile_optional(late)
-        self._scope = scope
-        self.due = 0
-        self.lost = 0
+    def __init__(self, protocol: Protocol, scope: Scope, table: FrameTable) -> None:
+        self._late = compile_optional(protocol.line.late)
+        self._scope, self._table = scope, table
+        self.open: list[OpenRequest] = []
+        """Requests without a reply, oldest first."""
         self.until = 0
+        """End of the hold (ns); 0: no hold."""
         self.within = 0
-        self.expected = Replies(frozenset(), frozenset(), ())
+        """Time limit of the last wait for a reply (ns)."""
+        self.count = 0
+        """Number of requests that were ever open."""
+        self.last = 0
+        """Time of the last late reply (ns)."""
+        self.expected = NO_REPLIES
         self.items: list[Callable[[], None]] = []
-        self.by_itself = False
+        """Frames sent without an exchange that wait for the end of the hold."""
+        self.on_slow: Callable[[Any, int], None] = lambda station, time: None
+        """Called with a station and the time after which it answers, when that is later than the time limit."""
+        self.reported: dict[Hashable, int] = {}
+        """For each station the last reported time (ns)."""
+        self._greatest: dict[Hashable, tuple[int, int]] = {}
+        """For each station the greatest lateness, and when it was measured."""
+        self.strange_since = 0
+        """Time of the first frame in this hold that answers no open request; 0: none came."""
+        self._service = 0
+        """Greatest time that the device took for one of the open requests, the requests before it not counted."""
+
+    # ---- requests become open -----------------------------------------------------------------------------
 
     def time(self, names: Names, within: int) -> int:
-        """How long after its time, `within`, a reply may still come: as long again where the line does not say."""
+        """Return how long after its time limit `within` a reply may come: `late` of the line, else as long again."""
         more = within
         if self._late is not None:
             try:
@@ -98,16 +137,31 @@ class LateReplies:
                 more = within
         return min(max(0, more), LONGEST)
 
-    def missed(self, names: Names, started: int, within: int) -> None:
-        """A wait that began at `started` is over, or its request is repeated, and no reply to it has come."""
-        if self.time(names, within):
-            self.due += 1
-            self.by_itself = False
-            self.until = max(self.until, self._scope.now)
-            self.extend(names, started, within)
+    def miss(self, x: Exchange, started: int, within: int) -> None:
+        """Note that a wait from `started` on ended, or its request is repeated, and no reply has come."""
+        more = self.time(x.names, within)
+        if more:
+            self._add(OpenRequest(x, x.last_sent, x.names, started, within))
+            self._hold(x.station, started, within, more)
 
-    def asked(self, value: FrameValue, is_asking: bool) -> bool:
-        """Whether a frame sent by itself has to wait; if not, and a service asks with it, its reply is due from now.
+    def took(self, run: Run, x: Exchange) -> None:
+        """Note a reply to a request that was repeated: it answers the first of the equal requests, others are open."""
+        raw = x.last_sent.raw if x.last_sent is not None else None
+        own = [
+            one for one in self.open if one.number >= run.first_open and one.sent is not None and one.sent.raw == raw
+        ]
+        if own:
+            self._add(OpenRequest(x, x.last_sent, x.names, run.started, run.longest))
+            self._close(own[0])
+        else:
+            self.last = 0  # this reply came in time: a reply before it did not wait for another one
+        if own or self.until:
+            more = self.time(x.names, run.longest)
+            self._hold(x.station, own[0].at if own else run.started, run.longest, more)
+            self._hold(x.station, run.started, run.longest, more)
+
+    def sent_alone(self, value: FrameValue, is_asking: bool) -> bool:
+        """Return whether a frame without an exchange has to wait; if not, and a service asks with it, it is open now.
 
         No reply is due to a broadcast. `is_asking`: an exchange waits for its reply.
         """
@@ -123,13 +177,14 @@ class LateReplies:
             self.until = scope.now + within
             return True
         if more:
-            self.clear()
-            self.due, self.by_itself = 1, True
-            self.extend(scope, scope.now, within)
+            request = OpenRequest(None, value, scope, scope.now, within)
+            request.by_itself = True
+            self._add(request)
+            self._hold(None, scope.now, within, more)
         return False
 
     def longest(self) -> int:
-        """The longest time that a step of the role waits for a reply, as far as that is known without an exchange."""
+        """Return the longest time limit of the steps that wait for a reply, as far as it needs no exchange."""
         found = 0
         for wait in self.expected.waits:
             try:
@@ -138,152 +193,290 @@ class LateReplies:
                 continue
         return found
 
-    def extend(self, names: Names, started: int, within: int) -> None:
-        """The reply to a repeated request came: that of an earlier one, or its own."""
+    def _add(self, request: OpenRequest) -> None:
+        if not self.open:
+            self._service = 0
+        request.number, self.count = self.count, self.count + 1
+        request.within = min(request.within, LONGEST)
+        request.ends = max(request.at, self._scope.now) + min(HORIZON * request.within, LONGEST)
+        self.open.append(request)
+        if len(self.open) > MOST_OPEN:
+            del self.open[0]
+
+    def _hold(self, station: Any, started: int, within: int, more: int) -> None:
+        """Hold requests back: for the time limit and `late`, or for the greatest lateness and a quarter of it."""
         now = self._scope.now
-        answered_by = min(max(now, started + within), now + LONGEST)
-        self.until = max(self.until, answered_by + self.time(names, within))
+        learned = self._greatest_of(station)
+        end = max(max(now, started + within) + more, started + learned + learned // 4)
+        self.until = max(self.until, min(end, now + LONGEST + more))
 
-    def came(self, frame: str, is_awaited: bool) -> bool:
-        """A good frame came that no step waits for. Tells whether it is one of the replies that are due.
+    def _greatest_of(self, station: Any) -> int:
+        """Return the greatest lateness of a station, less what is forgotten of it."""
+        measured, at = self._greatest.get(_key(station), (0, 0))
+        age = self._scope.now - at
+        return measured if age < FORGET // 2 else max(0, measured - measured * (age - FORGET // 2) // (FORGET // 2))
 
-        `is_awaited`: such frames come by themselves too, so one that is not due holds nothing back.
-        """
-        if frame not in self.expected.frames or (is_awaited and not self.due):
-            return False
-        more = self.time(self._scope, self.within)
-        if self.due == 1:
-            self.due = self.until = 0
+    # ---- may a request be sent? ---------------------------------------------------------------------------
+
+    def concerns(self, station: Any) -> bool:
+        """Return whether the hold is for requests to this station too."""
+        if not self.expected.name_stations or not self.open:
             return True
-        was_due = self.due > 0
-        self.due -= was_due
-        if more:
-            self.until = max(self.until, self._scope.now + more)
-        return was_due
+        return any(one.station is None or one.station == station for one in self.open)
 
-    def was_kept(self, frame: str, more: bool) -> bool:
-        """Whether a good frame is one of the lost: one `more` came behind it. Alone it is what is waited for."""
-        if frame not in self.expected.frames:
-            return False
-        self.lost = self.lost - 1 if more else 0
-        return more
+    def time_over(self) -> None:
+        """End the hold. Requests that are still open make the line out of step."""
+        self.until = self.strange_since = 0
 
-    def clear(self) -> None:
-        """Nothing is due any more, or its time is over."""
-        self.lost = self.due
-        self.due = self.until = 0
+    def is_without_end(self, since: int) -> bool:
+        """Return whether a request was held back for too long by frames that answer no open request."""
+        now, usual = self._scope.now, self.within + self.time(self._scope, self.within)
+        strange = self.strange_since and now - max(since, self.strange_since) >= MOST_HOLDS * usual
+        return bool(strange) or now - since > MOST_HOLDS * LONGEST
 
     def forget(self) -> None:
-        """The connection is gone, or new: nothing that was asked for over another one will come."""
-        self.lost = self.due = self.until = 0
+        """Drop everything: over a new connection no reply to a request of the old one comes."""
+        self.open.clear()
         self.items.clear()
+        self.until = self.last = self._service = self.strange_since = 0
+
+    # ---- replies that no row takes ------------------------------------------------------------------------
+
+    def came(self, value: FrameValue, is_awaited: bool) -> OpenRequest | None:
+        """Return the open request that a frame answers which no row takes, or None.
+
+        Without one the frame is a sign of unknown requests, and holds the line; not if `is_awaited`: such frames come
+        by themselves too, so only a hold makes one of them a late reply.
+        """
+        if value.frame not in self.expected.frames and not any(value.frame in one.frames for one in self.open):
+            return None
+        now = self._scope.now
+        self.expire()
+        if is_awaited and not self.until:
+            return None
+        found = next((one for one in self.open if self._could_answer(value, one)), None)
+        if found is not None:
+            service = self._match(found)
+            if not self.open:
+                self.until = 0
+                return found
+        elif is_awaited:
+            return None
+        else:
+            service = 0
+            self.strange_since = self.strange_since or now
+        more = self.time(self._scope, self.within)
+        if more:
+            self.until = max(self.until, now + max(more, min(service + service // 4, LONGEST)))
+        return found
+
+    def came_before(self, value: FrameValue, is_followed: bool) -> bool:
+        """Return whether a reply is late because another good one follows it in the same bytes."""
+        if not is_followed or value.frame not in self.expected.frames:
+            return False
+        found = next((one for one in self.open if self._could_answer(value, one)), None)
+        if found is not None:
+            self._match(found)
+        return found is not None
+
+    def _close(self, request: OpenRequest) -> int:
+        """Close a request whose reply has come; return the time that the device took for it alone."""
+        now = self._scope.now
+        self.open.remove(request)
+        service = now - max(request.at, self.last)
+        self.last = now
+        self._service = max(self._service, service)
+        return service
+
+    def _match(self, request: OpenRequest) -> int:
+        """Close a request whose reply was late; learn its lateness. Return the time that the device took for it."""
+        now = self._scope.now
+        service, station, lateness = self._close(request), _key(request.station), now - request.at
+        if lateness > self._greatest_of(station) and not request.by_itself:
+            self._greatest[station] = lateness, now
+        if not self.open:
+            if self._service > request.within and not request.by_itself:
+                self._report(request.station, self._service)
+            self._service = 0
+        for one in self.open:
+            one.ends = max(one.ends, now + min(service + service // 4 + one.within, LONGEST))
+        return service
+
+    def _report(self, station: Any, time: int) -> None:
+        """Report the time after which a station answers, once and when it changes by more than a quarter."""
+        before = self.reported.get(_key(station), 0)
+        if abs(time - before) * 4 > before:
+            self.reported[_key(station)] = time
+            self.on_slow(station, time)
+
+    def _could_answer(self, reply: FrameValue, request: OpenRequest) -> bool:
+        """Return whether a reply fits a request: it repeats everything that its definition says."""
+        return self._table.repeats(reply, request.asked, request.sent, request.names)
+
+    def expire(self) -> None:
+        """Drop open requests that no reply is expected for any more."""
+        now = self._scope.now
+        if self.open and any(one.ends <= now for one in self.open):
+            self.open = [one for one in self.open if one.ends > now]
+
+    # ---- may a reply be stored? ---------------------------------------------------------------------------
+
+    def doubts(self, run: Run, x: Exchange, results: dict[str, Any]) -> int:
+        """Return 0 if the reply to an exchange belongs to it, else until when to keep silent before it runs again.
+
+        A reply belongs to the exchange if no open request could have brought it, or if it came in more equal copies
+        than open requests can bring. Two requests without a reply are a time limit apart, and so are their late
+        replies: what comes faster is more than they can bring.
+        """
+        self.expire()
+        reply = x.taken
+        if reply is None or not self.open:
+            return self._believe(run)
+        others = [one for one in self.open if one.number < run.first_open and self._could_answer(reply, one)]
+        if not others:
+            return self._believe(run)
+        now, within = self._scope.now, max(1, min(self.within, LONGEST))
+        doubt = run.doubt
+        if doubt is None:
+            doubt = run.doubt = Doubt(now)
+        doubt.asks.append((OpenRequest(x, x.last_sent, x.names, run.started, within), now))
+        content, took = content_of(results, reply), now - run.started
+        if doubt.equal and content == doubt.result:
+            doubt.equal += 1
+        else:
+            doubt.changes += doubt.result is not None
+            doubt.equal, doubt.since, doubt.result = 1, now, content
+        doubt.reply = reply
+        doubt.quickest = min(doubt.quickest, took)
+        possible = min(len(others), 1 + 2 * (now - doubt.since) // within)
+        if doubt.equal > possible:
+            return self._believe(run)
+        gathered, number = now - doubt.began, len(doubt.asks)
+        if number > 3 and doubt.changes and gathered < within and took <= 2 * doubt.quickest + within // 50:
+            return self._believe(run)  # the value itself changes; each reply came at its usual time
+        if gathered < within and number < MOST_OPEN:
+            doubt.extra = 0
+            return now + silence(took, within)
+        return self._drain(run, doubt)
+
+    def _believe(self, run: Run) -> int:
+        run.doubt = None
+        return 0
+
+    def _drain(self, run: Run, doubt: Doubt) -> int:
+        """Stop asking until the line is silent for as long as the last reply may have taken."""
+        doubt.is_draining = True
+        self._settle(doubt)
+        run.first_open = self.count
+        return self.until
+
+    def _settle(self, doubt: Doubt) -> None:
+        """Count the replies of an exchange that are not believed for the oldest requests they fit; hold the line."""
+        now, reply, lateness = self._scope.now, doubt.reply, 0
+        for request, _ in doubt.asks:
+            self._add(request)
+        for _, at in doubt.asks:
+            fitting = [one for one in self.open if reply is not None and self._could_answer(reply, one)]
+            if fitting:
+                oldest = min(fitting, key=lambda one: one.at)
+                self.open.remove(oldest)
+                lateness = max(lateness, at - oldest.at)
+                self.last = at
+        self.open.sort(key=lambda one: one.at)
+        doubt.asks.clear()
+        if self.open:
+            lateness = min(lateness, HORIZON * max(1, self.within))
+            self.until = max(self.until, min(now + lateness + lateness // 4, now + LONGEST))
+        for one in self.open:
+            one.ends = max(one.ends, self.until)
+
+    def ended(self, run: Run) -> None:
+        """Note that an exchange ended while its replies were in doubt."""
+        doubt, run.doubt = run.doubt, None
+        if doubt is not None:
+            self._settle(doubt)
+
+    def silent(self, run: Run) -> int:
+        """Return 0 if an exchange in doubt may run again, else until when the silence has to last."""
+        doubt, now = run.doubt, self._scope.now
+        if doubt is None:
+            return 0
+        if not doubt.is_draining:
+            if not doubt.extra:
+                return 0
+            doubt.equal, end = 0, doubt.extra + silence(now - doubt.extra, max(1, self.within))
+            doubt.extra = 0
+            return end if end > now else 0
+        if self.until > now:
+            return self.until
+        reply = doubt.reply
+        self.open = [one for one in self.open if reply is None or not self._could_answer(reply, one)]
+        run.doubt = None
+        return 0
+
+    def is_endless(self, run: Run) -> bool:
+        """Return whether an exchange has been in doubt for so long that it fails."""
+        limit = min(MOST_HOLDS * HORIZON * max(1, self.within), 3 * LONGEST)
+        return run.doubt is not None and self._scope.now - run.doubt.began > limit
 
 
-def replies_of(protocol: Protocol, role: Role | None) -> Replies:
-    """What exchanges of a role wait for, and what asks for it."""
-    if role is None:
-        return Replies(frozenset(), frozenset(), ())
-    session = protocol.sessions.get(role.session or "")
-    run = [name for lane in role.lanes for name in lane.exchange]
-    run += () if session is None else (*session.open, *session.close)
-    sequences = list(protocol.called_from(run))
-    steps = [step for sequence in sequences for step in sequence.steps if step.receive]
-    steps = [step for step in steps if not is_numbered(step, protocol)]
-    frames = frozenset(name for step in steps for name in _waited_for(step.receive or (), protocol))
-    asking = [
-        row.request
-        for row in protocol.service_rows
-        if row.request is not None and any(reply.frame and reply.frame.frame in frames for reply in row.reply)
-    ]
-    asking += [carrier for one in sequences for carrier in _carriers(one, steps)]
-    requests = frozenset(one.frame for one in asking)
-    waits = tuple(wait for step in steps if (wait := compile_optional(step.within)) is not None)
-    exchanges = [protocol.sequences[name] for lane in role.lanes for name in lane.exchange]
-    beginnings = tuple(tuple(_beginnings(sequence)) for sequence in exchanges)
-    return Replies(frames, requests, waits, _stations(asking), beginnings)
+def silence(took: int, within: int) -> int:
+    """Return how long nothing may come after a reply in doubt: as long as it took, an eighth of the limit at least."""
+    return max(took, within // 8)
 
 
-def _has_reply(steps: tuple[Beginning, ...], names: Names) -> bool:
-    """Whether the first of these steps that is not skipped waits for a reply."""
-    return next((step.has_reply for step in steps if step.when is None or step.when(names)), True)
+def content_of(results: dict[str, Any], reply: FrameValue) -> object:
+    """Return the content of what an exchange brought, to be compared."""
+    return reply.raw, [one.raw if type(one) is FrameValue else one for one in results.values()]
 
 
-def _beginnings(sequence: Sequence) -> Iterator[Beginning]:
-    """The steps with which it can begin."""
-    for number, step in enumerate(sequence.steps):
-        when = compile_optional(step.when)
-        yield Beginning(when, step.send is None or _waits(sequence, number))
-        if when is None:
-            return
+def fresh(value: Any) -> Any:
+    """Return a request as it was before it was sent, to be sent once more."""
+    if type(value) is FrameValue:
+        fields = {name: fresh(one) for name, one in value.fields.items()}
+        made = FrameValue(value.frame, fields, None, value.refusal, value.declared, value.unset)
+        made.built = value.built
+        return made
+    if type(value) is dict:
+        return {name: fresh(one) for name, one in value.items()}
+    return [fresh(one) for one in value] if type(value) is list else value
 
 
-def _waits(sequence: Sequence, number: int) -> bool:
-    """Whether from this step on it may come to one that waits for a frame, or does what is not known here."""
-    numbers = {step.name: place for place, step in enumerate(sequence.steps)}
-    waiting, seen = [number], set[int]()
-    while waiting:
-        place = waiting.pop()
-        if place in seen or place >= len(sequence.steps):
-            continue
-        seen.add(place)
-        step = sequence.steps[place]
-        if step.receive or step.branch or step.call is not None or step.ask is not None:
-            return True
-        if step.then != "end":
-            waiting.append(place + 1 if step.then == "next" else numbers[step.then])
-        if step.when is not None and place != number:
-            waiting.append(place + 1)
-    return False
+def _key(station: Any) -> Hashable:
+    return station if isinstance(station, Hashable) else repr(station)
 
 
-def _carriers(sequence: Sequence, steps: list[Step]) -> Iterator[FrameOf]:
-    """The frames in which steps send the request that a sequence was given."""
-    for step in sequence.steps:
-        if step in steps and isinstance(step.send, FrameOf):
-            values = (one for one in step.send.fields.values() if isinstance(one, Expression))
-            if any(bare_name(value) in sequence.takes for value in values):
-                yield step.send
+# ---- what generators of sequences call ------------------------------------------------------------------------------
 
 
-def _stations(asking: list[FrameOf]) -> dict[str, tuple[str, Inverse]]:
-    """The field of each request that holds the station, and how it is read from that."""
-    found = {}
-    for request in asking:
-        for name, value in request.fields.items():
-            inverse = inverse_of(value) if isinstance(value, Expression) else None
-            if inverse is not None and inverse.name == "station":
-                found[request.frame] = name, inverse
-    return found
+def missed(run: Run) -> None:
+    """Note that the run waits no longer for the reply it has asked for."""
+    still_due(run)
+    run.asked = None
 
 
-def is_numbered(step: Step, protocol: Protocol) -> bool:
-    """Whether each reply repeats a number that the step's request gets anew every time: no other one looks like it."""
-    if not isinstance(step.send, FrameOf):
+def still_due(run: Run) -> None:
+    """Note that the reply has not come and that the run asks again, or does something else."""
+    if run.asked is not None:
+        run.machine.late.miss(run.asked, run.started, run.longest)
+
+
+def replied(run: Run) -> None:
+    """Note that a row takes what came."""
+    asked, run.asked = run.asked, None
+    late = run.machine.late
+    if asked is not None and (late.open or late.until):
+        late.took(run, asked)
+
+
+def is_held(machine: Any, run: Run, x: Exchange, value: Any, names: Names | None = None) -> bool:
+    """Return whether an exchange has to wait before it sends `value`, or a break.
+
+    A repeat of the bytes that it sent last need not wait: every reply to them is a reply to this request.
+    """
+    late = machine.late
+    if not x.checks_echo or late.until <= machine.scope.now or not late.concerns(x.station):
         return False
-    counted = {
-        target.name
-        for target, value in step.set
-        if target.name in protocol.state and isinstance(value, Expression) and target.name in names_in(value.root)
-    }
-    numbers = {
-        name
-        for name, value in step.send.fields.items()
-        if isinstance(value, Expression) and names_in(value.root) & counted
-    }
-    frames = _waited_for(step.receive or (), protocol)
-    return bool(frames) and all(
-        any(bare_name(source) in numbers for source in protocol.frames[name].echo.values()) for name in frames
-    )
-
-
-def _waited_for(rows: tuple[Row, ...], protocol: Protocol) -> set[str]:
-    found = {name for row in rows for name in row.frames}
-    return found.union(_of_services(protocol)) if any(row.expected for row in rows) else found
-
-
-def _of_services(protocol: Protocol) -> Iterator[str]:
-    for row in protocol.service_rows:
-        yield from (reply.frame.frame for reply in row.reply if reply.frame is not None)
-    errors = protocol.errors
-    for name in () if errors is None else errors.frames:
-        yield from protocol.frames_of(name)
+    last = x.last_sent
+    is_same = last is not None and type(value) is FrameValue and machine.table.encode(value, names) == last.raw
+    return not is_same

@@ -7,6 +7,7 @@ request, or to another time, is seen.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
@@ -21,10 +22,14 @@ from framekit.runfile.devices import Device, memory_of
 from framekit.service.client import ClientService
 from framekit.service.device import DeviceService, DeviceStore
 from framekit.transport.clock import VirtualClock
+from framekit.transport.port import PassingPort, Port
 from framekit.transport.simulated_line import SimulatedLine
 
 MS = 1_000_000
 SECOND = 1000 * MS
+
+Lateness = Callable[[int], int]
+"""How late a frame leaves that is written at a time (ns)."""
 
 REGISTERS = """
 protocol: registers
@@ -97,13 +102,36 @@ def protocol_of(name: str) -> Protocol:
     return load_protocol_text(REGISTERS, name) if name == "registers" else load_protocol(name)
 
 
+class OverlappingPort(PassingPort):
+    """A device's port whose frames leave late, each by itself: later ones may overtake it. `lateness`: of a frame."""
+
+    def __init__(self, inner: Port, clock: VirtualClock, lateness: Lateness) -> None:
+        super().__init__(inner)
+        self.clock, self.lateness = clock, lateness
+
+    def write(self, data: bytes) -> None:
+        self.clock.call_at(self.clock.now() + self.lateness(self.clock.now()), lambda: self.inner.write(data))
+        self.clock.call_soon(self._tell)
+
+    def _tell(self) -> None:
+        if self.events is not None:
+            self.events.sent(self.clock.now())
+
+    def sent(self, now: int) -> None:
+        """The device was told when it wrote."""
+
+
 class LateWorld:
     """One exchange after the other; `wrong` names each value that is not the one that was there while it was asked.
 
-    `watched`: a monitor looks on, and nothing that was learned of replies is used.
+    `watched`: a monitor looks on, and nothing that was learned of replies is used. `lateness`: how late each frame of
+    the device is, by itself; with `rules` the frames after a late one wait for it.
     """
 
-    def __init__(self, name: str, *rules: FaultRule, watched: bool = False, seed: int = 1, **params: Any) -> None:
+    def __init__(
+        self, name: str, *rules: FaultRule, watched: bool = False, seed: int = 1, lateness: Lateness | None = None,
+        **params: Any,
+    ) -> None:  # fmt: skip
         self.line = line = LINES[name]
         self.clock = VirtualClock()
         settings = None if line.format is None else parse_format(line.format, line.speed)
@@ -115,9 +143,10 @@ class LateWorld:
             params=line.device, areas=areas, grammar=grammar, profile=None, mapping={}, initial=(),
         )  # fmt: skip
         plan = FaultPlan(seed=seed, rules=rules).of_line()
-        self.device = DeviceService(
-            device, wire.port("device"), self.clock, settings, store=DeviceStore(device, self.clock, plan)
-        )
+        port: Port = wire.port("device")
+        if lateness is not None:
+            port = OverlappingPort(port, self.clock, lateness)
+        self.device = DeviceService(device, port, self.clock, settings, store=DeviceStore(device, self.clock, plan))
         self.seen: list[Seen] = []
         self.service = ClientService(
             protocol, wire.port("client"), self.clock, role=line.asking, params={**line.params, **params},

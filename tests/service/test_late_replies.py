@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import os
 from itertools import product
+from random import Random
 from typing import Any
 
 import pytest
-from service.late_world import LINES, MS, LateWorld, protocol_of
+from service.late_world import LINES, MS, SECOND, LateWorld, protocol_of
 from spread import spread
 
 from framekit.run.model import FaultRule
@@ -104,6 +105,72 @@ def test_a_reply_may_be_later_than_two_reply_times_where_the_line_is_told_so() -
     world = LateWorld("modbus-rtu", late, retries=0, reply_timeout=100 * MS, late_reply=400 * MS)
     world.exchanges(500)
     assert world.wrong == [] and world.late == world.outcomes["no_reply"] > 5
+
+
+TIMES = (1.2, 1.5, 2, 2.5, 3.5, 6.5, 20)
+"""How late replies are, in time limits."""
+WELL = 100 * SECOND
+"""When the device is well again, where it gets well."""
+
+
+def slow_world(name: str, times: float, which: str, retries: int, overlapping: bool) -> LateWorld:
+    """A device all of whose replies are late, or one in ten, or those of the first 100 s. Either each reply is late by
+    itself, or the device does one request after the other."""
+    late = int(times * USUAL.get(name, 1000)) * MS
+    known = protocol_of(LINES[name].protocol).params
+    given = {"retries": retries, "reply_timeout": 1000 * MS}
+    params = {} if name in USUAL else {key: value for key, value in given.items() if key in known}
+    random = Random(f"{name} {times}")
+    if overlapping:
+        lateness = {
+            "all": lambda now: late,
+            "one in ten": lambda now: late if random.random() < 0.1 else 0,
+            "at first": lambda now: late if now < WELL else 0,
+        }
+        return LateWorld(name, lateness=lateness[which], **params)
+    more: dict[str, Any] = {"all": {}, "one in ten": {"rate": 0.1}, "at first": {"end": WELL}}[which]
+    return LateWorld(name, FaultRule(kind="delay", time=late, **more), **params)
+
+
+SLOW = list(product(ALIKE, TIMES, ("all", "one in ten", "at first"), (0, 2), (False, True)))
+
+
+def check_slow(name: str, times: float, which: str, retries: int, overlapping: bool, count: int) -> LateWorld:
+    world = slow_world(name, times, which, retries, overlapping)
+    world.exchanges(count)
+    assert world.wrong == []
+    assert set(world.outcomes) <= {"ok", "no_reply"}
+    return world
+
+
+@pytest.mark.parametrize(("name", "times", "which", "retries", "overlapping"), spread(SLOW, 40))
+def test_no_reply_of_a_slow_device_is_stored_for_another_request(
+    name: str, times: float, which: str, retries: int, overlapping: bool
+) -> None:
+    world = check_slow(name, times, which, retries, overlapping, 40)
+    if which == "all":
+        ended = "ok" if times < 1 + retries else "no_reply"
+        assert set(world.outcomes) == {ended}, "a reply to a repeated request is one to that request"
+
+
+@pytest.mark.parametrize(("name", "times", "retries"), spread(product(ALIKE, TIMES, (0, 2)), 8))
+def test_values_are_right_again_soon_after_the_device_is_well(name: str, times: float, retries: int) -> None:
+    """Within 30 s, where no more requests are due than one that each reply is late."""
+    world = slow_world(name, times, "at first", retries, True)
+    while world.clock.now() < WELL:
+        world.exchange()
+    while world.exchange() != "ok":
+        assert world.clock.now() < WELL + 30 * SECOND
+    world.exchanges(30)
+    assert world.wrong == [] and world.clock.now() < WELL + 60 * SECOND
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ALIKE)
+def test_no_reply_of_a_slow_device_is_stored_for_another_request_in_many(name: str) -> None:
+    rows = [row for row in SLOW if row[0] == name]
+    for row in rows:
+        check_slow(*row, MANY // len(rows))
 
 
 @pytest.mark.long

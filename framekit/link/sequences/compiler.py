@@ -18,8 +18,9 @@ from framekit.definition.model.procedure import LineChange, Sequence, Target
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.sources import current_cache
 from framekit.definition.times import NEVER
+from framekit.link import late
+from framekit.link.awaited_replies import Replies, replies_of
 from framekit.link.frame_table import FrameTable, ProtocolCodec, made_once, table_of
-from framekit.link.late import Replies, replies_of
 from framekit.link.sequences import runtime
 from framekit.link.sequences import state as runs
 from framekit.link.sequences.writing import (
@@ -226,9 +227,8 @@ class _SequenceWriter:
 
 
 _USED = (
-    "begin_part", "change_line", "count", "cut_parts", "decoded", "hold_break", "is_held", "listens_again", "missed",
-    "needs_names", "own_line", "put", "replied", "send_built", "send_made", "send_value", "serve", "set_field",
-    "still_due", "trouble", "unclear",
+    "begin_part", "change_line", "count", "cut_parts", "decoded", "hold_break", "listens_again", "needs_names",
+    "own_line", "put", "send_built", "send_made", "send_value", "serve", "set_field", "trouble", "unclear",
 )  # fmt: skip
 _OF_RUNS = (
     "AGAIN", "BREAK", "BYTE", "Asking", "Bad", "CLOSED", "Call", "Changing", "CompiledSequence", "Failed", "GO", "Hold",
@@ -237,6 +237,7 @@ _OF_RUNS = (
 _GLOBALS: dict[str, Any] = {
     **{name: getattr(runtime, name) for name in _USED},
     **{name: getattr(runs, name) for name in _OF_RUNS},
+    **{name: getattr(late, name) for name in ("is_held", "missed", "replied", "still_due")},
     "NEVER": NEVER,
     "__name__": "framekit_sequences",
 }

@@ -31,7 +31,7 @@ from framekit.link.events import (
     outcome_of,
 )
 from framekit.link.frame_table import NO_VALUES, FrameInfo, announce
-from framekit.link.late import LateReplies
+from framekit.link.late import LateReplies, fresh, missed
 from framekit.link.output import Output
 from framekit.link.scope import LinkFunctions, Scope, with_date
 from framekit.link.sequences.state import (
@@ -52,6 +52,7 @@ from framekit.link.sequences.state import (
     Hold,
     LaneState,
     Level,
+    Parked,
     Pause,
     Run,
     SessionState,
@@ -69,6 +70,9 @@ STEPS_OF_TROUBLE = 200
 
 NOTHING: Mapping[str, Any] = {}
 NO_RESULTS: dict[str, Any] = {}
+
+SILENCE = Parked("silence", (), ())
+"""An exchange in doubt waits until nothing comes any more."""
 
 QUEUES = object()
 """Stands in `ready` where rows that wait for an item or for room are to be asked."""
@@ -143,7 +147,7 @@ class Runs:
         """Whether sequences change fields of frames, so that each exchange has to have a request of its own."""
         self.commands: list[Command] = []
         self.output = Output(protocol.line, scope, self.commands, is_stream)
-        self.late = LateReplies(protocol, scope)
+        self.late = LateReplies(protocol, scope, self.table)
         self.queues = Queues(protocol)
         self.session = SessionState(None, scope)
         self.last_frame = scope.now
@@ -194,7 +198,7 @@ class Runs:
             wait = level.generator.send(value)
         except StopIteration as end:
             result = end.value
-            if level is run.top and level.caller is None and type(result) is dict:
+            if level is run.top and level.caller is None and type(result) is dict and not self.late.open:
                 self.finish(run, None, result)
                 return True
             return run.state is DONE or self._go_on(run, *self._left(run, level, result), due)
@@ -319,6 +323,8 @@ class Runs:
         if level is not run.top:
             self._abandon_above(run, level)
         caller = level.caller
+        if self.late.open and type(result) is dict and self._is_doubted(run, level, result):
+            return None, None
         if caller is None:
             if type(result) is dict:
                 self.finish(run, None, result)
@@ -334,6 +340,40 @@ class Runs:
             missed(run)
         run.state, run.deadline, run.expected = GOING, NEVER, NO_NAMES
         return caller, result
+
+    def _is_doubted(self, run: Run, level: Level, results: dict[str, Any]) -> bool:
+        """Keep the line silent and run an exchange again whose reply may belong to an earlier request."""
+        is_exchange = level.nested or (level.caller is None and run.doing == "exchange")
+        if not is_exchange or not level.x.checks_echo:
+            return False
+        until = self.late.doubts(run, level.x, results)
+        if not until:
+            return False
+        if run.given_up or self.late.is_endless(run):
+            run.cause = "replies cannot be told from those to earlier requests"
+            self.fail_run(run, "cancelled" if run.given_up else "late_replies")
+            return True
+        run.state, run.deadline, run.expected, run.candidate = State.SILENT, until, NO_NAMES, None
+        run.wait = level.wait = SILENCE
+        run.wait_number += 1
+        self.changed = True
+        return True
+
+    def silence_over(self, run: Run) -> None:
+        """Run an exchange again after the silence, if that is over."""
+        until = self.late.silent(run)
+        if until > self.scope.now:
+            run.deadline = until
+            return
+        level = run.top
+        x = level.x
+        x.request = fresh(x.request)
+        x.begin(self.scope, True, self.copies)
+        level.generator = self.sequences[x.run or run.lane.exchange[0]].begin(run, x, NOTHING)
+        run.state, run.deadline = GOING, NEVER
+        self.counters.repeated += 1
+        self.changed = True
+        self.go(run, level, None)
 
     def _circle(self, run: Run) -> None:
         run.cause = "steps go round without waiting"
@@ -353,6 +393,8 @@ class Runs:
             return
         if run.asked is not None:
             missed(run)
+        if run.doubt is not None:
+            self.late.ended(run)
         run.state, run.deadline, run.expected = DONE, NEVER, NO_NAMES
         run.top = run.base.generator = None  # type: ignore[assignment] # nothing leads from one to the other now
         self.changed = True
@@ -391,6 +433,7 @@ class Runs:
         """An exchange of the service that the run's `ask` step has asked for."""
         sequence = self.sequences[exchange.run or run.lane.exchange[0]]
         x = exchange.begin(self.scope)
+        run.first_open = self.late.count
         run.top = level = Level(sequence.begin(run, x, NOTHING), x, run.top, True)
         run.state = GOING
         try:
@@ -403,6 +446,8 @@ class Runs:
     def _end_nested(self, run: Run, x: Exchange, outcome: Outcome) -> None:
         if run.asked is not None:
             missed(run)
+        if run.doubt is not None:
+            self.late.ended(run)
         run.state, run.deadline, run.expected = ASKING, NEVER, NO_NAMES
         self.changed = True
 
@@ -445,6 +490,7 @@ class Runs:
     def put_out(self, run: Run, data: bytes, value: FrameValue, repeated: bool = False) -> None:
         """Gives the bytes of a frame to the line, and shows it."""
         self.last_frame = self.scope.now
+        self.counters.repeated += repeated
         if run.owed is not None:
             self.settle_owed(run, value)
         if self.on_send is not None:
@@ -678,38 +724,6 @@ def unclear(m: Runs, step: str, error: Exception) -> bool:
     """A condition that cannot be worked out for a frame does not hold; that is shown."""
     m.show("trouble", reason=f"step {step}, condition of a row: {explain(error)}")
     return False
-
-
-def missed(run: Run) -> None:
-    """What the run has asked for has not come, and it waits no longer."""
-    still_due(run)
-    run.asked = None
-
-
-def still_due(run: Run) -> None:
-    """What it has asked for has not come; it asks again, or does something else."""
-    if run.asked is not None:
-        run.machine.late.missed(run.asked.names, run.started, run.longest)
-
-
-def replied(run: Run) -> None:
-    """A row takes what came: what the run has asked for is due no longer."""
-    asked, run.asked = run.asked, None
-    late = run.machine.late
-    if asked is not None and late.until:
-        late.extend(asked.names, run.started, run.longest)
-
-
-def is_held(m: Runs, run: Run, x: Exchange, value: Any, names: Names | None = None) -> bool:
-    """Whether an exchange has to wait before it sends `value`, or a break.
-
-    It need not where it has sent the same bytes last: whichever reply comes, it is one to this request.
-    """
-    if not x.checks_echo or m.late.until <= m.scope.now:
-        return False
-    last = x.last_sent
-    is_same = last is not None and type(value) is FrameValue and m.table.encode(value, names) == last.raw
-    return not is_same
 
 
 def cut_parts(data: bytes, most: int) -> list[bytes]:

@@ -32,12 +32,14 @@ class CircleError(Exception):
 class State(enum.Enum):
     """What a run is doing: nothing that takes time, waiting for rows, for a time, for a service, or it is over.
 
-    HELD: it waits to send, because replies to earlier requests are due. CHANGING: it waits until the line has other
-    speed and format, behind what was sent.
+    HELD: it waits to send, because replies to earlier requests are due. SILENT: its reply may belong to one of
+    these; it waits for silence and then asks again. CHANGING: it waits until the line has other speed and format,
+    after everything that was sent before.
     """
 
     GOING = "going"
     HELD = "held"
+    SILENT = "silent"
     CHANGING = "changing"
     RECEIVING = "receiving"
     PAUSING = "pausing"
@@ -285,8 +287,9 @@ class Run:
 
     __slots__ = (
         "agenda", "asked", "base", "candidate", "cause", "change", "clock_waits", "complete", "deadline", "doing",
-        "exchange", "expected", "gap", "given_up", "kind", "lane", "longest", "machine", "outcome", "owed", "pause",
-        "plan", "results", "started", "state", "top", "unsent", "wait", "wait_number", "wanted", "within",
+        "doubt", "exchange", "expected", "first_open", "gap", "given_up", "kind", "lane", "longest", "machine",
+        "outcome", "owed", "pause", "plan", "results", "started", "state", "top", "unsent",
+        "wait", "wait_number", "wanted", "within",
     )  # fmt: skip
 
     def __init__(self, machine: Any, lane: LaneState, kind: str, exchange: Exchange | None = None) -> None:
@@ -305,6 +308,10 @@ class Run:
         self.clock_waits = self.given_up = False
         self.cause = ""
         self.asked: Exchange | None = None
+        self.doubt: Any = None
+        """The replies so far, of an exchange whose replies may belong to earlier requests (`late.Doubt`)."""
+        self.first_open = 0
+        """Number of the first open request that can be its own."""
         self.expected: Mapping[str, None] = NO_NAMES
 
     started: int

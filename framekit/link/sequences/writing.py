@@ -50,8 +50,9 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Bits, Data, Field, Inner, Repeat, Segment
 from framekit.definition.model.values import FrameOf, Value
 from framekit.definition.schema import add_keys
+from framekit.link import late
+from framekit.link.awaited_replies import is_numbered
 from framekit.link.frame_table import FrameTable
-from framekit.link.late import is_numbered
 from framekit.link.sequences import runtime
 from framekit.link.value_source import SourceModule, ValueWriter
 from framekit.link.variables import empty_of
@@ -958,7 +959,7 @@ STEP_KEYS = [
 """What a step does, in this order."""
 
 
-_OWN_FUNCTIONS = frozenset((*vars(runtime), *dir(builtins)))
+_OWN_FUNCTIONS = frozenset((*vars(runtime), *vars(late), *dir(builtins)))
 ADDED_FUNCTIONS: dict[str, Callable[..., Any]] = {}
 """Functions that keys call which programs bring by themselves."""
 

@@ -1,0 +1,179 @@
+"""The replies that exchanges of a role wait for: frames, the requests that ask for them, steps with numbered replies.
+
+Worked out once from the definition, when a protocol is compiled; `late` uses it while a line is at work.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+from framekit.definition.expression import Expression, names_in
+from framekit.definition.model.procedure import Role, Row, Sequence, Step
+from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.values import FrameOf
+from framekit.link.values import (
+    EVALUATION_ERRORS,
+    Evaluate,
+    FrameValue,
+    Inverse,
+    Names,
+    bare_name,
+    compile_optional,
+    inverse_of,
+)
+
+
+class Beginning(NamedTuple):
+    """One of the first steps of an exchange: it sends `when` that holds, and then waits for a reply or for none."""
+
+    when: Evaluate | None
+    has_reply: bool
+
+
+class Replies(NamedTuple):
+    """What exchanges of a role wait for. `frames`: replies that repeat no number of their request; `requests`: frames
+    that services ask for those with, or that carry these; `waits`: how long steps wait for them. `stations`: which
+    fields of such a frame hold the station; `beginnings`: for each exchange its first steps that send, and whether a
+    reply follows.
+    """
+
+    frames: frozenset[str]
+    requests: frozenset[str]
+    waits: tuple[Evaluate, ...]
+    stations: Mapping[str, tuple[str, Inverse]] = {}
+    beginnings: tuple[tuple[Beginning, ...], ...] = ()
+    name_stations: bool = False
+    """Whether every reply repeats the station of its request."""
+
+    def is_broadcast(self, value: FrameValue, names: Names) -> bool:
+        """Whether an exchange would send this request without waiting for a reply, as its station is everyone."""
+        if value.frame not in self.stations:
+            return False
+        field, inverse = self.stations[value.frame]
+        try:
+            station = inverse.solve(value.fields[field], names)
+            known = Names({"request": value, "station": station}, names)
+            return bool(self.beginnings) and not any(_has_reply(steps, known) for steps in self.beginnings)
+        except EVALUATION_ERRORS:
+            return False
+
+
+def replies_of(protocol: Protocol, role: Role | None) -> Replies:
+    """What exchanges of a role wait for, and what asks for it."""
+    if role is None:
+        return Replies(frozenset(), frozenset(), ())
+    session = protocol.sessions.get(role.session or "")
+    run = [name for lane in role.lanes for name in lane.exchange]
+    run += () if session is None else (*session.open, *session.close)
+    sequences = list(protocol.called_from(run))
+    steps = [step for sequence in sequences for step in sequence.steps if step.receive]
+    steps = [step for step in steps if not is_numbered(step, protocol)]
+    frames = frozenset(name for step in steps for name in _waited_for(step.receive or (), protocol))
+    asking = [
+        row.request
+        for row in protocol.service_rows
+        if row.request is not None and any(reply.frame and reply.frame.frame in frames for reply in row.reply)
+    ]
+    asking += [carrier for one in sequences for carrier in _carriers(one, steps)]
+    requests = frozenset(one.frame for one in asking)
+    waits = tuple(wait for step in steps if (wait := compile_optional(step.within)) is not None)
+    exchanges = [protocol.sequences[name] for lane in role.lanes for name in lane.exchange]
+    beginnings = tuple(tuple(_beginnings(sequence)) for sequence in exchanges)
+    stations = _stations(asking)
+    return Replies(frames, requests, waits, stations, beginnings, _name_stations(frames, stations, protocol))
+
+
+def _has_reply(steps: tuple[Beginning, ...], names: Names) -> bool:
+    """Whether the first of these steps that is not skipped waits for a reply."""
+    return next((step.has_reply for step in steps if step.when is None or step.when(names)), True)
+
+
+def _beginnings(sequence: Sequence) -> Iterator[Beginning]:
+    """The steps with which it can begin."""
+    for number, step in enumerate(sequence.steps):
+        when = compile_optional(step.when)
+        yield Beginning(when, step.send is None or _waits(sequence, number))
+        if when is None:
+            return
+
+
+def _waits(sequence: Sequence, number: int) -> bool:
+    """Whether from this step on it may come to one that waits for a frame, or does what is not known here."""
+    numbers = {step.name: place for place, step in enumerate(sequence.steps)}
+    waiting, seen = [number], set[int]()
+    while waiting:
+        place = waiting.pop()
+        if place in seen or place >= len(sequence.steps):
+            continue
+        seen.add(place)
+        step = sequence.steps[place]
+        if step.receive or step.branch or step.call is not None or step.ask is not None:
+            return True
+        if step.then != "end":
+            waiting.append(place + 1 if step.then == "next" else numbers[step.then])
+        if step.when is not None and place != number:
+            waiting.append(place + 1)
+    return False
+
+
+def _carriers(sequence: Sequence, steps: list[Step]) -> Iterator[FrameOf]:
+    """The frames in which steps send the request that a sequence was given."""
+    for step in sequence.steps:
+        if step in steps and isinstance(step.send, FrameOf):
+            values = (one for one in step.send.fields.values() if isinstance(one, Expression))
+            if any(bare_name(value) in sequence.takes for value in values):
+                yield step.send
+
+
+def _stations(asking: list[FrameOf]) -> dict[str, tuple[str, Inverse]]:
+    """The field of each request that holds the station, and how it is read from that."""
+    found = {}
+    for request in asking:
+        for name, value in request.fields.items():
+            inverse = inverse_of(value) if isinstance(value, Expression) else None
+            if inverse is not None and inverse.name == "station":
+                found[request.frame] = name, inverse
+    return found
+
+
+def _name_stations(frames: frozenset[str], stations: Mapping[str, tuple[str, Inverse]], protocol: Protocol) -> bool:
+    """Return whether every reply that comes by itself on the line repeats the station of its request."""
+    fields = {field for field, _ in stations.values()}
+    inside = {name for frame in frames for part in protocol.frames[frame].segments for name in part.frames_inside}
+    on_line = frames - inside
+    echoes = [{bare_name(source) for source in protocol.frames[name].echo.values()} for name in on_line]
+    return bool(fields) and bool(echoes) and all(names & fields for names in echoes)
+
+
+def is_numbered(step: Step, protocol: Protocol) -> bool:
+    """Whether each reply repeats a number that the step's request gets anew every time: no other one looks like it."""
+    if not isinstance(step.send, FrameOf):
+        return False
+    counted = {
+        target.name
+        for target, value in step.set
+        if target.name in protocol.state and isinstance(value, Expression) and target.name in names_in(value.root)
+    }
+    numbers = {
+        name
+        for name, value in step.send.fields.items()
+        if isinstance(value, Expression) and names_in(value.root) & counted
+    }
+    frames = _waited_for(step.receive or (), protocol)
+    return bool(frames) and all(
+        any(bare_name(source) in numbers for source in protocol.frames[name].echo.values()) for name in frames
+    )
+
+
+def _waited_for(rows: tuple[Row, ...], protocol: Protocol) -> set[str]:
+    found = {name for row in rows for name in row.frames}
+    return found.union(_of_services(protocol)) if any(row.expected for row in rows) else found
+
+
+def _of_services(protocol: Protocol) -> Iterator[str]:
+    for row in protocol.service_rows:
+        yield from (reply.frame.frame for reply in row.reply if reply.frame is not None)
+    errors = protocol.errors
+    for name in () if errors is None else errors.frames:
+        yield from protocol.frames_of(name)
