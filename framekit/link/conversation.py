@@ -5,10 +5,12 @@ from __future__ import annotations
 import re
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from decimal import Decimal
 from typing import Any
 
+from framekit.codec.errors import FrameError
 from framekit.codec.plain import PlainValues
 from framekit.codec.shown import code_text, explain
 from framekit.definition.load.reader import parse_number
@@ -16,7 +18,7 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import COUNTED_STRING
 from framekit.definition.problems import plural
 from framekit.definition.times import NEVER, LineFormat, parse_format, readable_time
-from framekit.definition.vectors import Conversation, FrameVector, ScriptLine, nine_bits, role_of
+from framekit.definition.vectors import Conversation, FrameVector, ScriptLine, Wire, nine_bits, role_of
 from framekit.link.addresses import AddressGrammar
 from framekit.link.arrivals import Arrival, BadFrame, FrameArrived
 from framekit.link.engine import Engine
@@ -251,6 +253,9 @@ def _kind_of(value: Any) -> str:
 PATIENCE = 3_600_000_000_000
 """So long a script waits for something to be sent, and a service for its end (ns)."""
 
+LONGEST_CHECK = 8
+"""A check code that is computed for `receive` has at most so many bytes."""
+
 Asked = Callable[[Any], None]
 
 
@@ -303,7 +308,7 @@ def run_conversation(
 ) -> list[str]:
     """What does not agree, one sentence each with its place in the file; nothing when the case holds."""
     try:
-        return _Player(case, protocol, codec, make_side, line or default_line(protocol)).run()
+        return Player(case, protocol, codec, make_side, line or default_line(protocol)).run()
     except EVALUATION_ERRORS as error:
         return [f"{case.at}: {case.name}: {explain(error)}"]
 
@@ -324,11 +329,13 @@ class _Random:
         return found
 
 
-class _Player:
+class Player:
     def __init__(
         self, case: Conversation, protocol: Protocol, codec: ProtocolCodec, make_side: MakeSide, line: LineFormat | None
     ) -> None:
         self.case = case
+        self.codec = codec
+        self.table = table_of(protocol, codec)
         self.now = 0
         self.side = make_side(case, protocol, codec)
         self.engine = Engine(
@@ -469,9 +476,12 @@ class _Player:
     def _receive(self, script: ScriptLine) -> None:
         """The bytes arrive one by one, as on a wire; on a stream all at once."""
         assert script.wire is not None
-        data = script.wire.exact
+        data = self.with_check(script.wire)
         if data is None:
-            self._note(script, "bytes that are received have to be written out")
+            what = "bytes that are received have to be written out"
+            if script.wire.tail is not None and None not in (*script.wire.head, *script.wire.tail):
+                what = f"no frame of the line is {script.wire} with a check code in that place – write its bytes"
+            self._note(script, what)
             return
         if self._something_sent(script):
             return
@@ -485,6 +495,40 @@ class _Player:
             self.fault = None
             self._do(self.engine.receive(piece, self.now, faults))
         self.before = self.now
+
+    def with_check(self, wire: Wire) -> bytes | None:
+        """Return the bytes with the check code of the first frame that they fit; None if no frame has one there."""
+        if wire.tail is None:
+            return wire.exact
+        head, tail = (bytes(byte for byte in part if byte is not None) for part in (wire.head, wire.tail))
+        if (len(head), len(tail)) != (len(wire.head), len(wire.tail)):
+            return None
+        for name in self.table.on_line:
+            for size in range(1, LONGEST_CHECK + 1):
+                for digit in (b"\0", b"0"):  # codes in binary, and in digits
+                    data = self._corrected(name, head, digit * size, tail)
+                    if data is not None:
+                        return data
+        return None
+
+    def _corrected(self, name: str, head: bytes, code: bytes, tail: bytes) -> bytes | None:
+        """Return a frame with the code that reading it with a wrong code shows; None if it does not become good."""
+        frame, names = self.codec.frames[name], Names({"request": None, "buffer": b""}, self.engine.scope)
+        try:
+            frame.decode(head + code + tail, names)
+            return None  # the code is right by chance (the other digit finds it), or not compared
+        except FrameError as error:
+            if error.cause != "check" or error.offset != len(head):
+                return None
+            expected = error.expected
+        except EVALUATION_ERRORS:
+            return None
+        digits = expected.replace(" ", "")
+        for right in (bytes.fromhex(digits), digits.upper().encode(), digits.lower().encode()):
+            with suppress(*EVALUATION_ERRORS):
+                frame.decode(head + right + tail, names)
+                return head + right + tail
+        return None
 
     def _break(self, script: ScriptLine) -> None:
         self._go_to(self.now + self._time(script.time))

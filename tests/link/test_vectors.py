@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 from link.link_world import compiled
@@ -13,8 +14,8 @@ from framekit.codec.codec import compile_protocol
 from framekit.definition.load.protocol import load_protocol
 from framekit.definition.problems import DefinitionError
 from framekit.definition.sources import shipped_definitions
-from framekit.definition.vectors import Vectors, check_vectors, parse_wire
-from framekit.link.conversation import SideUnderTest, run_conversation, run_frame_vector
+from framekit.definition.vectors import Vectors, Wire, check_vectors, parse_wire
+from framekit.link.conversation import Player, SideUnderTest, run_conversation, run_frame_vector
 from tests.shipped import load_vectors
 
 SHIPPED = shipped_definitions("*.vectors.yaml")
@@ -318,3 +319,53 @@ def test_random_bytes_of_a_case_are_as_many_as_are_asked_for(tmp_path: Path, dra
     (case,) = read(tmp_path, f"vectors: drawn\nconversations:\n  - {text}\n").conversations
     problems = run_conversation(case, protocol, codec, make_side)
     assert problems == [] if not words else any(words in problem for problem in problems), problems
+
+
+CODES = {"modbus-rtu": (2, 0), "modbus-ascii": (2, 2), "uss": (1, 0)}
+"""How many bytes the check code of a protocol has, and how many follow it."""
+
+
+def _is_read(codec: Any, frame: str, data: bytes) -> bool:
+    try:
+        codec.frames[frame].decode(data, {"request": None, "buffer": b""})
+    except (ValueError, LookupError, TypeError):
+        return False
+    return True
+
+
+@pytest.mark.parametrize("name", CODES)
+def test_a_check_code_that_is_received_is_computed(name: str) -> None:
+    """Received frames of shipped conversations get the code that the case has, if it is right there."""
+    vectors, protocol = vectors_of(name), load_protocol(name)
+    codec, (size, after) = compile_protocol(protocol), CODES[name]
+    computed = 0
+    for case in vectors.conversations:
+        player = Player(case, protocol, codec, make_side, None)
+        for line in case.script:
+            data = None if line.wire is None or line.kind != "receive" else line.wire.exact
+            if data is None or len(data) <= size + after:
+                continue
+            tail = data[len(data) - after :]
+            found = player.with_check(Wire(tuple(data[: -size - after]), tuple(tail)))
+            is_good = any(_is_read(codec, frame, data) for frame in player.table.on_line)
+            assert found == data or not is_good, (case.name, data.hex(" "))
+            computed += found == data
+    assert computed >= 5
+
+
+def test_a_check_code_of_no_frame_is_a_problem_of_the_case(tmp_path: Path) -> None:
+    vectors = read(
+        tmp_path,
+        """
+vectors: modbus-rtu
+conversations:
+  - name: not a frame
+    role: server
+    own: 1
+    script: [{receive: 41 check 42 43}]
+""",
+    )
+    found = run_conversation(
+        vectors.conversations[0], load_protocol("modbus-rtu"), compile_protocol(load_protocol("modbus-rtu")), make_side
+    )
+    assert len(found) == 1 and "no frame of the line is 41 check 42 43 with a check code in that place" in found[0]
