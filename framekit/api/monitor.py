@@ -284,7 +284,7 @@ class LineMonitor:
         self.listener.ended(self.clock.now())
         if self._capture is not None:
             self._capture.close()
-            self.lost = self._capture.troubles
+            self.lost = self._capture.problems
 
 
 @dataclass(frozen=True, slots=True)

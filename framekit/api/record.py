@@ -216,7 +216,7 @@ class Recorder:
             if self._missing:
                 self._tell_missing(wait=True)
             self._capture.close()
-            self.problems = self._capture.troubles
+            self.problems = self._capture.problems
         self.problems += [
             f"{plural(wire.counts.stuck, 'byte')} from {wire.port.name} not passed on: the other port is closed or slow"
             for wire in self.wires

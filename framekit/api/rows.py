@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from framekit.codec.shown import code_text, shown
 from framekit.definition.problems import plural
 from framekit.definition.times import format_time
+from framekit.run.trouble import lasted
 
 if TYPE_CHECKING:
     from framekit.api.points import RunPoints
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from framekit.run.edit import RemovedBlocks
     from framekit.run.job_table import JobStatus
     from framekit.run.status import ChannelStatus, SinkStatus, StationStatus
+    from framekit.run.trouble import Trouble
 
 FAULTY = ("bad", "noise", "trouble")
 LONGEST_SHOWN = 64
@@ -97,6 +99,7 @@ def field_row(row: FieldRow, as_ascii: bool = False) -> tuple[str, ...]:
 
 
 SINK_HEAD = ("sink", "to", "taken", "waiting", "dropped", "problem")
+TROUBLE_HEAD = ("trouble", "since", "waiting", "lost", "reason")
 CHANNEL_HEAD = (
     "channel", "driver", "station", "line", "mode", "state", "services", "errors", "frames", "bad", "line load", "why",
 )  # fmt: skip
@@ -163,6 +166,12 @@ def job_row(one: JobStatus) -> tuple[str, ...]:
 
 def sink_row(one: SinkStatus) -> tuple[str, ...]:
     return one.kind, one.target, str(one.written), str(one.waiting), str(one.dropped), one.problem or "-"
+
+
+def trouble_row(one: Trouble, now: int) -> tuple[str, ...]:
+    """A part that fails, and how long; or that has lost data."""
+    since = lasted(now - one.since) if one.reason else "-"
+    return one.name, since, str(one.waiting), one.loss or "-", one.reason or "works again"
 
 
 def station_row(one: StationStatus) -> tuple[str, ...]:

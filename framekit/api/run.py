@@ -37,6 +37,8 @@ from framekit.run.status import ChannelStatus as ChannelStatus
 from framekit.run.status import JobsStatus as JobsStatus
 from framekit.run.status import RunStatus as RunStatus
 from framekit.run.status import SinkStatus as SinkStatus
+from framekit.run.trouble import Trouble as Trouble
+from framekit.run.trouble import TroubleReport as TroubleReport
 from framekit.runfile.run_file import load_run, only_reading
 from framekit.service.capture import Capture
 from framekit.service.channel import ChannelService
@@ -192,7 +194,7 @@ class RunCalls:
         self._started = self._over = False
         self._listeners: list[OnBlockEnd] = []
         self._service = service = self._make(monitor)
-        self._capture = None if capture is None else Capture(capture, tuple(service.channels), clock)
+        self._capture = self._captures(capture)
         self._captured = frozenset(service.channels)
         for number, channel in service.channels.items():
             self._tap(number, channel)
@@ -207,6 +209,16 @@ class RunCalls:
             raise
         except (ValueError, StateError) as error:
             raise RequestError(str(error)) from None
+
+    def _captures(self, path: Path | None) -> Capture | None:
+        """Raises OSError."""
+        if path is None:
+            return None
+        try:
+            return Capture(path, tuple(self._service.channels), self._clock, self._service.troubles)
+        except OSError:
+            self._service.stop()
+            raise
 
     def _tap(self, number: int, channel: ChannelService) -> None:
         """Puts the capture around the port of a channel; one that came later has no place in it."""
@@ -239,8 +251,17 @@ class RunCalls:
         if self._over:
             raise RequestError("a run is started once – make a new one")
         if not self.running:
+            self.open_sinks()
             self._started = True
             self._service.start()
+
+    def open_sinks(self) -> None:
+        """Open the files and stores of the sinks, as the start does. To be called where the run is at home.
+
+        Raises DefinitionError with each that cannot be opened and written.
+        """
+        if not self._started:
+            self._service.sinks.open()
 
     def _finish(self) -> None:
         """Ends the run for good; what it keeps is written and let go of."""
@@ -250,7 +271,6 @@ class RunCalls:
                 self._service.stop()
             if self._capture is not None:
                 self._capture.close()
-                self.lost = [*self._capture.troubles, *self.lost]
 
     # ---- from outside -------------------------------------------------------------------------------------
 
@@ -326,9 +346,21 @@ class RunCalls:
 
     @property
     def problems(self) -> list[str]:
-        """What keeps the run from doing all it should, such as a state that cannot be written."""
+        """The parts that fail now or have lost data, each with the reason, such as a state that cannot be written."""
         found: list[str] = self._do(lambda: self._service.problems)
         return found
+
+    @property
+    def troubles(self) -> tuple[Trouble, ...]:
+        """The same for programs: sinks, stores, the state file and captures that fail now or have lost data."""
+        return self._service.troubles.present()
+
+    def watch_troubles(self, listener: Callable[[TroubleReport], None]) -> None:
+        """Call `listener` when a trouble begins, when it loses data, and when it ends: at once, one after the other.
+
+        It is called in the thread that met the trouble, and must not wait for the run.
+        """
+        self._service.troubles.listen(listener)
 
     @property
     def never_open(self) -> list[str]:

@@ -125,7 +125,7 @@ class AsyncServer:
         capture, self._capturing = self._capturing, None
         if capture is not None:
             capture.close()
-            self.lost += capture.troubles
+            self.lost += capture.problems
 
     def __await__(self) -> Generator[Any, None, Self]:
         return self.open().__await__()

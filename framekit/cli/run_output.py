@@ -14,6 +14,7 @@ from framekit.api.rows import (
     JOB_HEAD,
     POINT_HEAD,
     SINK_HEAD,
+    TROUBLE_HEAD,
     block_row,
     block_state,
     channel_row,
@@ -24,9 +25,10 @@ from framekit.api.rows import (
     shown_bytes,
     shown_hex,
     sink_row,
+    trouble_row,
 )
 from framekit.cli.common import ARROWS, json_line, plain, seen_data, seen_text, table, tables, told
-from framekit.definition.problems import plural
+from framekit.definition.problems import plural, printable
 from framekit.definition.times import format_time, milliseconds
 
 if TYPE_CHECKING:
@@ -42,6 +44,8 @@ if TYPE_CHECKING:
         RunCalls,
         RunModel,
         RunStatus,
+        Trouble,
+        TroubleReport,
     )
 
 
@@ -106,6 +110,8 @@ def status_text(status: RunStatus, began: int) -> str:
     parts.append(table([*blocks, *(removed_row(one) for one in status.removed)], BLOCK_HEAD))
     if status.sinks:
         parts.append(table([sink_row(one) for one in status.sinks], SINK_HEAD))
+    if status.troubles:
+        parts.append(table([trouble_row(one, status.at) for one in status.troubles], TROUBLE_HEAD))
     if status.jobs is not None:
         parts += jobs_text(status.jobs, began)
     return "\n\n".join(parts)
@@ -138,9 +144,19 @@ def status_data(status: RunStatus, began: int) -> dict[str, Any]:
     shown = {"event": "status", "time": time, "run": status.run, "channels": channels, "blocks": blocks}
     if status.sinks:
         shown["sinks"] = [asdict(one) for one in status.sinks]
+    if status.troubles:
+        shown["troubles"] = [trouble_data(one) | {"since": (one.since - began) / 1e9} for one in status.troubles]
     if status.removed:
         shown["removed"] = [removed_data(one) for one in status.removed]
     return shown if status.jobs is None else shown | {"jobs": _jobs_data(status.jobs, began)}
+
+
+def trouble_data(trouble: Trouble) -> dict[str, Any]:
+    """A trouble for programs; `reason` is empty when the part works again."""
+    return {
+        "name": trouble.name, "reason": trouble.reason, "waiting": trouble.waiting, "lost": trouble.lost,
+        "points": dict(trouble.points),
+    }  # fmt: skip
 
 
 def removed_data(gone: RemovedBlocks) -> dict[str, Any]:
@@ -206,6 +222,7 @@ class RunOutput:
         self.at_work = run
         self._channels = {number: run.channel(number) for number in run.lines()}
         run.on_channel = self._is_other
+        run.watch_troubles(self.trouble)
         if self.tape.records:
             self._begins()
 
@@ -213,6 +230,11 @@ class RunOutput:
         """Print the records of a channel before another takes its number."""
         self.catch_up()
         self._channels[number] = self.run_at_work.channel(number)
+
+    def trouble(self, report: TroubleReport) -> None:
+        """Print a trouble at once, as a whole line; any thread."""
+        sys.stderr.write(f"{printable(report.text)}\n")
+        sys.stderr.flush()
 
     def _begins(self) -> None:
         """Print the records soon."""
@@ -370,6 +392,12 @@ class JsonOutput(RunOutput):
                 event="channel", channel=load.channel.number, line_expected=None if line is None else round(line, 6),
                 line_measured=None if part is None else round(part, 6),
             )  # fmt: skip
+
+    def trouble(self, report: TroubleReport) -> None:
+        found = report.trouble
+        line = {"event": "run_trouble", "time": self.seconds(found.since), "what": report.event, "text": report.text}
+        sys.stdout.write(f"{json_line(line | trouble_data(found))}\n")
+        sys.stdout.flush()
 
     def warning(self, text: str) -> None:
         self.data(event="warning", reason=text)

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from framekit.api.run import AsyncRun, Edit, OnSeen, RunCalls, RunModel, Tape, VirtualRun
     from framekit.cli.run_output import RunOutput
 
-R = TypeVar("R")
+R = TypeVar("R", "AsyncRun", "VirtualRun", "AsyncRun | VirtualRun")
 
 
 class Watched(NamedTuple):
@@ -148,11 +148,18 @@ def run_run(arguments: argparse.Namespace) -> int:
 def made(make: Callable[..., R], run: RunModel, monitor: OnSeen | Tape | None, watch: RunWatch) -> R:
     """The run, not yet begun. Raises DefinitionError for a wrong device, VerbError for a port of no known kind."""
     from framekit.api.errors import RequestError
+    from framekit.definition.problems import DefinitionError
 
     try:
-        return make(run, monitor=monitor, capture=watch.capture)
+        found = make(run, monitor=monitor, capture=watch.capture)
     except RequestError as error:
         raise VerbError(str(error)) from None
+    try:
+        found.open_sinks()
+    except DefinitionError:
+        found.stop()
+        raise
+    return found
 
 
 def _virtual(loaded: RunModel, output: RunOutput, watch: RunWatch, duration: int) -> Ended:

@@ -9,6 +9,7 @@ from typing import Any
 from framekit.run.block_state import BlockStatus
 from framekit.run.edit import RemovedBlocks
 from framekit.run.job_table import Event, JobStatus, TableCounters
+from framekit.run.trouble import Trouble
 
 USER_DEFINED = "user-defined"
 """What is shown of a protocol that has frames only."""
@@ -98,3 +99,5 @@ class RunStatus:
     removed: tuple[RemovedBlocks, ...] = ()
     sinks: tuple[SinkStatus, ...] = ()
     stations: tuple[StationStatus, ...] = ()
+    troubles: tuple[Trouble, ...] = ()
+    """The parts that fail now or have lost data."""

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import enum
+import errno
 import json
-import logging
+import os
 import struct
 import time
 from array import array
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from struct import Struct
@@ -21,11 +23,10 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import LineFormat
 from framekit.link.events import CharacterFault, LineFault, Seen
 from framekit.link.listener import Listener
+from framekit.run.trouble import Count, Troubles
 from framekit.service.behind import Behind
 from framekit.transport.clock import AsyncioClock, Clock
 from framekit.transport.port import LineEvent, Port, TappedPort, Way
-
-log = logging.getLogger(__name__)
 
 HEADER = {"capture": "framekit", "version": 1}
 
@@ -295,33 +296,45 @@ JSON_SUFFIXES = (".json", ".jsonl", ".ndjson")
 
 
 class _Sink:
-    """A file that takes records until one cannot be written; that is told once, and nothing else stops."""
+    """A file of whole records. It ends where a record cannot be written: a gap in a capture would be misread."""
 
-    def __init__(self, path: Path, head: bytes) -> None:
+    def __init__(self, path: Path, head: bytes, troubles: Troubles) -> None:
         """Raises OSError."""
         self.path = path
-        self.trouble = ""
+        self._lost = 0
+        self._size = 0
         self._file = path.open("wb", buffering=0)
-        self._file.write(head)
+        self.trouble = troubles.source(
+            f"capture {path}", lambda: "the capture ends here", lambda: Count(lost=self._lost), "record"
+        )
+        try:
+            if self._file.write(head) < len(head):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+        except OSError:
+            self._file.close()
+            raise
+        self._size = len(head)
 
     def write(self, record: bytes, *, wait: bool = False) -> bool:
         """Always takes it; False is the answer of a sink with a place that can be full, where `wait` waits for room."""
-        if not self.trouble and not self._file.closed:
+        if self.trouble.reason:
+            self._lost += 1
+        elif not self._file.closed:
             self._write(record)
         return True
 
     def _write(self, record: bytes) -> None:
         try:
             written = self._file.write(record)
-        except OSError as error:
-            self._give_up(error.strerror or str(error))
-        else:
             if written < len(record):
-                self._give_up("there was no place for the whole record")
-
-    def _give_up(self, why: str) -> None:
-        self.trouble = f"{self.path}: {why}; nothing is captured any more"
-        log.error("%s", self.trouble)
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        except OSError as error:
+            self._lost += 1
+            with suppress(OSError):  # a reader passes over a record that is cut off
+                self._file.truncate(self._size)
+            self.trouble.begins(error.strerror or str(error))
+        else:
+            self._size += written
 
     def close(self) -> None:
         self._file.close()
@@ -334,15 +347,11 @@ MOST_WAITING = 8 << 20
 class _LaterSink:
     """As the sink in it, but a thread writes: a slow disk makes nothing wait, until too much of it waits itself."""
 
-    def __init__(self, path: Path, head: bytes) -> None:
+    def __init__(self, path: Path, head: bytes, troubles: Troubles) -> None:
         """Raises OSError."""
         self.path = path
-        self._sink = _Sink(path, head)
+        self._sink = _Sink(path, head, troubles)
         self._behind = Behind(self._sink.write, MOST_WAITING, f"writes {path}")
-
-    @property
-    def trouble(self) -> str:
-        return self._sink.trouble
 
     def write(self, record: bytes, *, wait: bool = False) -> bool:
         return self._behind.write(record, wait=wait)
@@ -365,20 +374,29 @@ class Capture:
     makes nothing wait. Raises OSError.
     """
 
-    def __init__(self, path: Path, channels: Sequence[int], clock: Clock, *, later: bool = False) -> None:
+    def __init__(
+        self,
+        path: Path,
+        channels: Sequence[int],
+        clock: Clock,
+        troubles: Troubles | None = None,
+        *,
+        later: bool = False,
+    ) -> None:
         self._clock = clock
+        self.troubles = troubles or Troubles(clock.now)
         self._epoch = time.time_ns() - clock.now() if isinstance(clock, AsyncioClock) else 0
         self._records: dict[int, PcapRecords] = {}
         self._ports = 0
         self._sinks: dict[int, _Sink | _LaterSink] = {}
         made = _LaterSink if later else _Sink
         if path.suffix.lower() in JSON_SUFFIXES:
-            sink = made(path, _line(HEADER))
+            sink = made(path, _line(HEADER), self.troubles)
             self._sinks = dict.fromkeys(channels, sink)
         else:
             for channel in channels:
                 name = path if len(channels) == 1 else file_of_channel(path, channel)
-                self._sinks[channel] = made(name, GLOBAL_HEADER)
+                self._sinks[channel] = made(name, GLOBAL_HEADER, self.troubles)
                 self._records[channel] = PcapRecords(self._epoch)
 
     @property
@@ -387,9 +405,9 @@ class Capture:
         return list(dict.fromkeys(sink.path for sink in self._sinks.values()))
 
     @property
-    def troubles(self) -> list[str]:
-        """Why something is not in the files."""
-        return list(dict.fromkeys(sink.trouble for sink in self._sinks.values() if sink.trouble))
+    def problems(self) -> list[str]:
+        """Why records are missing in the files."""
+        return [str(trouble) for trouble in self.troubles.present()]
 
     def around(self, channel: int, port: Port) -> Port:
         """The port with everything that goes through it captured."""

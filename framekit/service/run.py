@@ -26,6 +26,7 @@ from framekit.run.own_memory import AddressedMemory, addresses_of
 from framekit.run.scheduler import Scheduler
 from framekit.run.status import USER_DEFINED, ChannelStatus, JobsStatus, RunStatus, StationStatus
 from framekit.run.triggers import awaited_bits
+from framekit.run.trouble import Troubles
 from framekit.runfile.devices import put_values
 from framekit.service.channel import (
     ChannelOwner,
@@ -175,7 +176,8 @@ class RunService(ChannelOwner):
         self._has_points = bool(run.points)
         self._never_open: dict[int, str] = {}
         host = SinkHost(run.name, clock, self.points, partial(run_status, self))
-        self.sinks = SinkService(run.sinks, run.points, self.points.table, clock, host)
+        self.troubles = Troubles(clock.now)
+        self.sinks = SinkService(run.sinks, run.points, self.points.table, clock, host, self.troubles)
         self.keeper = self._keeper()
         awaited = self._awaited()
         self.system = SystemBits(self.memory, run.memory, self._bit, awaited, date_at(clock))
@@ -189,7 +191,7 @@ class RunService(ChannelOwner):
             return None
         shape = tuple(row for row in self.memory.shape if row[0] in state.areas)
         file = StateFile(Path(self.run.folder) / state.file, self.run.name, shape)
-        keeper = StateKeeper(file, self.memory, self._kept_blocks, self.clock, state.every)
+        keeper = StateKeeper(file, self.memory, self._kept_blocks, self.clock, state.every, self.troubles)
         keeper.restore(place for one in self.states.values() for place in self.block_memory.places(one.block))
         self._show_blocks()
         return keeper
@@ -445,9 +447,8 @@ class RunService(ChannelOwner):
 
     @property
     def problems(self) -> list[str]:
-        """What keeps the run from doing all it should: a state that cannot be written, sinks that take no values."""
-        kept = [self.keeper.problem] if self.keeper is not None and self.keeper.problem else []
-        return [*kept, *self.sinks.problems]
+        """The parts that fail now or have lost data: a state that cannot be written, sinks that take no values."""
+        return [str(trouble) for trouble in self.troubles.present()]
 
     @property
     def never_open(self) -> list[str]:
@@ -599,6 +600,7 @@ def run_status(service: RunService) -> RunStatus:
         jobs=None if service.jobs is None else _jobs_status(service.jobs.table),
         removed=tuple(replace(one, reasons=one.reasons.copy()) for one in service.removed),
         sinks=tuple(service.sinks.status),
+        troubles=service.troubles.present(),
         stations=tuple(_stations(service)),
     )
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections import deque
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
@@ -18,178 +18,18 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
+from framekit.definition.problems import DefinitionError, Problem
 from framekit.run.block_state import Failure
 from framekit.run.model import Point
 from framekit.run.points import PointTable, PointValue
 from framekit.run.status import RunStatus, SinkStatus
+from framekit.run.trouble import Count, Dropped, Troubles, TroubleSource, lasted, waiting_text
 from framekit.service.points import PointService
+from framekit.service.waiting import AT_ONCE, Waiting
 from framekit.sinks import Sink, SinkKind
 from framekit.sinks.base import NeverTakenError, Sampled, fits
 from framekit.sinks.store import MOST_WAITING, NetworkSink, Store
 from framekit.transport.clock import AsyncioClock, Clock, Handle
-
-AT_ONCE = 1_000
-"""Samples that are given on at once at most."""
-
-
-class InMemory:
-    """Samples that wait in memory, the oldest first; too many push the oldest out. Any thread may use it."""
-
-    def __init__(self) -> None:
-        self.dropped = 0
-        self._lock = threading.Lock()
-        self._waiting: deque[Sampled] = deque()
-        self._first = 0
-
-    def __len__(self) -> int:
-        return len(self._waiting)
-
-    def put(self, sample: Sampled) -> None:
-        """One more."""
-        with self._lock:
-            if len(self._waiting) >= MOST_WAITING:
-                self._waiting.popleft()
-                self._first += 1
-                self.dropped += 1
-            self._waiting.append(sample)
-
-    def first(self, most: int) -> tuple[int, list[Sampled]]:
-        """The oldest samples, and the number of the first of them."""
-        with self._lock:
-            return self._first, [self._waiting[at] for at in range(min(most, len(self._waiting)))]
-
-    def done(self, start: int, number: int) -> None:
-        """The samples from `start` on, so many, are somewhere else; what was pushed out of them was not lost."""
-        with self._lock:
-            end = start + number
-            self.dropped -= min(self._first, end) - start
-            while self._first < end:
-                self._waiting.popleft()
-                self._first += 1
-
-    def clear(self) -> None:
-        """What waits never will be taken."""
-        with self._lock:
-            self.dropped += len(self._waiting)
-            self._first += len(self._waiting)
-            self._waiting.clear()
-
-
-class Waiting:
-    """What waits for one sink. With a `store` it goes from memory into that, by a thread of its own if `threaded`.
-
-    `change` is notified of what comes; `told` hears of what is wrong with the store, '' when all is well again.
-    """
-
-    def __init__(
-        self, store: Store | None, threaded: bool, change: threading.Condition, told: Callable[[str], None]
-    ) -> None:
-        self._memory, self._store = InMemory(), store
-        self._change, self._told = change, told
-        self._ending = False
-        self._thread: threading.Thread | None = None
-        self._threaded = threaded and store is not None
-
-    def __len__(self) -> int:
-        return len(self._memory) + (0 if self._store is None else len(self._store))
-
-    @property
-    def unsaved(self) -> int:
-        """How many are in memory only."""
-        return len(self._memory)
-
-    @property
-    def dropped(self) -> int:
-        """How many were too many."""
-        return self._memory.dropped + (0 if self._store is None else self._store.dropped)
-
-    def start(self) -> None:
-        """From now on samples are kept; those of an earlier run wait already."""
-        if self._threaded:
-            self._thread = threading.Thread(target=self._run, name="framekit store", daemon=True)
-            self._thread.start()
-        elif self._store is not None:
-            self._keep()
-
-    def put(self, sample: Sampled) -> None:
-        """One more; never waits for a disk, where there are threads."""
-        self._memory.put(sample)
-        with self._change:
-            self._change.notify_all()
-        if not self._threaded and self._store is not None:
-            self._keep()
-
-    def first(self, most: int) -> tuple[int, list[Sampled]]:
-        """The oldest samples that can be sent, and the number of the first of them."""
-        return (self._memory if self._store is None else self._store).first(most)
-
-    def done(self, start: int, number: int) -> None:
-        """The samples from `start` on, so many, have been sent."""
-        (self._memory if self._store is None else self._store).done(start, number)
-
-    @property
-    def has_some(self) -> bool:
-        """Whether there is something to send."""
-        return bool(len(self._memory if self._store is None else self._store))
-
-    def end(self) -> None:
-        """Nothing more comes."""
-        with self._change:
-            self._ending = True
-            self._change.notify_all()
-
-    def join(self, until: float) -> None:
-        """Waits until what is in memory is in the store, at most to this moment (`time.monotonic`)."""
-        if self._thread is not None:
-            self._thread.join(max(0.0, until - time.monotonic()))
-
-    def close(self) -> None:
-        """The store is let go of, with what waits in it; what is in memory only is dropped."""
-        if self._store is not None:
-            self._store.close()
-        self._memory.clear()
-
-    # ---- the store ----------------------------------------------------------------------------------------
-
-    def _run(self) -> None:
-        went_well = True
-        while True:
-            with self._change:
-                if went_well:
-                    self._change.wait_for(lambda: self._ending or len(self._memory) or not self._is_open)
-                else:
-                    self._change.wait_for(lambda: self._ending, 1.0)
-                ending = self._ending
-            went_well = self._keep()
-            if ending:
-                return
-
-    @property
-    def _is_open(self) -> bool:
-        return self._store is None or self._store.is_open
-
-    def _keep(self) -> bool:
-        """Puts what is in memory into the store; False when that has failed."""
-        store = self._store
-        if store is None:
-            return True
-        try:
-            if not store.is_open:
-                store.open()
-            while True:
-                start, samples = self._memory.first(AT_ONCE)
-                if samples:
-                    store.add(samples)
-                    self._memory.done(start, len(samples))
-                self._told("")
-                with self._change:
-                    self._change.notify_all()
-                if not samples:
-                    return True
-        except Exception as error:  # whatever the disk or SQLite say, lines go on
-            self._told(f"values cannot be kept in {store.path}: {getattr(error, 'strerror', None) or error}")
-            return False
-
 
 log = logging.getLogger(__name__)
 
@@ -204,6 +44,15 @@ MOST_COMMANDS = 1_000
 LONGEST_WAIT = 30.0
 AT_END = 5.0
 """Seconds: between two tries of a sink that fails, and for what waits when the run ends."""
+
+
+LEAST_JUMP = 1_000_000_000
+LEAST_BETWEEN_REPORTS = 60_000_000_000
+"""A jump of the wall clock that is reported, and the time between two reports (ns)."""
+
+
+class OpenError(ValueError):
+    """A file or store of a sink that cannot be opened and written."""
 
 
 class SinkHost:
@@ -230,6 +79,10 @@ class SinkHost:
         """How the run is doing now. Raises TimeoutError."""
         assert self._status is not None
         return self._asked(self._status)
+
+    def now(self) -> int:
+        """The time of the run's clock."""
+        return self._clock.now()
 
     def values(self) -> Sequence[PointValue]:
         """What all points are now. Raises TimeoutError."""
@@ -286,38 +139,90 @@ class SinkHost:
 
 
 class SinkFeeder:
-    """Feeds one sink. `threaded`: in a thread of its own."""
+    """Feeds one sink. `threaded`: in a thread of its own. Its troubles go to `troubles`."""
 
-    def __init__(self, kind: SinkKind, points: Sequence[Point], threaded: bool, host: SinkHost | None = None) -> None:
+    def __init__(
+        self,
+        kind: SinkKind,
+        points: Sequence[Point],
+        threaded: bool,
+        host: SinkHost | None = None,
+        troubles: Troubles | None = None,
+    ) -> None:
         self.kind = kind
         self.points = [point for point in points if any(fits(pattern, point.name) for pattern in kind.points)]
         self.names = frozenset(point.name for point in self.points)
         self._sink: Sink = kind.make()
         self._threaded = threaded
         self._host = host
+        self._troubles = troubles or Troubles(time.monotonic_ns)
         self._change = threading.Condition(threading.RLock())
-        self._is_stored = isinstance(kind, NetworkSink)
-        store = Store(Path(kind.store), kind.most) if isinstance(kind, NetworkSink) else None
-        self._waiting = Waiting(store, threaded, self._change, self._tell_of_store)
         self._ending = False
-        self._is_open = False
+        self._is_open = self._has_met = self._has_started = False
         self._thread: threading.Thread | None = None
-        self._written = self._refused = 0
-        self._problem = self._store_problem = self._lost = ""
+        self._written = 0
+        self._refused = Dropped()
+        self._lost_server = ""
+        """Why the sink has to be opened anew; empty: it does not."""
+        store = Store(Path(kind.store), kind.most) if isinstance(kind, NetworkSink) else None
+        self._most = MOST_WAITING if store is None else store.most
+        self._is_stored = store is not None
+        name = f"sink {kind.word} {kind.target}"
+        self.trouble = self._troubles.source(name, lambda: waiting_text(len(self._waiting), self._most), self._count)
+        self.store_trouble: TroubleSource | None = None
+        if store is not None:
+            self.store_trouble = self._troubles.source(
+                f"store {store.path}",
+                lambda: waiting_text(self._waiting.unsaved, MOST_WAITING, " in memory only"),
+            )
+        self._waiting = Waiting(store, threaded, self._change, self._store_state, self._overflows)
+
+    def _count(self) -> Count:
+        """How many samples wait, and which are lost."""
+        count, refused = self._waiting.count, self._refused
+        points = Counter(count.points) + refused.points
+        return Count(count.waiting, count.lost + refused.samples, points)
 
     @property
     def status(self) -> SinkStatus:
-        """How it is doing now."""
-        with self._change:
-            return SinkStatus(
-                kind=self.kind.word, target=self.kind.target, written=self._written, waiting=len(self._waiting),
-                dropped=self._waiting.dropped + self._refused, problem=self._store_problem or self._problem,
-            )  # fmt: skip
+        """How the sink is doing now."""
+        store_problem = "" if self.store_trouble is None else self.store_trouble.reason
+        count = self._count()
+        return SinkStatus(
+            kind=self.kind.word, target=self.kind.target, written=self._written, waiting=count.waiting,
+            dropped=count.lost, problem=store_problem or self.trouble.reason,
+        )  # fmt: skip
+
+    def open(self) -> None:
+        """Open the files and the store of the sink; a server is connected later, in its thread.
+
+        Raises OpenError if they cannot be opened and written.
+        """
+        try:
+            self._meet()
+            self._waiting.open()
+            if self.kind.is_local and not self._is_open:
+                self._sink.open(self.points)
+                self._is_open = True
+        except Exception as error:  # a sink may raise anything
+            self.abandon()
+            raise OpenError(_in_words(error)) from None
+
+    def abandon(self) -> None:
+        """Close all that `open` opened."""
+        self._close()
+        self._waiting.close()
+
+    def _meet(self) -> None:
+        if self._host is not None and not self._has_met:
+            self._has_met = True
+            report = partial(self._troubles.note, self.trouble.name)
+            self._sink.meet(_Meeting(self._host, self.lost, report))
 
     def start(self) -> None:
-        """From now on it takes samples; what an earlier run has left is sent first."""
-        if self._host is not None:
-            self._sink.meet(_Meeting(self._host, self.lost))
+        """Begin to take samples; those that an earlier run has left are sent first."""
+        self._has_started = True
+        self._meet()
         self._waiting.start()
         if self._threaded:
             name = f"framekit sink {self.kind.word}"
@@ -327,7 +232,7 @@ class SinkFeeder:
             self._feed()
 
     def put(self, sample: Sampled) -> None:
-        """One more sample; never waits for the sink."""
+        """Add a sample; never waits for the sink."""
         self._waiting.put(sample)
         if not self._threaded:
             self._feed()
@@ -335,15 +240,21 @@ class SinkFeeder:
     def lost(self, problem: str) -> None:
         """The sink has lost its server."""
         with self._change:
-            self._lost = problem
+            self._lost_server = problem
             self._change.notify_all()
 
     def end(self) -> None:
-        """Nothing more comes."""
+        """No more samples come."""
         self._waiting.end()
 
     def stop(self, until: float | None = None) -> None:
-        """Writes what waits, at most to this moment (`time.monotonic`); the rest stays in its store, or is dropped."""
+        """Write the waiting samples, at most to this moment (`time.monotonic`).
+
+        The rest stays in the store; without a store it is lost.
+        """
+        if not self._has_started:
+            self.abandon()
+            return
         until = time.monotonic() + AT_END if until is None else until
         self.finish(until)
         if self._thread is not None:
@@ -354,7 +265,7 @@ class SinkFeeder:
         self._waiting.close()
 
     def finish(self, until: float) -> None:
-        """What is in memory goes to the store, and what waits is written once more; then its thread ends."""
+        """Move samples from memory to the store, and write the waiting ones once more; then the thread ends."""
         self.end()
         self._waiting.join(until)
         with self._change:
@@ -372,7 +283,7 @@ class SinkFeeder:
                 if pause:  # values that come meanwhile do not make it shorter
                     self._change.wait_for(lambda: self._ending, pause)
                 else:
-                    self._change.wait_for(lambda: self._ending or self._waiting.has_some or self._lost)
+                    self._change.wait_for(lambda: self._ending or self._waiting.has_some or self._lost_server)
                 ending = self._ending
             went_well = self._feed()
             if ending:
@@ -380,74 +291,65 @@ class SinkFeeder:
         self._close()
 
     def _feed(self) -> bool:
-        """Gives the sink what waits; False when it has failed."""
+        """Give the waiting samples to the sink; False when it has failed."""
         while True:
             start, samples = self._waiting.first(AT_ONCE)
             if self._is_stored:  # an earlier run may have had other points
                 samples = [self._known(one) for one in samples]
             try:
-                if self._lost and self._is_open:
-                    raise ConnectionError(self._lost)
+                if self._lost_server and self._is_open:
+                    raise ConnectionError(self._lost_server)
                 if not self._is_open:
-                    self._lost = ""
+                    self._lost_server = ""
                     self._sink.open(self.points)
                     self._is_open = True
                 if not samples:
-                    self._mended()
+                    self.trouble.ends()
                     return True
                 taken = self._sink.write(samples)
                 if not isinstance(taken, int) or not 1 <= taken <= len(samples):
                     raise ValueError(f"write took {taken!r} of {len(samples)} samples")
-                self._waiting.done(start, taken)
             except NeverTakenError as error:
-                self._refuse(start, str(error))
+                self._refuse(start, samples[0], str(error))
                 continue
             except Exception as error:  # a sink may raise anything; lines go on
-                self._fail(_in_words(error))
+                self._waiting.not_taken()
+                self._close()
+                self.trouble.begins(_in_words(error))
                 return False
+            self._waiting.done(start, taken)
             with self._change:
                 self._written += taken
-            self._mended()
+            self.trouble.ends()
 
-    def _refuse(self, start: int, why: str) -> None:
-        """The first sample is dropped."""
+    def _refuse(self, start: int, sample: Sampled, why: str) -> None:
+        """Drop the first sample."""
         self._waiting.done(start, 1)
         with self._change:
-            self._refused += 1
-        log.warning("sink %s %s: a sample is refused and dropped: %s", self.kind.word, self.kind.target, why)
+            self._refused.drop(start, (value.name for value in sample.values))
+        self.trouble.loses(f"a sample is refused and dropped: {why}")
 
     def _known(self, sample: Sampled) -> Sampled:
-        """The values of points that there are."""
+        """Return the values of the points of this run."""
         if all(one.name in self.names for one in sample.values):
             return sample
         return sample._replace(values=tuple(one for one in sample.values if one.name in self.names))
 
-    def _tell_of_store(self, problem: str) -> None:
-        with self._change:
-            told, self._store_problem = self._store_problem, problem
-        if problem and told != problem:
-            log.warning("sink %s %s: %s", self.kind.word, self.kind.target, problem)
+    def _store_state(self, problem: str) -> None:
+        """The store fails for this reason, or works again."""
+        if self.store_trouble is not None:
+            self.store_trouble.begins(problem) if problem else self.store_trouble.ends()
 
-    def _mended(self) -> None:
-        """All is well."""
-        with self._change:
-            told, self._problem = self._problem, ""
-        if told:
-            log.info("sink %s %s: it takes values again", self.kind.word, self.kind.target)
-
-    def _fail(self, problem: str) -> None:
-        self._close()
-        with self._change:
-            told, self._problem = self._problem, problem
-        if told != problem:
-            log.warning("sink %s %s: %s", self.kind.word, self.kind.target, problem)
+    def _overflows(self) -> None:
+        """Too many samples wait."""
+        self.trouble.loses(f"{self._most:,} samples wait, from now on the oldest are dropped")
 
     def _close(self) -> None:
         self._is_open = False
         try:
             self._sink.close()
         except Exception as error:  # as above
-            log.warning("sink %s %s: %s", self.kind.word, self.kind.target, _in_words(error))
+            log.warning("%s: %s", self.trouble.name, _in_words(error))
 
 
 @dataclass(frozen=True, slots=True)
@@ -456,6 +358,7 @@ class _Meeting:
 
     host: SinkHost
     lost: Callable[[str], None]
+    report: Callable[[str], None]
 
     @property
     def run(self) -> str:
@@ -466,6 +369,9 @@ class _Meeting:
 
     def values(self) -> Sequence[PointValue]:
         return self.host.values()
+
+    def now(self) -> int:
+        return self.host.now()
 
     def write(self, point: str, value: Any, who: str, told: Callable[[str], None]) -> None:
         self.host.write(point, value, who, told)
@@ -478,18 +384,33 @@ def _in_words(error: Exception) -> str:
 
 
 class SinkService:
-    """The sinks of a run: each gets changes as they come, or all values so often."""
+    """The sinks of a run: each gets changes as they come, or all values in a period."""
 
     def __init__(
-        self, kinds: Iterable[SinkKind], points: Sequence[Point], table: PointTable, clock: Clock, host: SinkHost
-    ) -> None:
+        self, kinds: Iterable[SinkKind], points: Sequence[Point], table: PointTable, clock: Clock, host: SinkHost,
+        troubles: Troubles,
+    ) -> None:  # fmt: skip
         self._table, self._clock = table, clock
         threaded = isinstance(clock, AsyncioClock)
-        self.feeders = [SinkFeeder(kind, points, threaded, host) for kind in kinds]
+        self.feeders = [SinkFeeder(kind, points, threaded, host, troubles) for kind in kinds]
         self._timers: dict[int, Handle] = {}
+        self._time_of_day = TimeOfDay(lambda: table.wall(clock.now()), clock.now, troubles)
+
+    def open(self) -> None:
+        """Open all files and stores. Raises DefinitionError with each that cannot be opened and written."""
+        problems = []
+        for feeder in self.feeders:
+            try:
+                feeder.open()
+            except OpenError as error:
+                problems.append(_not_opened(feeder.kind, str(error)))
+        if problems:
+            for feeder in self.feeders:
+                feeder.abandon()
+            raise DefinitionError(problems)
 
     def start(self) -> None:
-        """Begins."""
+        """Begin to feed the sinks."""
         for feeder in self.feeders:
             feeder.start()
             if feeder.kind.every is not None:
@@ -498,7 +419,7 @@ class SinkService:
             self._table.listeners.append(self._changed)
 
     def stop(self) -> None:
-        """Nothing comes any more; what waits is written."""
+        """Stop to feed the sinks; the waiting samples are written."""
         for timer in self._timers.values():
             timer.cancel()
         if self._changed in self._table.listeners:
@@ -512,31 +433,51 @@ class SinkService:
             feeder.stop(until)
 
     def _changed(self, value: PointValue) -> None:
+        self._time_of_day.look()
         for feeder in self.feeders:
             if feeder.kind.every is None and value.name in feeder.names:
                 feeder.put(Sampled(value.time, (value,)))
 
     def _every(self, feeder: SinkFeeder, when: int) -> None:
-        """Takes all values at a time, and at the next; times that were missed are left out."""
+        """Take all values at this time, and at the next; missed times are left out."""
         self._timers[id(feeder)] = self._clock.call_at(when, partial(self._take, feeder, when))
 
     def _take(self, feeder: SinkFeeder, when: int) -> None:
         period = feeder.kind.every or 1
+        self._time_of_day.look()
         values = tuple(value for value in self._table if value.name in feeder.names)
         feeder.put(Sampled(self._table.wall(when), values))
         self._every(feeder, when + period * max(1, (self._clock.now() - when) // period + 1))
 
     @property
     def status(self) -> list[SinkStatus]:
-        """How each is doing now."""
+        """How each sink is doing now."""
         return [feeder.status for feeder in self.feeders]
 
-    @property
-    def problems(self) -> list[str]:
-        """What keeps sinks from taking what they should, and what they have lost."""
-        found = []
-        for one in self.status:
-            if one.problem or one.dropped:
-                lost = f"{one.dropped} samples were dropped" if one.dropped else ""
-                found.append(f"sink {one.kind} {one.target}: {', '.join(filter(None, (one.problem, lost)))}")
-        return found
+
+def _not_opened(kind: SinkKind, why: str) -> Problem:
+    """The problem of a sink whose file or store cannot be opened and written, at its place in the run file."""
+    reason, _, todo = why.partition(" – ")
+    file = kind.store if isinstance(kind, NetworkSink) else kind.target
+    what = reason if file in reason else f"{file} cannot be opened and written: {reason}"
+    return Problem(kind.at, what, todo or "make room or change its permissions, or name another file")
+
+
+class TimeOfDay:
+    """Watches the wall clock for jumps against the run's clock, and reports them."""
+
+    def __init__(self, wall: Callable[[], int], now: Callable[[], int], troubles: Troubles) -> None:
+        self._wall, self._now, self._troubles = wall, now, troubles
+        self._offset: int | None = None
+        self._reported = -LEAST_BETWEEN_REPORTS
+
+    def look(self) -> None:
+        """Report a jump since the last call."""
+        now = self._now()
+        before, self._offset = self._offset, self._wall() - now
+        if before is None or abs(self._offset - before) < LEAST_JUMP or now - self._reported < LEAST_BETWEEN_REPORTS:
+            return
+        self._reported = now
+        way = "forward" if self._offset > before else "back"
+        jump = lasted(abs(self._offset - before))
+        self._troubles.note("clock", f"the time of day has jumped {way} by {jump}; no sink deletes values for that")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import os
 import secrets
 import sqlite3
@@ -17,9 +16,9 @@ from framekit.definition.fingerprint import fingerprint
 from framekit.definition.times import NEVER
 from framekit.memory.memory import DeviceMemory, Shape, unit_bits
 from framekit.run.block_state import BlockState, Failure
+from framekit.run.trouble import Troubles
+from framekit.sinks.database import bound_log, transaction, write_once
 from framekit.transport.clock import Clock
-
-log = logging.getLogger(__name__)
 
 APPLICATION = 0x464B5354
 """What SQLite calls the application's number; it tells our files from others."""
@@ -89,6 +88,8 @@ class StateFile:
         self.path = path
         self.run = run
         self.shape = shape
+        self.was_empty = False
+        """The file existed without content: a loss of power may have emptied it."""
         self._written: dict[str, bytes] = {}
         with self._errors():
             real = Path(os.path.realpath(path))
@@ -97,6 +98,7 @@ class StateFile:
             elif not stat.S_ISREG(real.stat().st_mode):
                 raise StateError(f"{path} is no plain file – name another file")
             elif real.stat().st_size == 0:
+                self.was_empty = True
                 self._create(real)
             self._check_head()
             self._base = sqlite3.connect(real, isolation_level=None, check_same_thread=False, timeout=0)
@@ -104,6 +106,7 @@ class StateFile:
             with self._errors():
                 self._open()
                 self.kept = self._load()
+                write_once(self._base, "user_version", VERSION)
         except StateError:
             self._base.close()
             raise
@@ -124,7 +127,7 @@ class StateFile:
             with closing(sqlite3.connect(beside, isolation_level=None)) as base:
                 base.executescript(_TABLES)
                 base.execute("INSERT INTO about VALUES ('run', ?)", (self.run,))
-                base.execute("PRAGMA journal_mode = WAL")
+                bound_log(base)
             os.replace(beside, place)
         finally:
             for name in (beside, Path(f"{beside}-wal"), Path(f"{beside}-shm"), Path(f"{beside}-journal")):
@@ -140,7 +143,7 @@ class StateFile:
     def _open(self) -> None:
         base = self._base
         base.execute("PRAGMA locking_mode = EXCLUSIVE")
-        base.execute("PRAGMA synchronous = NORMAL")
+        bound_log(base)
         base.execute("BEGIN IMMEDIATE")
         base.execute("ROLLBACK")
         (version,) = base.execute("PRAGMA user_version").fetchone()
@@ -220,20 +223,13 @@ class StateFile:
             for name, content in kept.areas.items()
             for at in _changed(self._written.get(name), content)
         ]
-        with self._errors():
-            self._base.execute("BEGIN IMMEDIATE")
-            try:
-                self._base.executemany("INSERT OR REPLACE INTO areas VALUES (?, ?, ?)", self.shape)
-                self._base.executemany("INSERT OR REPLACE INTO pages VALUES (?, ?, ?)", pages)
-                places = ", ".join("?" * 11)
-                rows = [astuple(block) for block in kept.blocks.values()]
-                self._base.execute("DELETE FROM blocks")
-                self._base.executemany(f"INSERT INTO blocks ({_COLUMNS}) VALUES ({places})", rows)
-                self._base.execute("COMMIT")
-            except sqlite3.Error:
-                if self._base.in_transaction:
-                    self._base.execute("ROLLBACK")
-                raise
+        with self._errors(), transaction(self._base):
+            self._base.executemany("INSERT OR REPLACE INTO areas VALUES (?, ?, ?)", self.shape)
+            self._base.executemany("INSERT OR REPLACE INTO pages VALUES (?, ?, ?)", pages)
+            places = ", ".join("?" * 11)
+            rows = [astuple(block) for block in kept.blocks.values()]
+            self._base.execute("DELETE FROM blocks")
+            self._base.executemany(f"INSERT INTO blocks ({_COLUMNS}) VALUES ({places})", rows)
         self._written.update(kept.areas)
         return len(pages)
 
@@ -258,16 +254,21 @@ class StateKeeper:
         states: Callable[[], Collection[BlockState]],
         clock: Clock,
         every: int,
+        troubles: Troubles,
     ) -> None:
         self.file = file
         self.memory = memory
         self.states = states
         self.clock = clock
         self.every = every
-        self.problem = ""
+        self.trouble = troubles.source(
+            f"state {file.path}", lambda: "the file keeps an older state, each write is tried again", unit=""
+        )
+        if file.was_empty:
+            troubles.note(self.trouble.name, "the file was empty, memory and counters begin anew")
         self._contents: dict[int, tuple[object, str]] = {}
         self._last = KeptRun()
-        self._writing: Future[int] | None = None
+        self._writing: Future[bool] | None = None
         self._writer = ThreadPoolExecutor(1, "framekit-state")
         self._alarm = clock.alarm(self._turn)
         self._stopped = False
@@ -331,22 +332,25 @@ class StateKeeper:
         if not wait and not writing.done():
             return False
         self._writing = None
-        try:
-            writing.result()
-        except StateError as error:
+        if not writing.result():
             self._last = KeptRun()
-            if str(error) != self.problem:
-                log.error("%s", error)
-            self.problem = str(error)
-        else:
-            self.problem = ""
         return True
 
     def _write(self) -> None:
         kept = self.kept()
         if kept != self._last:
             self._last = kept
-            self._writing = self._writer.submit(self.file.save, kept)
+            self._writing = self._writer.submit(self._save, kept)
+
+    def _save(self, kept: KeptRun) -> bool:
+        """Write the file; False when that has failed, which is reported."""
+        try:
+            self.file.save(kept)
+        except StateError as error:
+            self.trouble.begins(str(error).removeprefix(f"{self.file.path}: "))
+            return False
+        self.trouble.ends()
+        return True
 
     def kept(self) -> KeptRun:
         """What there is to keep now."""

@@ -102,6 +102,8 @@ class SinkKind(ABC):
     """
 
     word: ClassVar[str]
+    is_local: ClassVar[bool] = False
+    """The sink writes files of this machine: a run does not start unless they can be opened and written."""
     points: tuple[str, ...] = key(
         "points", Form(ref("texts"), lambda r, node: r.loader.patterns(node)),
         "The points that go there, by name; * stands for any text. Default: all.", default=("*",),
@@ -174,6 +176,12 @@ class Host(Interface):
     def lost(self, problem: str) -> None:
         """The sink has lost its server: it is to be closed, and opened anew."""
 
+    def now(self) -> int:
+        """The time of the run's clock (ns), which never goes back."""
+
+    def report(self, what: str) -> None:
+        """Report an event of the sink, such as an empty file where values should be, to the user."""
+
 
 class Sink(ABC):
     """Takes values. What a method raises is told, kept apart from the lines, and tried again a little later."""
@@ -202,7 +210,10 @@ def open_alone(path: Path) -> int:
 
     Raises OSError, also while another process has it: two that write one file would mix their lines.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR)) from None
     file = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o644)
     if sys.platform != "win32":
         try:

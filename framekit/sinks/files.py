@@ -24,6 +24,9 @@ _ROTATE = re.compile(r"\s*([0-9]+)\s*(KB|MB|GB)\s*")
 _COMMON = {"day": len("2026-03-01"), "hour": len("2026-03-01T12")}
 """What the times of one day, or one hour, have in common."""
 
+ROOM = 4096
+"""Bytes for which there has to be room when a file is opened."""
+
 Rotation = int | Literal["day", "hour"]
 """When a new file begins: after so many bytes, or each day or hour (UTC)."""
 
@@ -59,6 +62,7 @@ ROTATION = Form(
 class FileSink(SinkKind):
     """A file that grows line by line. `rotate`: when a new one begins; `keep`: how many of those before it stay."""
 
+    is_local: ClassVar[bool] = True
     rotate: Rotation | None = key(
         "rotate", ROTATION, "day, hour, or a size: then the file gets the time of its first line as a name, and a new "
         "one begins. Days and hours are those of UTC.", default=None,
@@ -124,6 +128,7 @@ class LinesFile(Sink):
     def open(self, points: Sequence[Point]) -> None:
         self._points = points
         self._begin()
+        self._try_room()
 
     def _begin(self) -> None:
         """Goes on with the file that is there, or begins it; one with another first line is put aside."""
@@ -142,6 +147,13 @@ class LinesFile(Sink):
         if not data:
             self._began = ""
             self._put(head)
+
+    def _try_room(self) -> None:
+        """Write a block after the last line and take it away: there is room for values. Raises OSError."""
+        if self._file is not None:
+            self._put(b" " * ROOM)
+            self._size -= ROOM
+            os.ftruncate(self._file, self._size)
 
     def time_in(self, line: bytes) -> str:
         """The time that a line begins with; '' for none."""

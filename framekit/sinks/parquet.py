@@ -28,6 +28,7 @@ class ParquetFiles(SinkKind):
     """A table in Parquet files, one for each hour or day, with a typed column for each point."""
 
     word: ClassVar[str] = "parquet"
+    is_local: ClassVar[bool] = True
     parquet: str = key(
         "parquet", FILE, "Parquet files; each gets the time of its first row as a part of its name: x.parquet becomes "
         "x.20260301T120000.parquet.",

@@ -104,6 +104,7 @@ class PrometheusServer(Sink):
         yield from _of_blocks(status)
         yield from _of_channels(status)
         yield from _of_sinks(status)
+        yield from _of_troubles(status)
 
     def _of_points(self, run: str) -> Iterator[Metric]:
         from prometheus_client.core import GaugeMetricFamily
@@ -197,3 +198,14 @@ def _of_sinks(status: RunStatus) -> Iterator[Metric]:
     ):
         rows = [(at, getattr(one, attribute)) for at, one in found]
         yield _family(kind, f"framekit_sink_{name}", about, labels, rows)
+
+
+def _of_troubles(status: RunStatus) -> Iterator[Metric]:
+    from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
+
+    labels = ("run", "name")
+    failing = [((status.run, one.name), float(bool(one.reason))) for one in status.troubles]
+    about = "1 while a sink, a store, the state file or a capture fails, else 0."
+    yield _family(GaugeMetricFamily, "framekit_trouble", about, labels, failing)
+    lost = [((status.run, one.name), float(one.lost)) for one in status.troubles]
+    yield _family(CounterMetricFamily, "framekit_trouble_lost", "Samples that are lost.", labels, lost)

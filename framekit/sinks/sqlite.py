@@ -45,6 +45,7 @@ class SqliteHistory(SinkKind):
     """A table of values. `keep` (ns): older ones are taken out."""
 
     word: ClassVar[str] = "sqlite"
+    is_local: ClassVar[bool] = True
     sqlite: str = key("sqlite", FILE, "A database of SQLite with a table history.")
     keep: int | None = key("keep", PERIOD, "How long values are kept there; default: for ever.", default=None)
 

@@ -13,11 +13,12 @@ import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from framekit.definition.keys import NUMBER, Form, key, ref
 from framekit.run.points import PointValue
+from framekit.run.trouble import Dropped
 from framekit.sinks.base import Sampled, SinkKind, open_alone
+from framekit.sinks.database import bound_log, connected, transaction, write_once
 
 APPLICATION = 0x464B5746
 """What SQLite calls the application's number; it tells our files from others."""
@@ -67,12 +68,16 @@ class Store:
     """
 
     def __init__(self, path: Path, most: int) -> None:
-        self.path, self._most = path, most
-        self.dropped = 0
+        self.path, self.most = path, most
+        self.dropped = Dropped()
         self._lock = threading.Lock()
         self._file: int | None = None
         self._database: sqlite3.Connection | None = None
         self._first = self._next = 0
+        self._damaged: set[int] = set()
+        """The numbers of samples in the file that cannot be read."""
+        self._kept_from = 0
+        """The number of the oldest sample in the file; those before `_first` were sent already."""
 
     def __len__(self) -> int:
         return self._next - self._first
@@ -87,13 +92,15 @@ class Store:
         with self._lock:
             self._file = open_alone(self.path.with_name(f"{self.path.name}.lock"))
             try:
-                self._database = database = sqlite3.connect(self.path, isolation_level=None, check_same_thread=False)
+                self._database = database = connected(self.path)
                 self._make(database)
+                write_once(database, "user_version", 1)
                 first, last = database.execute("SELECT min(number), max(number) FROM waiting").fetchone()
             except BaseException:
                 self._close()
                 raise
-            self._first, self._next = (0, 0) if first is None else (first, last + 1)
+            self._first, self._next = (self._next, self._next) if first is None else (max(self._first, first), last + 1)
+            self._kept_from = self._first if first is None else first
 
     def _make(self, database: sqlite3.Connection) -> None:
         try:
@@ -105,8 +112,7 @@ class Store:
             raise StoreError(f"{self.path} is no database – name another file") from None
         if application != APPLICATION and (application or tables):
             raise StoreError(f"{self.path} is a database of something else – name another file")
-        database.execute("PRAGMA journal_mode = WAL")
-        database.execute("PRAGMA synchronous = NORMAL")
+        bound_log(database)
         if not tables:
             database.executescript(_TABLE)
 
@@ -116,39 +122,47 @@ class Store:
             database = self._opened()
             first, following = self._first, self._next + len(samples)
             rows = ((self._next + at, one.time, _text_of(one.values)) for at, one in enumerate(samples))
-            database.execute("BEGIN IMMEDIATE")
-            try:
+            gone: list[tuple[int, str]] = []
+            with transaction(database):
                 database.executemany("INSERT INTO waiting VALUES (?, ?, ?)", rows)
-                if following - first > self._most:
-                    first = following - self._most
+                if following - first > self.most:
+                    first = following - self.most
+                    gone = database.execute("SELECT number, points FROM waiting WHERE number < ?", (first,)).fetchall()
+                if first > self._kept_from:
                     database.execute("DELETE FROM waiting WHERE number < ?", (first,))
-                database.execute("COMMIT")
-            except BaseException:
-                if database.in_transaction:
-                    database.execute("ROLLBACK")
-                raise
-            self.dropped += first - self._first
-            self._first, self._next = first, following
+            for number, text in gone:
+                if number >= self._first and number not in self._damaged:
+                    self.dropped.drop(number, (value.name for value in self._values_of(number, text)))
+            self._first, self._next, self._kept_from = first, following, first
 
     def first(self, most: int) -> tuple[int, list[Sampled]]:
-        """The oldest samples, and the number of the first of them."""
+        """Return the oldest samples, and the number of the first of them."""
         with self._lock:
             if self._database is None:
                 return 0, []
             rows = self._database.execute(
-                "SELECT time, points FROM waiting WHERE number >= ? ORDER BY number LIMIT ?", (self._first, most)
+                "SELECT number, time, points FROM waiting WHERE number >= ? ORDER BY number LIMIT ?",
+                (self._first, most),
             )
-            return self._first, [Sampled(time, _values_of(text)) for time, text in rows]
+            found = [Sampled(time, self._values_of(at, text)) for at, time, text in rows]
+            self.dropped.sending(self._first + len(found))
+            return self._first, found
 
     def done(self, start: int, number: int) -> None:
-        """The samples from `start` on, so many, have been sent; what was dropped of them meanwhile was not lost."""
+        """Remove `number` samples from `start` on, which were sent.
+
+        If that fails, the store still knows that they were sent: `first` does not return them again, and the next
+        change of the file removes them.
+        """
         with self._lock:
             if self._database is None:
                 return  # the run has ended: they are sent once more after the next start
             end = start + number
-            self._database.execute("DELETE FROM waiting WHERE number < ?", (end,))
-            self.dropped -= min(self._first, end) - start
+            self.dropped.confirmed(end)
             self._first = max(self._first, end)
+            with transaction(self._database):
+                self._database.execute("DELETE FROM waiting WHERE number < ?", (self._first,))
+            self._kept_from = self._first
 
     def close(self) -> None:
         """The end; what waits stays in the file. A disk that hangs is not waited for."""
@@ -166,6 +180,16 @@ class Store:
         if file is not None:
             os.close(file)
 
+    def _values_of(self, number: int, text: str) -> tuple[PointValue, ...]:
+        """Return the values of a sample; none of a damaged one, which counts as dropped."""
+        try:
+            return tuple(PointValue(*fields) for fields in json.loads(text))
+        except (ValueError, TypeError):
+            if number not in self._damaged:
+                self._damaged.add(number)
+                self.dropped.drop(number, ())
+            return ()
+
     def _opened(self) -> sqlite3.Connection:
         if self._database is None:
             raise StoreError(f"{self.path} is closed")
@@ -175,8 +199,3 @@ class Store:
 def _text_of(values: Sequence[PointValue]) -> str:
     fields = [(one.name, one.value, one.quality, one.reason, one.time, one.number) for one in values]
     return json.dumps(fields, ensure_ascii=False, separators=(",", ":"))
-
-
-def _values_of(text: str) -> tuple[PointValue, ...]:
-    found: list[list[Any]] = json.loads(text)
-    return tuple(PointValue(*fields) for fields in found)

@@ -20,6 +20,7 @@ from framekit.api.rows import (
     JOB_HEAD,
     SINK_HEAD,
     STATION_HEAD,
+    TROUBLE_HEAD,
     block_row,
     block_state,
     channel_row,
@@ -27,6 +28,7 @@ from framekit.api.rows import (
     percent,
     sink_row,
     station_row,
+    trouble_row,
 )
 from framekit.api.run import RunCalls
 from framekit.api.server import AsyncServer
@@ -185,7 +187,7 @@ class Shown:
 
 
 def shown_run(run: RunCalls, view: LiveView) -> Shown:
-    """A run with its channels, stations, blocks, jobs, sinks and points."""
+    """A run with its channels, stations, blocks, jobs, sinks, troubles and points."""
 
     def load_now(channel: int) -> str:
         line = view.lines.get(channel)
@@ -212,6 +214,9 @@ def shown_run(run: RunCalls, view: LiveView) -> Shown:
                 str(number): ShownRow("lost" if one.problem else "", sink_row(one))
                 for number, one in enumerate(status.sinks)
             },
+            "troubles": {
+                one.name: ShownRow("lost" if one.reason else "", trouble_row(one, status.at)) for one in status.troubles
+            },
         }
 
     tables = (
@@ -220,6 +225,7 @@ def shown_run(run: RunCalls, view: LiveView) -> Shown:
         ShownTable("blocks", BLOCK_HEAD),
         ShownTable("jobs", JOB_HEAD),
         ShownTable("sinks", SINK_HEAD),
+        ShownTable("troubles", TROUBLE_HEAD),
     )
     groups = [("", run.points)]
     return Shown(

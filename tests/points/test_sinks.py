@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
+import errno
 import json
+import os
 import sqlite3
 import threading
 from collections.abc import Callable, Sequence
@@ -21,8 +23,10 @@ from framekit.link.packing import Typed
 from framekit.run.block_state import Failure
 from framekit.run.model import OwnPlace, Point
 from framekit.run.points import PointValue, iso_time
+from framekit.run.trouble import TroubleReport
 from framekit.runfile.schema_files import read_files
 from framekit.service import sinks as at_work
+from framekit.service import waiting
 from framekit.service.points import PointService
 from framekit.service.sinks import SinkFeeder, SinkHost
 from framekit.sinks import SINKS, Sink, SinkKind
@@ -147,7 +151,7 @@ def test_a_full_disk_leaves_whole_lines(tmp_path: Path, monkeypatch: pytest.Monk
     sink.open(POINTS)
     assert sink.write([sample(0)]) == 1
     whole = path.read_bytes()
-    write = at_work.threading and __import__("os").write
+    write = os.write
     monkeypatch.setattr("framekit.sinks.files.os.write", lambda file, data: write(file, bytes(data)[:10]))
     with pytest.raises(OSError, match="the disk is full"):
         sink.write([sample(1)])
@@ -268,14 +272,77 @@ def test_a_sink_in_real_time_has_everything_at_the_end(tmp_path: Path) -> None:
     assert len(lines_of(tmp_path / "values.jsonl")) == 2
 
 
-def test_a_sink_that_cannot_be_opened_is_told_and_the_run_goes_on(tmp_path: Path) -> None:
+def test_a_run_does_not_start_without_its_files(tmp_path: Path) -> None:
+    """Each sink that cannot write is named with its place; the files of the others are left for another run."""
     (tmp_path / "taken").write_text("")
-    run = VirtualRun(run_file(tmp_path, "{csv: taken/values.csv}", "{jsonl: values.jsonl}"))
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "text.db").write_text("no database\n" * 100)
+    path = run_file(
+        tmp_path, "{csv: taken/values.csv}", "{jsonl: values.jsonl}", "{jsonl: folder}", "{sqlite: text.db}",
+        '{mqtt: "127.0.0.1:1", store: taken/a.db}',
+    )  # fmt: skip
+    for _ in range(2):
+        run = VirtualRun(path)
+        with pytest.raises(DefinitionError) as error:
+            run.start()
+        assert not run.running
+        run.stop()
+        assert [str(one).partition(f"{path}:")[2] for one in error.value.problems] == [
+            f"8:5: {tmp_path}/taken/values.csv cannot be opened and written: Not a directory – "
+            "make room or change its permissions, or name another file",
+            f"10:5: {tmp_path}/folder cannot be opened and written: Is a directory – "
+            "make room or change its permissions, or name another file",
+            f"11:5: {tmp_path}/text.db is no database – name another file",
+            f"12:5: {tmp_path}/taken/a.db cannot be opened and written: Not a directory – "
+            "make room or change its permissions, or name another file",
+        ]
+
+
+def test_a_file_that_cannot_be_written_later_is_told_at_once_and_when_it_is_well(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:  # fmt: skip
+    reports: list[TroubleReport] = []
+    run = VirtualRun(run_file(tmp_path, "{csv: every.csv, every: 1 s}"))
+    run.watch_troubles(reports.append)
+    run.run_for("1500 ms")
+    with monkeypatch.context() as patch:
+        patch.setattr("framekit.sinks.files.os.write", full)
+        run.run_for("3 s")
+        name = f"sink csv {tmp_path}/every.csv"
+        assert [(one.event, one.text) for one in reports] == [
+            (
+                "begins",
+                f"{name}: No space left on device – 1 sample waits, the oldest are dropped from 100,000 on",
+            )
+        ]
+        status = run.status()
+        assert [(one.name, one.reason, one.waiting, one.lost) for one in status.troubles] == [
+            (name, "No space left on device", 3, 0)
+        ]
+        assert run.problems == [f"{name}: No space left on device"]
+        assert status.sinks[0].problem == "No space left on device"
+    run.run_for("1 s")
+    run.stop()
+    assert [one.text for one in reports[1:]] == [f"{name}: works again after 3.0 s, no sample was lost"]
+    assert (run.problems, run.status().troubles) == ([], ())
+    assert [line[17:19] for line in lines_of(tmp_path / "every.csv")[1:]] == ["01", "02", "03", "04", "05"]
+
+
+def test_what_is_lost_at_the_end_is_told_by_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = VirtualRun(run_file(tmp_path, "{csv: changes.csv}"))
+    run.start()
+    monkeypatch.setattr("framekit.sinks.files.os.write", full)
+    run.run_for("1500 ms")
+    run.device("meter").write("40001", [220])
     run.run_for("1500 ms")
     run.stop()
-    assert len(lines_of(tmp_path / "values.jsonl")) == 2
-    (problem,) = run.problems
-    assert problem.startswith(f"sink csv {tmp_path}/taken/values.csv: ") and problem.endswith("2 samples were dropped")
+    name = f"sink csv {tmp_path}/changes.csv"
+    assert run.problems == [f"{name}: No space left on device, 3 samples were lost (temperature 2, state 1)"]
+    assert run.troubles[0].points == {"temperature": 2, "state": 1}
+
+
+def full(file: int, data: bytes) -> int:
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 @pytest.mark.parametrize(
@@ -371,7 +438,7 @@ def test_what_fails_is_tried_again_in_order() -> None:
 
 
 def test_a_sink_that_hangs_holds_nothing_up_and_the_oldest_go_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(at_work, "MOST_WAITING", 10)
+    monkeypatch.setattr(waiting, "MOST_WAITING", 10)
     monkeypatch.setattr(at_work, "AT_ONCE", 4)
     one, sink = feeder(threaded=True)
     hangs, goes_on = threading.Event(), threading.Event()

@@ -42,7 +42,7 @@ def test_samples_come_back_as_they_were(tmp_path: Path) -> None:
     number, found = again.first(10)
     assert found == samples[2:] and len(again) == 2
     again.done(number, 2)
-    assert len(again) == 0 and again.first(10)[1] == [] and again.dropped == 0
+    assert len(again) == 0 and again.first(10)[1] == [] and again.dropped.samples == 0
     again.close()
 
 
@@ -52,11 +52,11 @@ def test_the_oldest_go_and_those_under_way_are_not_lost(tmp_path: Path) -> None:
     store.add(samples[:4])
     start, under_way = store.first(3)
     store.add(samples[4:6])
-    assert (len(store), store.dropped) == (4, 2)
+    assert (len(store), store.dropped.samples) == (4, 2)
     store.done(start, len(under_way))
-    assert store.first(9)[1] == samples[3:6] and store.dropped == 0
+    assert store.first(9)[1] == samples[3:6] and store.dropped.samples == 0
     store.add(samples[6:])
-    assert store.first(9)[1] == samples[5:] and store.dropped == 2
+    assert store.first(9)[1] == samples[5:] and store.dropped.samples == 2
     store.close()
 
 
@@ -201,11 +201,129 @@ def test_a_sink_that_has_lost_its_server_is_opened_anew(tmp_path: Path) -> None:
     one.stop()
 
 
-def test_a_store_that_cannot_be_had_is_told(tmp_path: Path) -> None:
+def test_a_store_that_cannot_be_opened_does_not_stop_the_server(tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("")
     one, server = feeder(tmp_path / "taken" / "a.db", threaded=False)
     one.start()
     one.put(sample(0))
     one.stop()
-    assert one.status.problem.startswith(f"values cannot be kept in {tmp_path}/taken/a.db: ")
-    assert (server.taken, one.status.dropped) == ([], 1)
+    assert one.store_trouble is not None and one.store_trouble.reason
+    assert one.status.problem == one.store_trouble.reason
+    assert (server.taken, one.status.dropped) == ([1.5], 0)
+
+
+def refusing(store: Store, monkeypatch: pytest.MonkeyPatch, first_word: str) -> Callable[[], None]:
+    """Let each statement that begins with this word fail, as on a full disk; the result ends that."""
+    database = store._database
+    assert database is not None
+
+    class Full:
+        in_transaction = property(lambda self: database.in_transaction)
+
+        def execute(self, statement: str, *values: Any) -> sqlite3.Cursor:
+            if statement.startswith(first_word):
+                raise sqlite3.OperationalError("database or disk is full")
+            return database.execute(statement, *values)
+
+        def executemany(self, statement: str, rows: Any) -> sqlite3.Cursor:
+            if statement.startswith(first_word):
+                raise sqlite3.OperationalError("database or disk is full")
+            return database.executemany(statement, rows)
+
+        def close(self) -> None:
+            database.close()
+
+    monkeypatch.setattr(store, "_database", Full())
+    return lambda: monkeypatch.setattr(store, "_database", database)
+
+
+def test_a_full_disk_does_not_stop_the_server(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Samples go from memory to the server while the store cannot be written; each comes once, in order."""
+    one, server = feeder(tmp_path / "a.db", threaded=False)
+    reports: list[str] = []
+    one._troubles.listen(lambda report: reports.append(report.text))
+    one.open()
+    one.start()
+    store = one._waiting._store
+    assert store is not None
+    one.put(sample(0, value=0))
+    has_room = refusing(store, monkeypatch, "INSERT")
+    for at in range(1, 4):
+        one.put(sample(at, value=at))
+    assert server.taken == [0, 1, 2, 3]
+    server.on_write = gone
+    for at in range(4, 6):
+        one.put(sample(at, value=at))
+    has_room()
+    one.put(sample(6, value=6))
+    server.on_write = lambda: None
+    one.put(sample(7, value=7))
+    assert server.taken == list(range(8)) and len(one._waiting) == 0
+    one.stop()
+    name = f"store {tmp_path}/a.db"
+    assert [text for text in reports if text.startswith("store")] == [
+        f"{name}: database or disk is full – 1 sample waits in memory only, the oldest are dropped from 100,000 on",
+        f"{name}: works again after 0.0 s, no sample was lost",
+    ]
+
+
+def test_a_sample_is_sent_once_although_it_cannot_be_removed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:  # fmt: skip
+    one, server = feeder(tmp_path / "a.db", threaded=False)
+    one.open()
+    one.start()
+    store = one._waiting._store
+    assert store is not None
+    has_room = refusing(store, monkeypatch, "DELETE")
+    for at in range(5):
+        one.put(sample(at, value=at))
+    assert server.taken == list(range(5))
+    assert one.store_trouble is not None and one.store_trouble.reason == "database or disk is full"
+    has_room()
+    one.put(sample(5, value=5))
+    assert (server.taken, one.store_trouble.reason) == (list(range(6)), "")
+    with sqlite3.connect(tmp_path / "a.db") as database:
+        assert database.execute("SELECT count(*) FROM waiting").fetchone() == (0,)
+    one.stop()
+
+
+def test_a_damaged_sample_is_counted_and_holds_nothing_up(tmp_path: Path) -> None:
+    store = opened(tmp_path / "a.db")
+    store.add([sample(at, value=at) for at in range(3)])
+    store.close()
+    with sqlite3.connect(tmp_path / "a.db") as database:
+        database.execute("UPDATE waiting SET points = '[[1, 2' WHERE number = 1")
+    one, server = feeder(tmp_path / "a.db", threaded=False)
+    one.open()
+    one.start()
+    one.put(sample(3, value=3))
+    one.stop()
+    assert (server.taken, one.status.dropped, one.status.waiting) == ([0, 2, 3], 1, 0)
+
+
+def test_a_store_that_cannot_be_read_does_not_stop_the_server(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:  # fmt: skip
+    one, server = feeder(tmp_path / "a.db", threaded=False)
+    one.open()
+    store = one._waiting._store
+    assert store is not None
+    one.start()
+    is_readable = refusing(store, monkeypatch, "SELECT")
+    for at in range(4):
+        one.put(sample(at, value=at))
+    assert server.taken == [1, 2, 3] and one.status.problem == "database or disk is full"
+    is_readable()
+    one.put(sample(4, value=4))
+    one.stop()
+    assert (server.taken, one.status.problem) == ([1, 2, 3, 0, 4], "")
+
+
+def test_the_log_of_a_store_stays_small(tmp_path: Path) -> None:
+    store = opened(tmp_path / "a.db", most=1_000_000)
+    for at in range(300):
+        store.add([sample(at * 40 + one, value="x" * 100) for one in range(40)])
+    assert (tmp_path / "a.db").stat().st_size > 2_000_000
+    assert (tmp_path / "a.db-wal").stat().st_size < 1_000_000
+    store.close()

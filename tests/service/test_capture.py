@@ -40,7 +40,7 @@ def written(path: Path, events: list[LineEvent], channels: tuple[int, ...] = (1,
     for event in events:
         capture.write(channels[0], event)
     capture.close()
-    assert not capture.troubles
+    assert not capture.problems
     return path
 
 

@@ -145,18 +145,26 @@ def test_what_cannot_be_written_is_told_and_tried_again(tmp_path: Path, monkeypa
     assert keeper is not None
 
     def full(kept: object) -> int:
-        raise StateError("plant.state: the disk is full")
+        raise StateError(f"{tmp_path}/plant.state: the disk is full")
+
+    reports: list[str] = []
+    bench.service.troubles.listen(lambda report: reports.append(report.text))
 
     with monkeypatch.context() as patch:
         patch.setattr(keeper.file, "save", full)
         for _ in range(3):
             bench.clock.run_for(SECOND)
             keeper._see(wait=True)
-        assert bench.service.problems == ["plant.state: the disk is full"]
+        assert bench.service.problems == [f"state {tmp_path}/plant.state: the disk is full"]
     bench.clock.run_for(2 * SECOND)
     assert bench.counts()[0][0] == 5
     bench.service.stop()
     assert bench.service.problems == []
+    assert reports == [
+        f"state {tmp_path}/plant.state: the disk is full – the file keeps an older state, each write is tried again",
+        reports[-1],
+    ]
+    assert reports[-1].startswith(f"state {tmp_path}/plant.state: works again after ")
     second = Bench(tmp_path)
     assert second.counts()[0][0] == 5
     second.service.stop()

@@ -105,7 +105,9 @@ def test_another_database(tmp_path: Path) -> None:
 def test_an_empty_file_is_a_new_one(tmp_path: Path) -> None:
     (tmp_path / "s").touch()
     with closing(StateFile(tmp_path / "s", "plant", SHAPE)) as file:
-        assert file.kept == KeptRun()
+        assert file.kept == KeptRun() and file.was_empty
+    with closing(StateFile(tmp_path / "s", "plant", SHAPE)) as file:
+        assert not file.was_empty
 
 
 @pytest.mark.parametrize("cut", [4096, 5000, 12288])

@@ -1,0 +1,253 @@
+"""Trouble of a run: which part fails, why, since when, how many samples wait for it, and which were lost.
+
+Each part of a run that keeps or sends data (a sink, a store, the state file, a capture) has one `TroubleSource`. The
+sources of a run belong to its `Troubles`: terminal, status, page, JSON and metrics read them there, and a listener
+receives a report when trouble begins, when data are lost, and when the part works again.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
+
+from framekit.definition.problems import plural
+
+log = logging.getLogger(__name__)
+
+MOST_REPORTS = 100
+"""Reports kept for a listener that registers later."""
+MOST_NAMED = 5
+"""Points that a message names."""
+
+SECOND, MINUTE, HOUR = 1_000_000_000, 60_000_000_000, 3_600_000_000_000
+
+Event = Literal["begins", "loses", "ends", "note"]
+"""`note`: an event that does not last, such as a jump of the clock."""
+
+
+class Count(NamedTuple):
+    """Samples of a part: how many wait, how many are lost, and the lost values by point."""
+
+    waiting: int = 0
+    lost: int = 0
+    points: Mapping[str, int] = {}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trouble:
+    """The trouble of one part of a run, or what it has lost."""
+
+    name: str
+    """The part: its kind and its target, such as `sink csv r.csv`."""
+    reason: str
+    """Why the part fails; empty while it works."""
+    since: int
+    """When the part began to fail, or to work again (ns of the run's clock)."""
+    waiting: int
+    """Samples that wait for the part."""
+    lost: int
+    """Samples (of a capture: events) lost since the start of the run."""
+    points: Mapping[str, int] = field(default_factory=dict)
+    """Lost values by point."""
+    unit: str = "sample"
+    """The noun for a lost item; empty where the number says nothing."""
+
+    @property
+    def loss(self) -> str:
+        """Say what was lost, such as `3 samples were lost (level 2, state 1)`; empty if nothing was."""
+        return _loss(self.lost, self.unit, self.points)
+
+    def __str__(self) -> str:
+        return f"{self.name}: {', '.join(filter(None, (self.reason, self.loss)))}"
+
+
+def _loss(number: int, unit: str, points: Mapping[str, int]) -> str:
+    if not number:
+        return ""
+    named = [f"{name} {count}" for name, count in Counter(points).most_common(MOST_NAMED)]
+    if len(points) > MOST_NAMED:
+        named.append(f"and {plural(len(points) - MOST_NAMED, 'more point')}")
+    where = f" ({', '.join(named)})" if named else ""
+    return f"{plural(number, unit)} {'was' if number == 1 else 'were'} lost{where}"
+
+
+def waiting_text(number: int, most: int, where: str = "") -> str:
+    """`12 samples wait, the oldest are dropped from 100,000 on`."""
+    wait = f"{plural(number, 'sample')} {'waits' if number == 1 else 'wait'}{where}"
+    return f"{wait}, the oldest are dropped from {most:,} on"
+
+
+def lasted(time: int) -> str:
+    """Write a duration for people: `0.8 s`, `12 s`, `10 min`, `3 h`."""
+    if time < 10 * SECOND:
+        return f"{time / SECOND:.1f} s"
+    if time < 2 * MINUTE:
+        return f"{time / SECOND:.0f} s"
+    return f"{time / MINUTE:.0f} min" if time < 2 * HOUR else f"{time / HOUR:,.0f} h"
+
+
+class TroubleReport(NamedTuple):
+    """An event of a trouble, and the sentence for it."""
+
+    event: Event
+    trouble: Trouble
+    text: str
+
+
+class Dropped:
+    """Count dropped samples, and their values by point.
+
+    A sample that is dropped while a sink sends it counts until the sink has confirmed it.
+    """
+
+    def __init__(self) -> None:
+        self.samples = 0
+        self.points: Counter[str] = Counter()
+        self._sent_up_to = 0
+        self._in_flight: list[tuple[int, tuple[str, ...]]] = []
+
+    def sending(self, end: int) -> None:
+        """The samples before the number `end` are being sent; earlier attempts are over."""
+        self._sent_up_to = end
+        self._in_flight.clear()
+
+    def drop(self, number: int, points: Iterable[str]) -> None:
+        """Count a sample with values of these points."""
+        names = tuple(points)
+        self.samples += 1
+        self.points.update(names)
+        if number < self._sent_up_to:
+            self._in_flight.append((number, names))
+
+    def confirmed(self, end: int) -> None:
+        """The samples before the number `end` have arrived: those of them that were dropped do not count."""
+        for number, names in self._in_flight:
+            if number < end:
+                self.samples -= 1
+                self.points.subtract(names)
+        self._in_flight = [one for one in self._in_flight if one[0] >= end]
+        self.points += Counter()  # removes the counts of 0
+
+
+class TroubleSource:
+    """The trouble of one part of a run. Its methods may be called from any thread.
+
+    `effect` says what the trouble means for the data, for the first report; `count` gives the samples of the part.
+    """
+
+    def __init__(
+        self, troubles: Troubles, name: str, effect: Callable[[], str], count: Callable[[], Count], unit: str
+    ) -> None:
+        self.name = name
+        self.reason = ""
+        self._troubles = troubles
+        self._effect, self._count, self._unit = effect, count, unit
+        self._since = 0
+        self._lost_before = 0
+        self._loss_reported = False
+
+    def begins(self, reason: str) -> None:
+        """Report that the part fails, unless it failed already; a changed reason is only logged."""
+        with self._troubles.lock:
+            before, self.reason = self.reason, reason
+            if not before:
+                self._since = self._troubles.now()
+                self._lost_before = self._count().lost
+        if not before:
+            effect = self._effect()
+            self._report("begins", f"{self.name}: {reason}{f' – {effect}' if effect else ''}")
+        elif before != reason:
+            log.warning("%s: %s", self.name, reason)
+
+    def ends(self) -> None:
+        """Report that the part works again, if it failed."""
+        with self._troubles.lock:
+            before, self.reason = self.reason, ""
+            if not before:
+                return
+            now = self._troubles.now()
+            duration, self._since = now - self._since, now
+            count, self._loss_reported = self._count(), False
+            lost = count.lost - self._lost_before
+        text = f"{self.name}: works again after {lasted(duration)}"
+        if self._unit:
+            text += f", {_loss(lost, self._unit, count.points) or f'no {self._unit} was lost'}"
+        self._report("ends", text)
+
+    def loses(self, why: str) -> None:
+        """Report that data are lost, once for a trouble."""
+        with self._troubles.lock:
+            reported, self._loss_reported = self._loss_reported, True
+        if reported:
+            log.debug("%s: %s", self.name, why)
+        else:
+            self._report("loses", f"{self.name}: {why}")
+
+    def _report(self, event: Event, text: str) -> None:
+        self._troubles.report(TroubleReport(event, self.trouble, text))
+
+    @property
+    def trouble(self) -> Trouble:
+        """The present state."""
+        count = self._count()
+        return Trouble(
+            name=self.name, reason=self.reason, since=self._since, waiting=count.waiting, lost=count.lost,
+            points=dict(count.points), unit=self._unit,
+        )  # fmt: skip
+
+
+class Troubles:
+    """The troubles of a run. `now`: the run's clock."""
+
+    def __init__(self, now: Callable[[], int]) -> None:
+        self.now = now
+        self.lock = threading.RLock()
+        self._sources: list[TroubleSource] = []
+        self._listener: Callable[[TroubleReport], None] | None = None
+        self._pending: deque[TroubleReport] = deque(maxlen=MOST_REPORTS)
+        self._delivering = threading.Lock()
+
+    def source(
+        self, name: str, effect: Callable[[], str] = lambda: "", count: Callable[[], Count] = Count,
+        unit: str = "sample",
+    ) -> TroubleSource:  # fmt: skip
+        """Register a part of the run."""
+        found = TroubleSource(self, name, effect, count, unit)
+        self._sources.append(found)
+        return found
+
+    def note(self, name: str, text: str) -> None:
+        """Report an event that does not last."""
+        trouble = Trouble(name=name, reason=text, since=self.now(), waiting=0, lost=0)
+        self.report(TroubleReport("note", trouble, f"{name}: {text}"))
+
+    def present(self) -> tuple[Trouble, ...]:
+        """Return the parts that fail now or have lost data, in the order of registration."""
+        found = (source.trouble for source in self._sources)
+        return tuple(one for one in found if one.reason or one.lost)
+
+    def listen(self, listener: Callable[[TroubleReport], None]) -> None:
+        """Give all reports to `listener`, one at a time, in the thread that met the trouble; first those not heard."""
+        self._listener = listener
+        self._deliver()
+
+    def report(self, report: TroubleReport) -> None:
+        """Log a report, and give it to the listener."""
+        log.log(logging.INFO if report.event == "ends" else logging.WARNING, "%s", report.text)
+        self._pending.append(report)
+        self._deliver()
+
+    def _deliver(self) -> None:
+        """Never waits: a report that comes while another thread delivers is delivered by that thread."""
+        while self._listener is not None and self._pending and self._delivering.acquire(blocking=False):
+            try:
+                while self._pending:
+                    self._listener(self._pending.popleft())
+            except OSError as error:  # the output has gone; the work goes on
+                log.warning("a report of trouble was not delivered: %s", error)
+            finally:
+                self._delivering.release()

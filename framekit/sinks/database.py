@@ -1,0 +1,43 @@
+"""SQLite files of framekit: how they are opened, and how large their log (WAL) may become."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+LOG_PAGES = 128
+"""Pages of 4 KB in the log before SQLite moves them into the file; 1000, its default, are 4 MB for each file."""
+
+
+def connected(path: Path) -> sqlite3.Connection:
+    """Open a database that threads may share, without transactions of its own. Raises sqlite3.Error."""
+    return sqlite3.connect(path, isolation_level=None, check_same_thread=False)
+
+
+def bound_log(database: sqlite3.Connection) -> None:
+    """Use a log, and bound it. A commit outlasts a kill of the program; a loss of power may cost the last ones."""
+    database.execute("PRAGMA journal_mode = WAL")
+    database.execute("PRAGMA synchronous = NORMAL")
+    database.execute(f"PRAGMA wal_autocheckpoint = {LOG_PAGES}")
+    database.execute(f"PRAGMA journal_size_limit = {4096 * LOG_PAGES}")
+
+
+def write_once(database: sqlite3.Connection, setting: str, value: int) -> None:
+    """Write a setting again: it fails where nothing can be written. Raises sqlite3.Error."""
+    with transaction(database):
+        database.execute(f"PRAGMA {setting} = {value}")
+
+
+@contextmanager
+def transaction(database: sqlite3.Connection) -> Iterator[None]:
+    """Commit the changes of the block, or none of them. Raises sqlite3.Error."""
+    database.execute("BEGIN IMMEDIATE")
+    try:
+        yield
+        database.execute("COMMIT")
+    except BaseException:
+        if database.in_transaction:
+            database.execute("ROLLBACK")
+        raise

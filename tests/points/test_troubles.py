@@ -1,0 +1,180 @@
+"""Trouble of a run: one line when it begins, when data are lost and when it ends, and the same in status and JSON."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+from pathlib import Path
+
+import pytest
+from points.test_sinks import run_file
+
+from framekit.api.rows import trouble_row
+from framekit.cli.main import main
+from framekit.run.trouble import Count, Dropped, Trouble, TroubleReport, Troubles, lasted
+
+SECOND = 1_000_000_000
+
+
+class FullDisk:
+    """A disk without room for the writes whose numbers, from 1 on, are in `full`."""
+
+    def __init__(self, full: range) -> None:
+        self.full = full
+        self.writes = 0
+        self._write = os.write
+
+    def __call__(self, file: int, data: bytes) -> int:
+        self.writes += 1
+        if self.writes in self.full:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return self._write(file, data)
+
+
+def test_each_event_is_reported_once() -> None:
+    time = 0
+    reports: list[tuple[str, str]] = []
+    troubles = Troubles(lambda: time)
+    count = Count()
+    source = troubles.source("sink csv a.csv", lambda: "values wait", lambda: count)
+    source.begins("No space left on device")
+    troubles.listen(lambda report: reports.append((report.event, report.text)))
+    assert reports == [("begins", "sink csv a.csv: No space left on device – values wait")]
+    time = 90 * SECOND
+    source.begins("Input/output error")
+    assert [one.reason for one in troubles.present()] == ["Input/output error"] and len(reports) == 1
+    count = Count(3, 2, {"level": 2})
+    source.loses("too many wait")
+    source.loses("too many wait")
+    source.ends()
+    source.ends()
+    assert reports[1:] == [
+        ("loses", "sink csv a.csv: too many wait"),
+        ("ends", "sink csv a.csv: works again after 90 s, 2 samples were lost (level 2)"),
+    ]
+    (left,) = troubles.present()
+    assert str(left) == "sink csv a.csv: 2 samples were lost (level 2)"
+    assert trouble_row(left, time) == (
+        "sink csv a.csv", "-", "3", "2 samples were lost (level 2)", "works again"
+    )  # fmt: skip
+    source.begins("gone")
+    source.loses("too many wait")
+    assert [event for event, _ in reports[3:]] == ["begins", "loses"], "another trouble is reported anew"
+
+
+def test_a_listener_may_report_itself_and_may_have_gone() -> None:
+    troubles = Troubles(lambda: 0)
+    heard: list[str] = []
+
+    def listen(report: TroubleReport) -> None:
+        heard.append(report.text)
+        if len(heard) == 1:
+            troubles.note("clock", "second")
+            assert heard == ["clock: first"]
+        raise BrokenPipeError
+
+    troubles.listen(listen)
+    troubles.note("clock", "first")
+    troubles.note("clock", "third")
+    assert heard == ["clock: first", "clock: second", "clock: third"]
+
+
+def test_a_dropped_sample_that_arrives_does_not_count() -> None:
+    dropped = Dropped()
+    dropped.sending(2)
+    for number in range(4):
+        dropped.drop(number, ["level", "state"])
+    assert (dropped.samples, dropped.points) == (4, {"level": 4, "state": 4})
+    dropped.confirmed(1)
+    assert (dropped.samples, dropped.points) == (3, {"level": 3, "state": 3})
+    dropped.sending(6)
+    dropped.confirmed(6)
+    assert dropped.samples == 3, "the second was dropped, and its attempt had failed"
+
+
+def test_many_points_are_counted_not_named() -> None:
+    names = {f"p{number}": 9 - number for number in range(8)}
+    trouble = Trouble(name="sink csv a", reason="", since=0, waiting=0, lost=1, points=names)
+    assert trouble.loss == "1 sample was lost (p0 9, p1 8, p2 7, p3 6, p4 5, and 3 more points)"
+
+
+@pytest.mark.parametrize(
+    ("time", "text"),
+    [(0.04, "0.0 s"), (9.9, "9.9 s"), (12.3, "12 s"), (119, "119 s"), (600, "10 min"), (3 * 3600, "3 h")],
+)
+def test_durations(time: float, text: str) -> None:
+    assert lasted(round(time * SECOND)) == text
+
+
+# ---- the command line ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.usefixtures("small_heap")
+def test_a_full_disk_is_told_at_once_and_when_it_is_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:  # fmt: skip
+    run = str(run_file(tmp_path, "{csv: every.csv, every: 1 s}"))
+    monkeypatch.setattr(os, "write", FullDisk(range(4, 6)))
+    assert main(["run", run, "--virtual", "--for", "5500ms", "--status-every", "2500ms"]) == 0
+    told = capsys.readouterr()
+    assert told.err.splitlines() == [
+        f"sink csv {tmp_path}/every.csv: No space left on device – "
+        "1 sample waits, the oldest are dropped from 100,000 on",
+        f"sink csv {tmp_path}/every.csv: works again after 2.0 s, no sample was lost",
+    ]
+    shown = told.out.split("status at ")[1]
+    assert "trouble" in shown and "No space left on device" in shown.partition("trouble")[2]
+    assert "trouble" not in told.out.split("status at ")[2]
+
+
+@pytest.mark.usefixtures("small_heap")
+def test_programs_hear_of_it_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:  # fmt: skip
+    run = str(run_file(tmp_path, "{csv: every.csv, every: 1 s}"))
+    monkeypatch.setattr(os, "write", FullDisk(range(4, 1000)))
+    assert main(["run", run, "--virtual", "--for", "4500ms", "--json", "--status"]) == 1
+    rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    name = f"sink csv {tmp_path}/every.csv"
+    (begun,) = [row for row in rows if row["event"] == "run_trouble"]
+    text = f"{name}: No space left on device – 1 sample waits, the oldest are dropped from 100,000 on"
+    assert begun == {
+        "event": "run_trouble", "time": 2.0, "what": "begins", "text": text, "name": name,
+        "reason": "No space left on device", "waiting": 1, "lost": 0, "points": {},
+    }  # fmt: skip
+    (status,) = [row for row in rows if row["event"] == "status"]
+    assert status["troubles"] == [
+        {"name": name, "reason": "No space left on device", "waiting": 3, "lost": 0, "points": {}, "since": 2.0}
+    ]
+    assert [row["reason"] for row in rows if row["event"] == "warning"] == [
+        f"{name}: No space left on device, 3 samples were lost (temperature 3, state 3)"
+    ]
+
+
+@pytest.mark.usefixtures("small_heap")
+def test_a_run_that_cannot_write_ends_before_it_starts(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "taken").write_text("")
+    run = str(run_file(tmp_path, "{csv: taken/a.csv}", "{sqlite: taken/a.db}"))
+    assert main(["run", run, "--for", "1h"]) == 1
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err.splitlines() == [
+        f"{run}:{line}:5: {tmp_path}/taken/{file} cannot be opened and written: Not a directory – "
+        "make room or change its permissions, or name another file"
+        for line, file in ((8, "a.csv"), (9, "a.db"))
+    ]
+
+
+@pytest.mark.usefixtures("small_heap")
+def test_an_empty_state_file_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = run_file(tmp_path, "{csv: a.csv}")
+    path.write_text(
+        path.read_text("utf-8")
+        + 'state: kept.state\nmemory: masterlogic\nblocks: {0: {read: "40001", into: M0, every: 1 s}}\n',
+        "utf-8",
+    )
+    (tmp_path / "kept.state").touch()
+    for told in (f"state {tmp_path}/kept.state: the file was empty, memory and counters begin anew\n", ""):
+        assert main(["run", str(path), "--virtual", "--for", "1s"]) == 0
+        assert capsys.readouterr().err == told
