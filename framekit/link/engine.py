@@ -22,6 +22,7 @@ from framekit.link.arrivals import BadFrame, FrameArrived, Noise, ToldBytes
 from framekit.link.candidates import ExpectedFrames
 from framekit.link.events import (
     Ask,
+    Break,
     ChangeLine,
     CharacterFault,
     Command,
@@ -146,7 +147,7 @@ class Engine(Lanes):
         self.looked: ExpectedFrames | None = self.receiver.expect(self._all)
         self._known: dict[Any, ExpectedFrames | None] = {}
         self._plan: Plan | None = None
-        self._limits_due = True
+        self._limited: list[tuple[Run, State, int]] | None = None
         self._own_gap = True
         self._announcing = frozenset(info.name for info in self.table.infos.values() if info.announces)
         self.is_idle = True
@@ -255,40 +256,38 @@ class Engine(Lanes):
             return self._finish()
         if not self.is_idle:
             self.receiver.answered()
-        run = item.run
-        if run is not None:
-            run.unsent = unsent = run.unsent - 1 if run.unsent > 1 else 0
-            if run.clock_waits and not unsent and run.state is not DONE:
-                self._clock_begins(run, now)
-        elif type(item) is Send and item.on_sent is not None:
-            self.ready.append(item.on_sent)
+        self._has_left(item, now)
         if output.joined:
             joined, output.joined = output.joined, []
-            for one in joined:
-                if one.run is not None:
-                    one.run.unsent = unsent = one.run.unsent - 1 if one.run.unsent > 1 else 0
-                    if one.run.clock_waits and not unsent and one.run.state is not DONE:
-                        self._clock_begins(one.run, now)
-                elif one.on_sent is not None:
-                    self.ready.append(one.on_sent)
-        elif run is not None and self.is_idle and not (self.ready or self._keeps_times or self.on_shut or self.is_busy):
-            commands = self.commands  # nothing follows but that a time begins
+            for other in joined:
+                self._has_left(other, now)
+        if not self.is_idle or self.ready or self._keeps_times or self.on_shut is not None or self.is_busy:
+            return self._finish()
+        for run in self.order:  # the only effect is that clocks begin
             if run.deadline < self.deadline:
                 self.deadline = run.deadline
-            if commands:
-                self.commands = self.output.commands = []
-            return commands
-        return self._finish()
+        commands = self.commands
+        if commands:
+            self.commands = output.commands = []
+        return commands
 
-    def _clock_begins(self, run: Run, now: int) -> None:
-        """The last bit of something the run sent has left: its clock may begin."""
+    def _has_left(self, item: Send | Break, now: int) -> None:
+        """Note that the last bit of something has left: the clock of its run may begin."""
+        run = item.run
+        if run is None:
+            if type(item) is Send and item.on_sent is not None:
+                self.ready.append(item.on_sent)
+            return
+        run.unsent = unsent = run.unsent - 1 if run.unsent > 1 else 0
+        if not run.clock_waits or unsent or run.state is DONE:
+            return
         run.clock_waits, run.started = False, now
         if run.state is PAUSING:
             run.deadline = after(now, run.pause)
-            return
-        run.within = within = now + run.longest if run.longest < NEVER else NEVER
-        if run.candidate is None:
-            run.deadline = within
+        elif run.longest < NEVER:
+            run.within = now + run.longest
+            if run.candidate is None:
+                run.deadline = run.within
 
     def control(self, lines: Mapping[str, bool], now: int) -> list[Command]:
         """The control lines as they are now (cts, dsr, dcd, ri). Without clear-to-send nothing is sent."""
@@ -405,7 +404,7 @@ class Engine(Lanes):
         """From now on these frames are wanted whenever they come, whatever else is under way."""
         self.awaited = frozenset(names)
         self._known.clear()
-        self._plan, self.changed = None, True
+        self._plan = None
 
     # ---- what follows -------------------------------------------------------------------------------------
 
@@ -545,7 +544,8 @@ class Engine(Lanes):
 
     def _next_arrival(self) -> bool:
         """Handles the next thing in the bytes at hand, where there are some. False: nothing comes of them yet."""
-        if self.changed:
+        order = self.order
+        if len(order) != 1 or order[0].plan is not self._plan or order[0].state is not RECEIVING:
             self._look_for()
         receiver = self.receiver
         if self.looked is None:
@@ -588,12 +588,8 @@ class Engine(Lanes):
         return True
 
     def _look_for(self) -> None:
-        """Which frames are looked for now, worked out once for the steps that wait."""
-        self.changed, self._limits_due = False, True
-        order = self.order
-        if len(order) == 1 and (run := order[0]).state is RECEIVING and run.plan is self._plan:
-            return
-        self._plan = None
+        """Select the frames to look for: worked out once for each combination of steps that wait."""
+        order, self._plan = self.order, None
         key: Any = () if self.live else None
         for run in order:
             if run.state is RECEIVING:
@@ -610,10 +606,11 @@ class Engine(Lanes):
         self.looked = found
 
     def _limit_pauses(self) -> None:
-        """Whether the steps that wait limit pauses themselves; told to the receiver before it needs that."""
-        if not self._limits_due:
+        """Set, once for each wait, whether the steps that wait limit pauses themselves."""
+        waits = [(run, run.state, run.wait_number) for run in self.order]
+        if waits == self._limited:
             return
-        self._limits_due = False
+        self._limited = waits
         own_gap = is_limited = False
         for run in self.order:
             if run.state is RECEIVING:
@@ -629,7 +626,7 @@ class Engine(Lanes):
         for run in self.order:
             if run.state is HELD or run.state is SILENT:
                 held = looks = others = True
-            elif run.state is RECEIVING:
+            elif run.state is RECEIVING and run.plan is not None:
                 looks = looks or run.plan.looks
                 names.update(run.plan.frames)
                 others = others or run.plan.others

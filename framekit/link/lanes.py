@@ -282,7 +282,6 @@ class Lanes(Runs):
 
     def _reorder(self) -> None:
         """Other runs than before: what is looked for may be something else."""
-        self.changed = True
         order: list[Run] = []
         for lane in self.lanes:
             lane.spare = None

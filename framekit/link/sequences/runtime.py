@@ -120,7 +120,7 @@ class Runs:
     `monitor` is shown everything. `on_fault` is shown everything but frames, `on_send` is told of each frame that goes
     out: with these alone no frame is read for being shown. `last_frame`: when the last good frame came or went.
     `ready`: what is to be done next: runs that are over, lanes in which something may begin, frames to be offered as
-    if they had arrived, QUEUES, and calls. `changed`: the wanted frames may have changed. `need_names`: the frames that
+    if they had arrived, QUEUES, and calls. `need_names`: the frames that
     are built on names of the exchange. `shown_later`: the frames that can be decoded from their bytes at any later
     time, each with the names its decoding needs.
     """
@@ -154,7 +154,6 @@ class Runs:
         self.ready: deque[Any] = deque()
         self.order: tuple[Run, ...] = ()
         self.is_open = False
-        self.changed = True
         self.asking: Run | None = None
 
     def stir(self, lane: LaneState) -> None:
@@ -245,7 +244,6 @@ class Runs:
         run.wait = level.wait = wait
         run.expected = NO_NAMES
         run.wait_number += 1
-        self.changed = True
         if kind is Call:
             try:
                 count(run)
@@ -293,7 +291,6 @@ class Runs:
         if not wait.numbered and x.checks_echo and x.last_sent is not None:
             run.asked = x
             self.late.within = run.longest
-        self.changed = True
 
     def _pause(self, run: Run) -> None:
         now = self.scope.now
@@ -397,7 +394,6 @@ class Runs:
             self.late.ended(run)
         run.state, run.deadline, run.expected = DONE, NEVER, NO_NAMES
         run.top = run.base.generator = None  # type: ignore[assignment] # nothing leads from one to the other now
-        self.changed = True
         run.outcome, run.results = outcome, results
         self.ready.append(run)
 
@@ -414,7 +410,6 @@ class Runs:
         if run.asked is not None:
             missed(run)
         run.state, run.deadline = GOING, NEVER
-        self.changed = True
         self.go(run, run.top, GO)
 
     def time_up(self, run: Run) -> None:
@@ -449,7 +444,6 @@ class Runs:
         if run.doubt is not None:
             self.late.ended(run)
         run.state, run.deadline, run.expected = ASKING, NEVER, NO_NAMES
-        self.changed = True
 
         def tell() -> None:
             before, self.asking = self.asking, run
@@ -465,7 +459,6 @@ class Runs:
         if run.state is not ASKING or run.top is not level or level.x is not x:
             return
         run.state, run.deadline = GOING, NEVER
-        self.changed = True
         if outcome.ok:
             self.go(run, level, outcome.results)
         else:

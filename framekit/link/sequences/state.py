@@ -313,6 +313,7 @@ class Run:
         self.first_open = 0
         """Number of the first open request that can be its own."""
         self.expected: Mapping[str, None] = NO_NAMES
+        self.plan: Plan | None = None
 
     started: int
     within: int
@@ -321,7 +322,6 @@ class Run:
     gap: int | None
     pause: int
     wait: Any
-    plan: Plan
     outcome: Outcome | None
     results: dict[str, Any]
     wanted: tuple[str, dict[str, Any]]
