@@ -261,11 +261,11 @@ class Engine(Lanes):
             joined, output.joined = output.joined, []
             for other in joined:
                 self._has_left(other, now)
+            return self._finish()
         if not self.is_idle or self.ready or self._keeps_times or self.on_shut is not None or self.is_busy:
             return self._finish()
-        for run in self.order:  # the only effect is that clocks begin
-            if run.deadline < self.deadline:
-                self.deadline = run.deadline
+        if item.run is not None and item.run.deadline < self.deadline:  # the only effect is that its clock begins
+            self.deadline = item.run.deadline
         commands = self.commands
         if commands:
             self.commands = output.commands = []
@@ -318,16 +318,15 @@ class Engine(Lanes):
             self.tell(exchange, Outcome(False, "no_sequence", f"role '{self.role}' runs no such exchange"))
         elif self.was_closed:
             self.tell(exchange, Outcome(False, "closed", "the connection is closed"))
-        else:
+        elif self.is_busy or self.ready or lane.spare is None or lane.waiting or self.session.busy or not self.is_open:
             lane.waiting.append(exchange)
-            if self.is_busy or self.ready:
-                self.stir(lane)
-            else:
-                self.is_busy = True
-                try:
-                    self.fill(lane)
-                finally:
-                    self.is_busy = False
+            self.stir(lane)
+        else:
+            self.is_busy = True
+            try:
+                self.begin_exchange(lane, exchange)
+            finally:
+                self.is_busy = False
         return self._finish()
 
     def cancel(self, exchange: Exchange, now: int) -> list[Command]:
@@ -544,10 +543,9 @@ class Engine(Lanes):
 
     def _next_arrival(self) -> bool:
         """Handles the next thing in the bytes at hand, where there are some. False: nothing comes of them yet."""
-        order = self.order
-        if len(order) != 1 or order[0].plan is not self._plan or order[0].state is not RECEIVING:
+        receiver, order = self.receiver, self.order
+        if len(order) != 1 or (run := order[0]).plan is not self._plan or run.state is not RECEIVING:
             self._look_for()
-        receiver = self.receiver
         if self.looked is None:
             if len(receiver.stream.buffer) > MOST_HELD:
                 self.drop_stale()

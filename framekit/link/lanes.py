@@ -69,26 +69,29 @@ class Lanes(Runs):
             listener = lane.listener
             if listener is not None and not listener.gives_way:
                 break
-            x = waiting.popleft()
-            if self.late.until or not self.is_idle:
-                self._clear_line()
-            run = lane.spare
-            if run is None or running or listener is not None:
-                run = self._another_run(lane, x)
-            else:  # it still has its place in the order
-                lane.spare, run.exchange, run.given_up = None, x, False
-                run.owed = run.agenda = None
-                run.cause, run.doing = "", "exchange"
-                running.append(run)
-            run.first_open = self.late.count
-            self.live += 1
-            if session.session is not None and (before := session.plan(x)):
-                self._begin_behind(before, run, x)
-                continue
-            x.begin(self.scope, True, self.copies)
-            self.begin(run, self.sequences[x.run or lane.exchange[0]], x)
+            self.begin_exchange(lane, waiting.popleft())
         if lane.listen is not None and lane.listener is None and not running:
             self._begin_listener(lane)
+
+    def begin_exchange(self, lane: LaneState, x: Exchange) -> None:
+        """Begin an exchange in a lane that has room, with what its session needs before it."""
+        if self.late.until or not self.is_idle:
+            self._clear_line()
+        run = lane.spare
+        if run is None or lane.running:
+            run = self._another_run(lane, x)
+        else:  # it has kept its place in the order
+            lane.spare = run.owed = run.agenda = None
+            run.exchange, run.given_up = x, False
+            run.cause, run.doing = "", "exchange"
+            lane.running.append(run)
+        run.first_open = self.late.count
+        self.live += 1
+        if self.session.session is not None and (before := self.session.plan(x)):
+            self._begin_behind(before, run, x)
+        else:
+            x.begin(self.scope, True, self.copies)
+            self.begin(run, self.sequences[x.run or lane.exchange[0]], x)
 
     def _clear_line(self) -> None:
         """An exchange begins: what is due no longer, and what nothing listened for, is none of its business."""

@@ -66,6 +66,9 @@ class LineLoad:
         return busy / elapsed if elapsed > 0 else 0.0
 
 
+TIMED = Send, Break
+"""The commands that may have to wait until a time."""
+
 FIRST_RETRY, LONGEST_RETRY = 500_000_000, 30_000_000_000
 
 
@@ -256,10 +259,10 @@ class Driver(PortEvents):
 
     def _next_commands(self) -> None:
         """Does what may be done now, in order; a command with a time in the future holds back those behind it."""
-        pending = self.pending
+        pending, port = self.pending, self.port
         while pending:
             command = pending.popleft()
-            if isinstance(command, Send | Break):
+            if isinstance(command, TIMED):
                 if command.not_before and command.not_before > self._now():
                     pending.appendleft(command)
                     if self._send_timer is not None:
@@ -267,22 +270,22 @@ class Driver(PortEvents):
                     self._send_timer = self.clock.call_at(command.not_before, self._go_on)
                     return
                 if isinstance(command, Break):
-                    self.port.send_break(command.duration)
+                    port.send_break(command.duration)
                     continue
                 data = command.data
                 self.load.bytes_out += len(data)
                 if command.marked is not None:
-                    self.port.write_marked(data, command.marked)
-                elif self.port.write_through(data) and (more := self.engine.sent(self.clock.now())):
-                    pending.extend(more)  # all has left: `sent` will not be told
+                    port.write_marked(data, command.marked)
+                elif port.write_through(data):  # everything has left: the port will not call `sent`
+                    pending.extend(self.engine.sent(self.clock.now()))
             elif isinstance(command, ChangeLine):
-                self.port.change_line(command.line)
-                if self.port.settings is not None:
+                port.change_line(command.line)
+                if port.settings is not None:
                     self.load.change(command.line)
             elif isinstance(command, SetRts):
-                self.port.set_rts(command.on)
+                port.set_rts(command.on)
             else:
-                self.port.close()
+                port.close()
                 self.closed(self.clock.now(), command.reason)
 
     def _go_on(self) -> None:

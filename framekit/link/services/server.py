@@ -244,14 +244,17 @@ class MemoryServer:
         if self.refresh is not None:
             self.refresh()
         planned = None if self.refuses is None else self.refuses(request, check_only)
-        if planned is not None:
-            served = self.refuse(request, planned.code, buffer, station, names)
-        else:
-            try:
-                served = self._serve(request, buffer, station, check_only, names)
-            except (RefusedMatchError, DeviceMemoryError, BlockRefusedError, *EVALUATION_ERRORS) as error:
-                known = Names({"request": request, "buffer": buffer, "station": station}, names)
-                served = self._failed(request, error, known)
+        try:
+            if planned is not None:
+                served = self.refuse(request, planned.code, buffer, station, names)
+            elif check_only or self._refuse or request.refusal is not None:
+                served = self._with_care(request, buffer, station, check_only, names)
+            else:
+                serving = self._serving.get(request.frame) or self._serving_of(request.frame)
+                served = self._first(serving, request, buffer, station, names)
+        except (RefusedMatchError, DeviceMemoryError, BlockRefusedError, *EVALUATION_ERRORS) as error:
+            known = Names({"request": request, "buffer": buffer, "station": station}, names)
+            served = self._failed(request, error, known)
         if served.refusal:
             self.counters.refused[served.refusal] += 1
         elif not check_only:
@@ -276,7 +279,8 @@ class MemoryServer:
         known = Names({"request": request, "buffer": buffer, "station": station}, names)
         return self._refused(request, self._code_or(code, "range", known), known)
 
-    def _serve(self, request: FrameValue, buffer: bytes, station: Any, check_only: bool, names: Names) -> Served:
+    def _with_care(self, request: FrameValue, buffer: bytes, station: Any, check_only: bool, names: Names) -> Served:
+        """Serve a request that its frame or a rule of the protocol may refuse, or that is only checked."""
         if request.refusal is not None:
             raise RefusedMatchError(request.refusal)
         if self._refuse:
@@ -284,11 +288,14 @@ class MemoryServer:
         if check_only:
             checks = [(row.check, row.service) for row in self._rows.get(request.frame, ())]
             return self._first(checks, request, buffer, station, names)
-        serving = self._serving.get(request.frame)
-        if serving is None:
-            rows = self._rows.get(request.frame, ())
-            serving = self._serving[request.frame] = [(row.matching.serving(), row.service) for row in rows]
-        return self._first(serving, request, buffer, station, names)
+        return self._first(self._serving_of(request.frame), request, buffer, station, names)
+
+    def _serving_of(self, frame: str) -> Sequence[tuple[Serve, str]]:
+        """Return the functions that serve requests of a frame, with their services; each is compiled once."""
+        if frame not in self._serving:
+            rows = self._rows.get(frame, ())
+            self._serving[frame] = [(row.matching.serving(), row.service) for row in rows]
+        return self._serving[frame]
 
     def _first(
         self, functions: Sequence[tuple[Callable[[FrameValue, bytes, Any, Names], Found | None], str]],
