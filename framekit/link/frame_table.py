@@ -185,6 +185,10 @@ class FrameInfo:
         self.rests = _rests(frame, self.optional)
         self.usual: dict[str, str] = {}
 
+    def usual_in(self, value: FrameValue, names: Context) -> Mapping[str, Any]:
+        """Return the fields of `usual` that are not given in a value, with their values."""
+        return {name: names[given] for name, given in self.usual.items() if name not in value.fields}
+
     def unset(self, names: Names, fields: Mapping[str, Any], name: str) -> Any:
         """What one of `optional` that was not given comes to. Raises EVALUATION_ERRORS."""
         evaluate = self.optional[name]
@@ -456,50 +460,62 @@ class FrameTable:
                     continue
         return fields
 
-    def bytes_of(self, info: FrameInfo, value: FrameValue, names: Context) -> bytes:
-        """Encode a frame value, with the frames inside. Raises ValueError for values that the frame cannot carry."""
-        fields = value.fields
-        if not info.flat:
-            name = info.inner
-            inside = None if name is None else fields.get(name)
-            if name is None or type(inside) is not FrameValue:
-                fields = plain(fields)
-            elif inside.built is not None:
-                fields = {**fields, name: inside.built}
-            elif inside.raw is None and (below := self.infos.get(inside.frame)) is not None and below.flat:
-                fields = {**fields, name: {inside.frame: inside.fields}}
-            else:
-                fields = {**fields, name: plain(inside)}
-        return info.encode(fields, names)
-
     def encode(self, value: FrameValue, names: Context) -> bytes:
         """Encode a frame value; afterwards the value holds the bytes and every field as sent. Raises ValueError."""
-        data = self.bytes_of(self.infos[value.frame], value, names)
-        self.mark_sent(value, data, names)
+        return self.build(self.infos[value.frame], value, names)
+
+    def build(self, info: FrameInfo, value: FrameValue, names: Context) -> bytes:
+        """Do as `encode` for a frame that is known."""
+        fields, name, data = value.fields, info.inner, value.built
+        if data is not None:
+            pass
+        elif info.flat:
+            data = info.encode(fields, names)
+        elif name is None or type(inner := fields.get(name)) is not FrameValue:
+            data = info.encode(plain(fields), names)
+            self._mark_inner(info, value, data, names)
+        elif inner.built is not None:
+            data = info.encode({**fields, name: inner.built}, names)
+        else:
+            below = self.infos.get(inner.frame)
+            if inner.raw is None and below is not None and below.flat:
+                data = info.encode({**fields, name: {inner.frame: inner.fields}}, names)
+            else:
+                data = info.encode({**fields, name: plain(inner)}, names)
+            if inner.raw is None:
+                inner.rest = (
+                    info,
+                    data,
+                    names,
+                    name,
+                    below.usual_in(inner, names) if below and below.usual else NO_VALUES,
+                )
+        value.raw, value.rest = data, (info, data, names, None, NO_VALUES)
+        if info.announces:
+            value.complete()
         return data
 
     def mark_sent(self, value: FrameValue, data: bytes, names: Context) -> None:
-        """The value has become these bytes: from now on it holds them, and every field as sent."""
+        """Note that a value has become these bytes: from now on it holds them, and every field as sent."""
         info = self.infos[value.frame]
-        value.raw = data
-        value.rest = info, data, names, None, NO_VALUES
-        self.mark_inner(info, value, data, names)
+        value.raw, value.rest = data, (info, data, names, None, NO_VALUES)
+        self._mark_inner(info, value, data, names)
         if info.announces:
             value.complete()
 
-    def mark_inner(self, info: FrameInfo, value: FrameValue, data: bytes, names: Context) -> None:
+    def _mark_inner(self, info: FrameInfo, value: FrameValue, data: bytes, names: Context) -> None:
         """Note for the frames inside a value that they have become bytes with it; no reference leads to the value."""
         for name in info.inners:
             inner = value.fields.get(name)
-            if type(inner) is FrameValue and inner.raw is None and inner.built is None:
-                below, fields = self.infos.get(inner.frame), inner.fields
-                if below is not None and len(fields) == below.count:
-                    inner.rest = NO_VALUES
-                elif below is None or not below.usual:
-                    inner.rest = info, data, names, name, NO_VALUES
-                else:
-                    usual = {one: names[given] for one, given in below.usual.items() if one not in fields}
-                    inner.rest = info, data, names, name, usual
+            if type(inner) is FrameValue and inner.raw is None:
+                below = self.infos.get(inner.frame)
+                inner.rest = (
+                    info,
+                    data,
+                    names,
+                    name,
+                    below.usual_in(inner, names) if below and below.usual else NO_VALUES,
+                )
 
     def fill_echo(self, reply: FrameValue, *requests: FrameValue | None) -> None:
         """Building a reply, or a frame that carries one, copies what it repeats of the first request that has it."""

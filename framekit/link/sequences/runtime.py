@@ -30,7 +30,7 @@ from framekit.link.events import (
     Tape,
     outcome_of,
 )
-from framekit.link.frame_table import NO_VALUES, FrameInfo, announce
+from framekit.link.frame_table import FrameInfo, announce
 from framekit.link.late import LateReplies, fresh, missed
 from framekit.link.output import Output
 from framekit.link.scope import LinkFunctions, Scope, with_date
@@ -270,24 +270,26 @@ class Runs:
         return True
 
     def _park(self, run: Run, level: Level, wait: Wait) -> None:
-        """A run waits for rows."""
+        """Let a run wait for rows."""
         x, now = level.x, self.scope.now
         run.wait = level.wait = wait
         run.state, run.candidate = RECEIVING, None
-        plan = wait.plans.get(x.expected) if level.caller is None else wait.plan_in(level)
-        run.plan = plan = plan or wait.plan(x.expected)
+        run.plan = plan = (
+            (wait.plans.get(x.expected) or wait.plan(x.expected)) if level.caller is None else wait.plan_in(level)
+        )
         run.expected = plan.frames
         run.wait_number += 1
         if wait.queues and self.queues.have_some(wait.queues):
             self.queues_changed()
         if run.lane.waiting:
             self.stir(run.lane)
-        if not wait.is_timed:
-            run.complete = run.gap = None
-            run.longest = NEVER
-        waits = run.clock_waits = run.unsent > 0
         run.started = now
-        run.deadline = run.within = NEVER if waits or run.longest >= NEVER else now + run.longest
+        run.clock_waits = run.unsent > 0
+        if wait.is_timed:
+            run.deadline = run.within = NEVER if run.clock_waits or run.longest >= NEVER else now + run.longest
+        else:
+            run.complete = run.gap = None
+            run.longest = run.deadline = run.within = NEVER
         if not wait.numbered and x.checks_echo and x.last_sent is not None:
             run.asked = x
             self.late.within = run.longest
@@ -685,9 +687,13 @@ def count(run: Run) -> None:
 
 def listens_again(m: Runs, run: Run, x: Exchange) -> bool:
     """Whether a listener begins anew where it has ended: nothing else waits for its lane. Raises CircleError."""
-    if run.lane.waiting or not m.is_open or run.top is not run.base:
+    lane, now = run.lane, m.scope.now
+    if lane.waiting or not m.is_open or run.top is not run.base:
         return False
-    count(run)
+    if lane.steps_since != now:
+        lane.steps_since, lane.steps_done = now, 1
+    else:
+        count(run)
     run.cause, run.deadline = "", NEVER
     x.renew()
     return True
@@ -851,12 +857,7 @@ def send_built(
     m: Runs, run: Run, x: Exchange, info: FrameInfo, value: FrameValue, names: Names
 ) -> tuple[bytes, FrameValue]:
     """Send a frame whose fields are all given."""
-    data = value.built
-    if data is None:
-        data = m.table.bytes_of(info, value, names)
-    if not info.flat:
-        m.table.mark_inner(info, value, data, names)
-    value.raw, value.rest = data, (info, data, names, None, NO_VALUES)
+    data = m.table.build(info, value, names)
     if info.announces:
         announce(info.announces, value, m.scope)
     x.last_sent = value
