@@ -127,14 +127,14 @@ def test_a_run_that_is_used_again_brings_nothing_from_its_first_exchange() -> No
     side = Side(SIDE_BY_SIDE, "client")
     side.ask(run="first")
     side.gets(b"\x02")  # half a frame, until the time is up
-    side.run(SECOND)
+    side.run(10 * SECOND)  # no reply is late any more
     (run,) = side.engine.order
     assert (side.outcomes[-1].outcome, side.outcomes[-1].cause) == (
         "timeout", "a frame began and was not completed in time",
     )  # fmt: skip
     side.ask(run="first")
     assert side.engine.order == (run,), "its place in the order is kept"
-    side.run(SECOND)
+    side.run(10 * SECOND)
     assert (side.outcomes[-1].outcome, side.outcomes[-1].cause) == ("timeout", "nothing came in time")
     side.ask(run="first")
     side.gets(b"\x02\x07")
@@ -186,12 +186,12 @@ roles:
 
 
 def replied(side: Side, reply: bytes, pause: int) -> bool:
-    """A reply with a pause after its first byte: whether the last exchange has ended well."""
+    """Give a reply with a pause after its first byte; return whether the last exchange has ended well."""
     before = len(side.outcomes)
     side.gets(reply[:1])
     side.run(pause)
     side.gets(reply[1:])
-    side.run(SECOND)
+    side.run(10 * SECOND)  # so that no reply is late any more
     return [outcome.ok for outcome in side.outcomes[before:]][-1]
 
 

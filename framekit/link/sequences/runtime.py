@@ -355,7 +355,6 @@ class Runs:
         run.state, run.deadline, run.expected, run.candidate = State.SILENT, until, NO_NAMES, None
         run.wait = level.wait = SILENCE
         run.wait_number += 1
-        self.changed = True
         return True
 
     def silence_over(self, run: Run) -> None:
@@ -371,7 +370,6 @@ class Runs:
         level.generator = self.sequences[x.run or run.lane.exchange[0]].begin(run, x, NOTHING)
         run.state, run.deadline = GOING, NEVER
         self.counters.repeated += 1
-        self.changed = True
         self.go(run, level, None)
 
     def _circle(self, run: Run) -> None:
