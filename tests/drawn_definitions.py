@@ -7,11 +7,16 @@ kind or key takes part. What is drawn may be nonsense: then `check` has to refus
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from random import Random
 from typing import Any
 
 Segments = list[dict[str, Any]]
+NOT_DRAWN: Segments = []
+WHOLE = "whole"
+ELSE = "else"
 
 TYPES: tuple[dict[str, Any], ...] = (
     {"type": "u8"}, {"type": "u8"}, {"type": "u8"}, {"type": "i8"}, {"type": "u16"}, {"type": "u16", "order": "little"},
@@ -118,13 +123,17 @@ class DrawnDefinition:
 
     `used` are the kinds and keys in it. `kinds`: those that are to be there. Expressions may name what comes later.
     `more`: also parameters, state, and further functions and keys, so that other definitions come of the same seed.
+    `alike`: every record, item, inner frame and case has the same names as the others.
     """
 
-    def __init__(self, seed: int | str, kinds: tuple[str, ...] = (), *, more: bool = False) -> None:
+    def __init__(
+        self, seed: int | str, kinds: tuple[str, ...] = (), *, more: bool = False, alike: bool = False
+    ) -> None:
         self.random, self.apart = Random(seed), Random(f"{seed} apart")
         self.keyed = Random(f"{seed} keyed")
-        self.more = more
-        self.count = 0
+        self.more, self.alike = more, alike
+        self.counts = Counter[str]()
+        """How many names there are by their letters, with `alike` in the present scope."""
         self.layouts: dict[str, Segments] = {}
         self.frames: dict[str, dict[str, Any]] = {}
         self.groups: dict[str, dict[str, Any]] = {}
@@ -157,8 +166,38 @@ class DrawnDefinition:
         return self.random.random() < share
 
     def name(self, letter: str) -> str:
-        self.count += 1
-        return f"{letter}{self.count}"
+        """A name that is free in the present scope."""
+        key = letter if self.alike else ""
+        self.counts[key] += 1
+        return f"{letter}{self.counts[key]}"
+
+    def name_of_whole(self, letter: str) -> str:
+        """The name of a layout or frame, which no other has."""
+        key = WHOLE if self.alike else ""
+        self.counts[key] += 1
+        return f"{letter}{self.counts[key]}"
+
+    @contextmanager
+    def scope_of_its_own(self) -> Iterator[None]:
+        """A record, an item or a frame inside: with `alike` its names begin anew."""
+        outside = self.counts
+        if self.alike:
+            self.counts = Counter({WHOLE: outside[WHOLE]})
+        yield
+        if self.alike:
+            self.counts = outside | Counter({WHOLE: self.counts[WHOLE]})
+
+    def cases(self, keys: tuple[str, ...], draw: Callable[[str], Segments]) -> dict[str, Segments]:
+        """The cases of a choice: with `alike` each begins with the same names."""
+        first, found = Counter(self.counts), dict[str, Segments]()
+        all_counts = first
+        for key in keys:
+            if self.alike:
+                self.counts = first | Counter({WHOLE: all_counts[WHOLE]})
+            found[key] = draw(key)
+            all_counts |= self.counts
+        self.counts = all_counts
+        return found
 
     def bytes(self, size: int) -> bytes:
         return bytes(self.random.choice(BYTES) for _ in range(size))
@@ -504,7 +543,8 @@ def _items(
         inside.sized.append(name)  # the items before this one
     if drawn.apart.random() < 0.3:
         inside.numbers += ["index", drawn.apart.choice(["last", "index"])]
-    segment["of"] = drawn.body(inside, inner, depth + 1)
+    with drawn.scope_of_its_own():
+        segment["of"] = drawn.body(inside, inner, depth + 1)
     own = [one for one in inside.numbers if one.isidentifier() and one not in ("index", "last")]
     if own and drawn.apart.random() < 0.2:
         segment["of"].append({"require": f"either(previous.{own[-1]}, 1) * 0 == {own[-1]} * 0"})
@@ -529,12 +569,18 @@ def choose(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: 
     drawn.expression(segment, "choose", drawn.some("§", "§", "§ & 1", "min(§, 2)"), scope)
     if drawn.more and drawn.chance(0.3):
         segment["choose"] = drawn.some("limit", "level", "1 if limit == 2 else 0")
-    segment["cases"] = {
-        case: drawn.body(scope, values, depth + 1) if drawn.chance(0.85) else []
-        for case in drawn.some(("1", "2"), ("0", "1, 2"), ("0", "1", "2,3,4"))
-    }
-    if drawn.chance(0.8):
-        segment["else"] = drawn.body(scope, values, depth + 1) if drawn.chance(0.3) else []
+    keys = drawn.some(("1", "2"), ("0", "1, 2"), ("0", "1", "2,3,4"))
+
+    def case(key: str) -> Segments:
+        if key == ELSE and not drawn.chance(0.8):
+            return NOT_DRAWN
+        return drawn.body(scope, values, depth + 1) if drawn.chance(0.3 if key == ELSE else 0.85) else []
+
+    found = drawn.cases((*keys, ELSE), case)
+    otherwise = found.pop(ELSE)
+    segment["cases"] = found
+    if otherwise is not NOT_DRAWN:
+        segment["else"] = otherwise
     return [segment]
 
 
@@ -547,14 +593,15 @@ def optional(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth
 
 
 def include(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: int) -> Segments:
-    layout = drawn.name("y")
+    layout = drawn.name_of_whole("y")
     if drawn.chance(0.3):
         drawn.layouts[layout] = drawn.body(scope, values, depth + 1)
         return [{"include": layout}]
     name = drawn.name("rec")
     inside = Scope(scope)
     values[name] = {}
-    drawn.layouts[layout] = drawn.body(inside, values[name], depth + 1)
+    with drawn.scope_of_its_own():
+        drawn.layouts[layout] = drawn.body(inside, values[name], depth + 1)
     if inside.numbers and drawn.chance(0.6):
         scope.numbers.append(f"{name}.{drawn.random.choice(inside.numbers)}")
     scope.places.append(name)
@@ -578,11 +625,12 @@ def _nest(drawn: DrawnDefinition, layout: str, values: dict[str, Any]) -> None:
 
 
 def inner(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: int) -> Segments:
-    name, frames = drawn.name("i"), [drawn.name("frame") for _ in range(drawn.some(1, 2))]
+    name, frames = drawn.name("i"), [drawn.name_of_whole("frame") for _ in range(drawn.some(1, 2))]
     choice: list[dict[str, Any]] = []
     for place, frame in enumerate(frames):
         inside: dict[str, Any] = {}
-        body = drawn.body(Scope(), inside, depth + 1)
+        with drawn.scope_of_its_own():
+            body = drawn.body(Scope(), inside, depth + 1)
         lead = [{"const": f"0{place + 1}"}] if drawn.chance(0.8) else []
         drawn.frames[frame] = {"body": [*lead, *body]}
         choice.append({frame: inside})
@@ -609,7 +657,7 @@ def wrap(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: in
     if drawn.chance(0.1):
         segment["max"] = drawn.some(4, 20)
     if isinstance(segment["wrap"], dict) and drawn.chance(0.1):
-        frame = drawn.name("frame")
+        frame = drawn.name_of_whole("frame")
         drawn.frames[frame] = {"body": [{"const": "10 05"}]}
         segment |= {"inside": [frame], "insert": "1 == 1"}
     if "inside" in segment or drawn.apart.random() < 0.4:

@@ -312,6 +312,12 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
         Case("values up to the end", "- {repeat: list, times: rest, of: u16, order: little}", {"list": [1, 2]}, "01 00 02 00"),
         Case("values behind a number of another order", "- {field: a, type: u16, order: little}\n"
              "- {repeat: list, times: rest, of: i16}", {"a": 1, "list": [2, -2]}, "01 00 00 02 FF FE"),
+        Case("lengths and counts in records of the same names", "- {length: n, type: u8, of: [t, u], plus: 2}\n- {include: held, as: t}\n- {include: held, as: u}",
+             {"t": {"r": [1, 2], "d": b"abc"}, "u": {"r": [3], "d": b""}}, "0C 02 06 01 02 61 62 63 01 02 03",
+             {"n": 12, "t": {"c": 2, "n": 6, "r": [1, 2], "d": b"abc"}, "u": {"c": 1, "n": 2, "r": [3], "d": b""}},
+             {"0C 02 06 01 02 61 62 63 01 03 03": "short", "0B 02 06 01 02 61 62 63 01 02 03": "length"},
+             top="layouts: {held: [{count: c, type: u8, of: r}, {length: n, type: u8, of: [n, r, d], range: 0..9},"
+             " {repeat: r, times: c, of: u8}, {data: d, size: n - 1 - c}]}\n"),
         Case("a record", "- {include: pair, as: p}", {"p": {"a": 1, "b": 2}}, "01 02",
              top="layouts:\n  pair: [{field: a, type: u8}, {field: b, type: u8}]\n"),
         Case("a layout that stands in itself, at most three deep", "- include: node\n- const: ETX",
@@ -487,6 +493,22 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
              "- choose: k\n  name: c\n  cases: {1: [{name: w, wrap: hex, of: [{field: a, type: u8}]}, {field: b, type: u8}]}\n  else: [{field: b, type: u8}]\n"
              "- {check: sum8, over: c..here, wire: yes}\n- {check: sum8, over: [c]}",
              {"k": 1, "a": 0x1F, "b": 2}, "01 31 46 02 79 21", bad={"01 31 46 02 21 21": "check", "02 31 30 31": "check"}),
+        Case("over a record, with another one of the same names behind it", "- {field: b, type: u8}\n- {include: octets, as: t}\n"
+             "- {include: octets, as: u}\n- {field: e, type: u8}\n- {check: sum8, over: b..e}",
+             {"b": 0x40, "t": {"d": b"\1\1"}, "u": {"d": b"\2\2"}, "e": 5}, "40 02 01 01 02 02 02 05 4F",
+             {"t": {"n": 2, "d": b"\1\1"}, "u": {"n": 2, "d": b"\2\2"}},
+             {"40 02 01 01 02 02 02 05 4B": "check", "40 02 01 01 03 02 02 05 4F": "short"},
+             top="layouts: {octets: [{length: n, type: u8, of: [d]}, {data: d, size: n}]}\n"),
+        Case("over fields, with a record of the same names that may be absent", "- {field: d, type: u8}\n- {field: k, type: u8}\n"
+             "- {include: pair, as: u, when: k > 4}\n- {choose: k, name: c, cases: {5: [{include: pair, as: v}], 6: [{field: e, type: u8}]}}\n"
+             "- {check: sum8, over: d..c}\n- {check: xor8, over: [d, u]}",
+             {"d": 1, "k": 5, "u": {"d": 2, "e": 3}, "v": {"d": 4, "e": 5}}, "01 05 02 03 04 05 14 00",
+             bad={"01 05 02 03 04 05 10 00": "check", "01 05 02 03 04 05 14 02": "check"},
+             top="layouts: {pair: [{field: d, type: u8}, {field: e, type: u8}]}\n"),
+        Case("in records of the same names, over parts of each", "- {include: told, as: t}\n- {include: told, as: u}\n- {check: xor8, over: [u]}",
+             {"t": {"d": b"a"}, "u": {"d": b"bc"}}, "02 61 63 03 62 63 C8 CA", {"t": {"n": 2, "d": b"a"}, "u": {"n": 3, "d": b"bc"}},
+             {"02 61 62 03 62 63 C8 CA": "check", "02 61 63 03 62 63 C7 C5": "check", "02 61 63 03 62 63 C8 CB": "check"},
+             top="layouts: {told: [{length: n, type: u8, of: [d], plus: 1}, {data: d, size: n - 1}, {check: sum8, over: n..d}]}\n"),
         Case("that ends a wrong frame at once", "- const: 05 64\n- {length: n, type: u8, of: [d]}\n"
              "- {check: crc16-dnp, order: little, ends: yes}\n- {data: d, size: n}\n- check: crc16-dnp\n  order: little",
              {"d": b"ab"}, "05 64 02 D3 83 61 62 4B F9", {"n": 2}, {"05 64 02 D3 84 61 62 4B F9": "check"}),

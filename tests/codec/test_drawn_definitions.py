@@ -6,6 +6,7 @@ import json
 import os
 from itertools import combinations_with_replacement
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import pytest
@@ -963,9 +964,9 @@ ROUNDS = int(os.environ.get("FRAMEKIT_DRAWN", "1"))
 SEGMENTS = Path(__file__).parents[2] / "schemas" / "protocol.schema.json"
 
 
-def tried(seed: str, kinds: tuple[str, ...], *, more: bool = False) -> str:
+def tried(seed: str, kinds: tuple[str, ...], *, more: bool = False, alike: bool = False) -> str:
     """What becomes of a definition that holds these kinds: `refused`, `built`, or `unbuilt` for want of values."""
-    drawn = DrawnDefinition(seed, kinds, more=more)
+    drawn = DrawnDefinition(seed, kinds, more=more, alike=alike)
     try:
         trial = Trial(drawn.text, drawn.values, seed)
     except DefinitionError as error:
@@ -1025,6 +1026,34 @@ def test_definitions_with_parameters_state_and_more_functions_hold(first: int) -
             failed[seed] = str(error)
     assert not failed
     assert results.count("built") > 100
+
+
+HELD = ("include", "repeat", "include", "choose", "check", "check", "length", "count", "data", "field", "wrap", "inner")
+"""Kinds that hold others, or mean others by their names."""
+
+
+def alike(seed: int) -> str:
+    """What becomes of a definition whose records, items and cases have the same names."""
+    kinds = tuple(Random(seed).choices(HELD, k=3))
+    return tried(f"s{seed}", kinds, more=seed % 3 == 0, alike=True)
+
+
+def test_records_items_and_cases_may_have_the_same_names() -> None:
+    results = [alike(seed) for seed in range(150)]
+    assert results.count("built") > 10
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("first", range(0, 4000, 500))
+def test_many_records_items_and_cases_have_the_same_names(first: int) -> None:
+    results, failed = [], {}
+    for seed in range(first, first + 500):
+        try:
+            results.append(alike(seed))
+        except Exception as error:
+            failed[seed] = str(error)
+    assert not failed
+    assert results.count("built") > 20
 
 
 def test_a_few_definitions_with_parameters_and_state_hold() -> None:

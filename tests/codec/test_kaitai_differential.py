@@ -281,7 +281,7 @@ def test_drawn_definitions(first: int) -> None:
     """Definitions of every kind of segment and key, with what they read damaged. Frames inside may be unknown."""
     drawn: list[tuple[Protocol, list[bytes]]] = []
     for seed in range(first, first + 100):
-        definition_ = DrawnDefinition(seed, more=bool(seed % 2))
+        definition_ = DrawnDefinition(seed, more=bool(seed % 2), alike=bool(seed % 3))
         try:
             trial = Trial(definition_.text, definition_.values, seed)
             data = trial.built()

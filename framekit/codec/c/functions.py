@@ -13,10 +13,10 @@ from framekit.codec.c.expressions import CExpressionWriter, CFacts, CScope, Val,
 from framekit.codec.c.layout import Layouts
 from framekit.codec.c.source import CSource, identifier, string
 from framekit.codec.python.encode_plan import Task
-from framekit.codec.python.facts import is_followed, names_asked_for
-from framekit.codec.python.function import covered_names, wire_names
-from framekit.definition.expression import Call, Expression, Name, Text, walk
-from framekit.definition.model.frames import StaticSizes, everything, expressions_of
+from framekit.codec.python.facts import is_followed, lengths_asked, names_asked_for
+from framekit.codec.python.function import covered_paths, paths_of, wire_paths
+from framekit.definition.expression import Expression, Text
+from framekit.definition.model.frames import StaticSizes, everything
 from framekit.definition.model.segments import Check, Const, Field, FieldType, Inner, Length, Segment, Segments, Wrap
 from framekit.definition.problems import CannotSayError, Problem
 
@@ -89,6 +89,9 @@ class CFunctionWriter:
         self.locals: list[str] = []
         self.used: set[str] = set()
         self.by_name = {segment.name: segment for segment in everything(segments) if segment.name}
+        self.by_path = {segment.path: segment for segment in everything(segments) if segment.name}
+        self.all_paths = {path for segment in everything(segments) for path in paths_of(segment)}
+        """The paths of the segments and of all values in them."""
         self.by_value_name: dict[str, list[Segment]] = {}
         for segment in everything(segments):
             for name in segment.value_names:
@@ -98,19 +101,16 @@ class CFunctionWriter:
         self.spans: dict[str, str] = {}
 
     def _tracked(self) -> set[str]:
-        """Names of segments whose places are asked for."""
+        """The paths of segments whose places are asked for."""
         found: set[str] = set()
         for segment in everything(self.segments):
             if isinstance(segment, Check):
-                found.update(covered_names(segment, self.segments))
+                found.update(covered_paths(segment, self.segments))
             elif isinstance(segment, Length) and not is_followed(segment, self.segments):
-                found.update(segment.of)
-                found.update(wire_names(self.segments, segment.of))
-        for expression in expressions_of(self.segments):
-            for node in walk(expression.root):
-                if isinstance(node, Call) and node.function == "len" and isinstance(node.arguments[0], Name):
-                    found.add(node.arguments[0].name)
-        return found
+                found.update(segment.counted)
+                found.update(wire_paths(self.segments, segment.counted))
+        asked = lengths_asked(self.segments)
+        return found | {path for path in self.all_paths if path.rpartition(".")[2] in asked}
 
     def assembled(
         self,
@@ -157,14 +157,15 @@ class CFunctionWriter:
         self.locals.append(f"{type_} {found} = {start};")
         return found
 
-    def span(self, name: str | None) -> str | None:
+    def span(self, path: str) -> str | None:
         """The local with the place of a segment, if something asks for that."""
-        if name is None or name not in self.tracked:
+        if path not in self.tracked:
             return None
-        if name not in self.spans:
+        if path not in self.spans:
             self.file.helper("spans")
-            self.spans[name] = self.local("struct fk_span", f"{name.strip('_')}_span", "{ NULL, 0, 0, false }")
-        return self.spans[name]
+            name = path.rpartition(".")[2].strip("_")
+            self.spans[path] = self.local("struct fk_span", f"{name}_span", "{ NULL, 0, 0, false }")
+        return self.spans[path]
 
     def kind_of(self, segment: Segment) -> CKind:
         """What the C of a segment is. Raises CannotSayError for a kind that C does not have."""

@@ -22,7 +22,7 @@ from framekit.codec.python.facts import (
     looks_inside,
     whole_constant,
 )
-from framekit.codec.python.function import covered_names
+from framekit.codec.python.function import covered_paths, paths_read
 from framekit.codec.python.measure import MOST, Finished, needed_names
 from framekit.definition.expression import Expression, names_in
 from framekit.definition.model.frames import Frame, bytes_of, without_when
@@ -48,8 +48,9 @@ class CMeasureWriter(CFunctionWriter):
         self.place: int | None = 0
         self.sure = 0
         self.needed = needed_names(segments)
-        self.tracked = {name for check in ending_checks(segments) for name in covered_names(check, segments)}
+        self.tracked = {path for check in ending_checks(segments) for path in covered_paths(check, segments)}
         self.read: set[str] = set()
+        """The paths of the values that have been passed."""
         self.looks_for_end = False
         self.ends = ""
 
@@ -223,7 +224,7 @@ class CMeasureWriter(CFunctionWriter):
     def list(self, pairs: Pairs, after: Pairs) -> None:
         for place, (segment, scope) in enumerate(pairs):
             behind = (*pairs[place + 1 :], *after)
-            span = self.span(segment.name)
+            span = self.span(segment.path)
             if span is not None:
                 self.add(f"{span}.data = data;", f"{span}.first = (size_t){self.here};")
             if segment.when is not None:
@@ -232,7 +233,7 @@ class CMeasureWriter(CFunctionWriter):
                 self.measure(segment, scope, behind)
             if span is not None:
                 self.add(f"{span}.last = (size_t){self.here};", f"{span}.there = true;")
-            self.read.update(segment.value_names)
+            self.read.update(map(segment.sibling_path, segment.value_names))
 
     def measure(self, segment: Segment, scope: CScope, after: Pairs) -> None:
         """Writes how a segment that is there is passed."""
@@ -351,8 +352,7 @@ class CMeasureWriter(CFunctionWriter):
         return next(found, None)
 
     def _is_told(self, segment: Segment) -> bool:
-        when = segment.when
-        return when is None or not (names_in(when.root) & self.by_value_name.keys()) - self.read
+        return segment.when is None or paths_read(segment, self.all_paths, segment.when) <= self.read
 
     def _size_of(self, after: Pairs) -> str:
         fixed, conditional = fixed_and_conditional(self.static, after)

@@ -15,10 +15,11 @@ from framekit.codec.c.functions import CFunctionWriter, FileFacts, stands
 from framekit.codec.c.layout import CMember, CStruct, val_of
 from framekit.codec.c.source import CSource, string
 from framekit.codec.python.facts import fixed_and_conditional, parts_around
-from framekit.definition.expression import Expression, names_in
+from framekit.codec.python.function import paths_of, paths_read, standing_any_way
+from framekit.definition.expression import Expression
 from framekit.definition.kinds.base import Segment
 from framekit.definition.model.frames import Frame, everything, flat, without_when
-from framekit.definition.model.segments import LAST, Check, Const, Field, Segments
+from framekit.definition.model.segments import Check, Const, Field, Segments
 from framekit.definition.problems import CannotSayError
 
 Behind = tuple[tuple[Segment, CScope], ...]
@@ -27,10 +28,10 @@ Behind = tuple[tuple[Segment, CScope], ...]
 
 @dataclass(slots=True)
 class LaterLines:
-    """A comparison that needs what comes later: all segments of these names. `within`: the record it stands in."""
+    """A comparison that needs what comes later: all segments and values of these paths."""
 
     write: Callable[[], None]
-    names: frozenset[str]
+    paths: frozenset[str]
 
 
 class ReadWriter(CFunctionWriter):
@@ -51,7 +52,6 @@ class ReadWriter(CFunctionWriter):
         self.deferred: list[LaterLines] = []
         self.late: list[Callable[[], None]] = []
         self.passed: set[str] = set()
-        self.read_names: set[str] = set()
         self.known: dict[int, str] = {}
         self.started: dict[int, tuple[str, str]] = {}
 
@@ -137,12 +137,12 @@ class ReadWriter(CFunctionWriter):
         take = self.file.helper("take")
         self.when(f"!{take}({self.n}, {size}, {refuse})", self.leave())
 
-    def stands(self, name: str | None) -> None:
+    def stands(self, path: str) -> None:
         """Keeps where the segment stands that was taken last."""
-        self.stands_from(name, f"{self.inn}.from")
+        self.stands_from(path, f"{self.inn}.from")
 
-    def stands_from(self, name: str | None, start: str) -> None:
-        span = self.span(name)
+    def stands_from(self, path: str, start: str) -> None:
+        span = self.span(path)
         if span is not None:
             self.add(*stands(span, f"{self.inn}.data", start, self.at))
 
@@ -176,23 +176,23 @@ class ReadWriter(CFunctionWriter):
                     known = known or self.local("unsigned", f"{name}_known")
                     self.known[id(member)] = known
                 text = f"{path}{member.cname}"
-                scope.entries[name] = self._entry(member, text, known)
+                scope.entries[name] = self._entry(member, segment.sibling_path(name), text, known)
             if segment.name and not segment.value_names and segment.name in self.asked_by_name:
                 self._wire_entry(segment, scope)
 
     def _wire_entry(self, segment: Segment, scope: CScope) -> None:
         """A segment without a value, of which expressions ask the length."""
-        span = self.span(segment.name)
+        span = self.span(segment.path)
         if span is not None and segment.name not in scope.entries:
             room = self.file.helper("room")
             scope.entries[segment.name or ""] = Val("other", "", wire=f"{room}(&{span})")
 
-    def _entry(self, member: CMember, text: str, known: str) -> Val:
+    def _entry(self, member: CMember, path: str, text: str, known: str) -> Val:
         value = val_of(member, text)
         if member.kind in ("record",):
             assert member.inside is not None
             return Val("record", text, there=f"{known} == 1" if known else "", inside=CScope(), wire="true")
-        span = self.span(member.name) if member.kind not in ("bytes", "list", "values") else None
+        span = self.span(path) if member.kind not in ("bytes", "list", "values") else None
         wire = value.wire if span is None else f"{self.file.helper('room')}(&{span})"
         if not known:
             return replace(value, wire=wire, known="false")
@@ -345,20 +345,17 @@ class ReadWriter(CFunctionWriter):
                 self._conditional(segment, segment.when, here, behind)
             else:
                 self.kind_of(segment).read(self, segment, here, behind)
-            self.read_names.update(name for one in everything((segment,)) for name in one.value_names)
-            self.passed.update(one.name for one in everything((segment,)) if one.name)
+            self.passed.update(path for one in everything((segment,)) for path in paths_of(one))
         if finish:
             self.finish(all_is_read=all_is_read)
             self.deferred = outside + self.deferred
 
-    def later(self, write: Callable[[], None], *needed: str | Expression) -> None:
-        """Writes a comparison when the segments of these names, and those an expression reads, have been read.
+    def later(self, write: Callable[[], None], segment: Segment, *needed: str | Expression) -> None:
+        """Write a comparison of a segment after the siblings it names, and what its expressions read, have been read.
 
         It stands in the buffer that is read now.
         """
-        names = {one for one in needed if isinstance(one, str)}
-        names.update(name for one in needed if isinstance(one, Expression) for name in names_in(one.root))
-        wanted = frozenset(names) & (self.by_value_name.keys() | self.by_name.keys() | {LAST})
+        wanted = paths_read(segment, self.all_paths, *needed)
         self.deferred.append(LaterLines(self.in_this_buffer(write), wanted))
 
     def in_this_buffer(self, write: Callable[[], None]) -> Callable[[], None]:
@@ -375,7 +372,7 @@ class ReadWriter(CFunctionWriter):
     def finish(self, *, all_is_read: bool) -> None:
         deferred, self.deferred = self.deferred, []
         for one in deferred:
-            if all_is_read or one.names <= self.passed | self.read_names:
+            if all_is_read or one.paths <= self.passed:
                 one.write()
             else:
                 self.deferred.append(one)
@@ -418,7 +415,7 @@ class ReadWriter(CFunctionWriter):
                 self.stored(member, scope, segment.name)
         else:
             self.stored(member, scope, segment.name)
-        self.stands(segment.name)
+        self.stands(segment.path)
 
     def without(self, segments: Iterable[Segment], struct: CStruct, there: Iterable[Segment] = ()) -> None:
         """What expressions read of these segments is nothing, but for what is `there`."""
@@ -434,10 +431,8 @@ class ReadWriter(CFunctionWriter):
 
     def absent(self, segment: Segment) -> None:
         """Nothing of a segment is there: it takes no bytes here."""
-        from framekit.codec.python.function import standing_any_way
-
         for one in standing_any_way((segment,)):
-            span = self.span(one.name)
+            span = self.span(one.path)
             if span is not None:
                 self.add(f"{span}.data = {self.inn}.data;", f"{span}.first = {span}.last = {self.at};",
                          f"{span}.there = true;")  # fmt: skip
@@ -486,8 +481,7 @@ class ReadWriter(CFunctionWriter):
         )
 
     def _is_told(self, segment: Segment) -> bool:
-        names = set() if segment.when is None else names_in(segment.when.root)
-        return not (names & self.by_value_name.keys()) - self.read_names
+        return segment.when is None or paths_read(segment, self.all_paths, segment.when) <= self.passed
 
     def _in_place_of_records(self, after: Behind) -> Iterator[tuple[Segment, CScope]]:
         for segment, scope in after:

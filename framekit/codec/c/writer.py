@@ -16,9 +16,9 @@ from framekit.codec.c.layout import CMember, CStruct, scope_of
 from framekit.codec.c.source import CSource, string
 from framekit.codec.python.encode_plan import Task, run_in_order
 from framekit.codec.python.facts import ending_constants, size_follows_value
-from framekit.codec.python.function import covered_names, covers_later, wire_names
+from framekit.codec.python.function import covered_paths, covers_later, wire_paths
 from framekit.definition.expression import Call, Expression, Name, names_in, walk
-from framekit.definition.model.frames import Frame, bytes_of, everything, flat
+from framekit.definition.model.frames import Frame, bytes_of, everything, expressions_of, flat
 from framekit.definition.model.segments import Check, Const, Data, Field, FieldType, Length, Repeat, Segment, Segments
 from framekit.definition.problems import CannotSayError
 
@@ -29,11 +29,11 @@ def both(condition: str) -> str:
 
 
 def late_checks(segments: Segments) -> set[str]:
-    """The names of the check codes that cover what comes later, or such a check code."""
+    """The paths of the check codes that cover what comes later, or such a check code."""
     checks = [one for one in everything(segments) if isinstance(one, Check)]
-    found = {one.name or "" for one in checks if covers_later(one, segments)}
+    found = {one.path for one in checks if covers_later(one, segments)}
     while True:
-        more = {one.name or "" for one in checks if one.covers is not None and found & {*covered_names(one, segments)}}
+        more = {one.path for one in checks if one.covers is not None and found & {*covered_paths(one, segments)}}
         if found and any(one.covers is None for one in checks):
             raise CannotSayError(checks[0].at, "a check code over all before it, with one that covers what comes later")
         if more <= found:
@@ -66,7 +66,7 @@ class WriteWriter(CFunctionWriter):
         self.inn = "out"
         for one in everything(segments):  # what a length counts may have to be put together first
             if isinstance(one, Length):
-                self.tracked |= {*one.of, *wire_names(self.segments, one.of)}
+                self.tracked |= {*one.counted, *wire_paths(self.segments, one.counted)}
         self.used |= {"out", "w", "v", "context", "bad", "to", "round", "number", "index"}
         self.scopes: dict[int, Taken] = {}
         self.chosen: dict[int, str] = {}
@@ -107,9 +107,9 @@ class WriteWriter(CFunctionWriter):
         """The check codes that had to wait, each after those that it covers itself."""
         waiting, ordered = list(self.late), list[Callable[[], None]]()
         while waiting:
-            names = {check.name for check, _ in waiting}
+            paths = {check.path for check, _ in waiting}
             ready = next(
-                (one for one in waiting if not (names - {one[0].name}) & {*covered_names(one[0], self.segments)}), None
+                (one for one in waiting if not (paths - {one[0].path}) & {*covered_paths(one[0], self.segments)}), None
             )
             if ready is None:
                 raise CannotSayError(waiting[0][0].at, "check codes that cover each other")
@@ -250,18 +250,21 @@ class WriteWriter(CFunctionWriter):
 
     def outer_names(self, segment: Segment) -> set[str]:
         """What is read inside a segment but is not given there."""
-        from framekit.definition.model.frames import expressions_of
+        given = {name for one in flat((segment,)) for name in one.value_names}
+        return self._read_in(segment) - (given if segment.inner_record is None else set())
 
-        inside = {name for one in everything((segment,)) for name in one.value_names}
-        read = self.waits(*expressions_of(segment))
-        for one in everything((segment,)):
-            if isinstance(one, Length):
-                read |= set(one.of)
-        return read - inside
+    def _read_in(self, segment: Segment) -> set[str]:
+        """What a segment reads with all in it, but for what its records give themselves."""
+        found = self.waits(*expressions_of(segment.with_lists(lambda _: ())))
+        if isinstance(segment, Length):
+            found |= set(segment.of)
+        found.update(*(self._read_in(one) for block in segment.blocks for one in block))
+        inside: set[str] = set().union(*(self._read_in(one) for one in segment.members))
+        return found | inside - {name for one in flat(segment.members) for name in (one.name, *one.value_names)}
 
     def size_by_length(self, segment: Segment) -> bool:
         """Whether the size of a segment is nothing but a length that counts it."""
-        return size_follows_value(segment, self.by_name)
+        return size_follows_value(segment, self.by_path)
 
     def given_flag(self, member: CMember, taken: Taken) -> str:
         return f"{taken.path}{member.flag}" if member.has else "true"
@@ -288,10 +291,10 @@ class WriteWriter(CFunctionWriter):
             self.add(f"{begin} = {self.inn}.at;")
             with self.where(self.condition(segment, taken)):
                 put(self, segment, taken)
-            span = self.span(segment.name)
+            span = self.span(segment.path)
             if span is not None:
                 self.add(*stands(span, f"{self.inn}.data", begin, f"{self.inn}.at"))
-            end = self.ends.get((segment.name, segment.at))
+            end = self.ends.get((segment.path, segment.at))
             if end is not None:
                 held = self.file.helper("holds_end")
                 call = f"{held}({self.inn}.data, {begin}, {self.inn}.at, {string(end)}, {len(end)})"
@@ -339,14 +342,14 @@ class WriteWriter(CFunctionWriter):
             raise CannotSayError(expression.at, "a size that is no number")
         return value
 
-    def is_simple(self, name: str) -> bool:
+    def is_simple(self, path: str) -> bool:
         """Whether the room of a segment follows from its value."""
-        segment = self.by_name.get(name)
+        segment = self.by_path.get(path)
         return isinstance(segment, (Data, Field, Repeat))
 
-    def simple_room(self, name: str, taken: Taken, plain: bool) -> str | None:
+    def simple_room(self, path: str, taken: Taken, plain: bool) -> str | None:
         """Text of the bytes that a segment takes, if that follows from values; None if they have to be put together."""
-        every = [one for one in everything(self.segments) if one.name == name]
+        every = [one for one in everything(self.segments) if one.path == path]
         if len(every) != 1:
             return None
         segment = every[0]
@@ -360,7 +363,7 @@ class WriteWriter(CFunctionWriter):
             return None
         if segment.when is not None or self.scopes.get(id(segment)) is not taken:
             return None
-        entry = taken.scope.entries.get(name)
+        entry = taken.scope.entries.get(segment.name or "")
         if isinstance(segment, Data) and segment.pad is None and entry is not None:
             text = f"(int64_t){entry.text}.size"
             if not plain and converted:

@@ -10,7 +10,7 @@ from framekit.codec.python import forms
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import Cases, EncodeWriter, Given
 from framekit.codec.python.encode_plan import Lengths, PackArgument, Rules, RuleWriter, Task
-from framekit.codec.python.expressions import NameEntry, Scope
+from framekit.codec.python.expressions import Kind, NameEntry, Scope
 from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.module import add_helpers
 from framekit.codec.python.reader import BufferReader, Item, Slot
@@ -86,7 +86,7 @@ class SegmentKind(Generic[S]):
 
     def room_waits(self, w: EncodeWriter, segment: S) -> set[str]:
         """What has to be there before `room` can be told."""
-        return {f"bytes of {segment.name}"}
+        return {f"bytes of {segment.path}"}
 
     def rules(self, w: RuleWriter, segment: S, always: bool, lengths: Lengths) -> Rules:
         """The rules that values of these names obey, as text, by name.
@@ -190,8 +190,13 @@ class TypedValueKind(TypedKind[V]):
         self.must_hold(r, item, segment, local)
 
     def declare(self, d: DiagnosisWriter, segment: V, scope: Scope) -> None:
-        name = quoted(segment.name)
-        scope.entries[segment.name] = NameEntry(f"n[{name}]", sized=has_length(segment.type), wire=f"n.room({name})")
+        scope.entries[segment.name] = careful_entry(segment, sized=has_length(segment.type))
+
+
+def careful_entry(segment: Segment, kind: Kind = "value", *, sized: bool) -> NameEntry:
+    """Return what the name of a segment stands for in the careful reading."""
+    room = f"n.room({quoted(segment.path)})"
+    return NameEntry(f"n[{quoted(segment.name or '')}]", kind, sized=sized, wire=room, path=segment.path)
 
 
 def has_length(type_: FieldType) -> bool:

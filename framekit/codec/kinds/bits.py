@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from framekit.codec.kinds.base import TypedKind
+from dataclasses import replace
+
+from framekit.codec.kinds.base import TypedKind, careful_entry
 from framekit.codec.python import forms
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.encode import EncodeWriter, Given
@@ -41,7 +43,7 @@ class BitsKind(TypedKind[Bits]):
     def declare(self, d: DiagnosisWriter, segment: Bits, scope: Scope) -> None:
         super().declare(d, segment, scope)
         if segment.name:  # a value of another case may have the same name
-            entry = NameEntry("0", sized=False, wire=f"n.room({quoted(segment.name)})")
+            entry = replace(careful_entry(segment, sized=False), text="0")
             scope.entries.setdefault(segment.name, entry)
 
     def diagnose(self, d: DiagnosisWriter, segment: Bits, scope: Scope, behind: Behind) -> None:
@@ -54,7 +56,8 @@ class BitsKind(TypedKind[Bits]):
                 among[part.name] = (number,), "value"
             if part.is_ is not None and part.name not in among:
                 wanted = d.writer(scope).value(part.is_)
-                d.later(f'n.same("value", {quoted(part.name)}, lambda n: {wanted}{d.refuse(segment)})', part.is_)
+                call = f'n.same("value", {quoted(part.name)}, lambda n: {wanted}{d.refuse(segment)})'
+                d.later(call, segment, part.is_)
         rules = f", among={literal(among)}" if among else ""
         size = d.ask(segment.type.size if segment.type.size is not None else 0, scope)
         d.out.add(
@@ -128,7 +131,7 @@ def _cut(r: BufferReader, item: Item, bits: Bits, whole: str) -> None:
         r.declare(item, part.name, local)
         r.validate_value(item.scope, part.is_, part.constants, local)
     if bits.name is not None:
-        wire = r.function.wire_size(bits.name) if fixed is None else str(fixed)
+        wire = r.function.wire_size(bits.path) if fixed is None else str(fixed)
         item.scope.entries[bits.name] = NameEntry(whole, sized=False, wire=wire)
 
 

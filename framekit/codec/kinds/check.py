@@ -9,7 +9,7 @@ from framekit.codec.python import forms
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
 from framekit.codec.python.expressions import Scope
 from framekit.codec.python.forms import code_bytes
-from framekit.codec.python.function import Offset, between, covered_names, covered_parts, covers_later, on_the_wire
+from framekit.codec.python.function import Offset, between, covered_parts, covered_paths, covers_later, on_the_wire
 from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.reader import BufferReader, Item, Slot
 from framekit.codec.python.source import quoted
@@ -46,7 +46,7 @@ class CheckKind(SegmentKind[Check]):
         elif covers_later(segment, d.segments):
             name = quoted(segment.name or "check")
             d.out.add(f"n.skip({name}, {segment.size})")
-            d.late_checks.append(f"n.verify({name}, lambda n: {code}{options})")
+            d.late_checks.append(f"n.verify({quoted(segment.path)}, lambda n: {code}{options})")
         else:
             d.out.add(f"n.check({d.named(segment)}, {segment.size}, lambda n: {code}{options})")
 
@@ -72,13 +72,13 @@ def _covered(d: DiagnosisWriter, check: Check, scope: Scope) -> str:
         return "n.data[: n.at]"
     parts = covered_parts(check, d.segments)
     if check.span is not None and check.span[1] == "here" and parts[0] and in_one_buffer(check, d.segments):
-        return f"n.bytes_from({quoted(covered_names(check, d.segments)[0])})"
+        return f"n.bytes_from({quoted(covered_paths(check, d.segments)[0])})"
     texts: list[str] = []
     for part in parts:
         if isinstance(part, Added):
             texts.append(forms.added_text(d.module, part, d.writer(scope).text(part.value, PRODUCT)))
         elif part:
-            texts.append(f"n.bytes_of({', '.join(quoted(name) for name in part)})")
+            texts.append(f"n.bytes_of({', '.join(map(quoted, part))})")
     return " + ".join(texts) or 'b""'
 
 
@@ -97,19 +97,19 @@ def _measured(m: MeasureWriter, check: Check, scope: Scope) -> str:
 
 def in_one_buffer(check: Check, segments: Segments) -> bool:
     """Whether all that a check covers stands as it is in the buffer of the check."""
-    first, *others = covered_names(check, segments)
+    first, *others = covered_paths(check, segments)
     for buffer in _buffers(segments):
-        outside = {one.name for one in on_the_wire(buffer)}
+        outside = {one.path for one in on_the_wire(buffer)}
         if check in buffer and first in outside and set(others) <= outside | set(_in_plain_wraps(buffer)):
             return True
     return False
 
 
-def _in_plain_wraps(buffer: Segments) -> Iterator[str | None]:
-    """What stands in wraps that only say a size."""
+def _in_plain_wraps(buffer: Segments) -> Iterator[str]:
+    """Yield the paths of what stands in wraps that only say a size."""
     for one in on_the_wire(buffer):
         if isinstance(one, Wrap) and isinstance(one.coding, Plain) and one.escape is None:
-            yield from (inside.name for inside in on_the_wire(one.of))
+            yield from (inside.path for inside in on_the_wire(one.of))
             yield from _in_plain_wraps(one.of)
 
 

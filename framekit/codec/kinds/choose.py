@@ -15,7 +15,7 @@ from framekit.codec.python.reader import BufferReader, Item
 from framekit.codec.python.registry import summary
 from framekit.codec.python.source import literal, quoted
 from framekit.definition.expression import AND, BIT_OR
-from framekit.definition.model.frames import flat
+from framekit.definition.model.frames import flat, nearest_path
 from framekit.definition.model.segments import Choose, Field, Optional, Segments
 
 
@@ -87,7 +87,7 @@ class ChooseKind(SegmentKind[Choose]):
 
 def _headers(writer: FunctionWriter, choose: Choose, on: str) -> Iterator[tuple[str, Segments]]:
     """The lines that begin the cases, by the text `on` of what they go by; names of values are their numbers."""
-    field = writer.by_name.get(str(choose.on).strip())
+    field = writer.by_path.get(nearest_path(str(choose.on).strip(), choose, writer.by_path))
     names = field.values if isinstance(field, Field) and field.values is not None else {}
     numbers: dict[object, object] = {name: number for number, name in names.items()}
     for place, (keys, segments) in enumerate(choose.cases):

@@ -11,7 +11,7 @@ from framekit.codec.python.encode import EncodeWriter, Given
 from framekit.codec.python.encode_plan import Lengths, Rules, RuleWriter, Task
 from framekit.codec.python.expressions import NameEntry, Scope
 from framekit.codec.python.facts import comes_with, is_followed, is_plain_name, targets_of
-from framekit.codec.python.function import FunctionWriter, wire_names
+from framekit.codec.python.function import FunctionWriter, wire_paths
 from framekit.codec.python.reader import BufferReader, Comparison, Item, not_possible
 from framekit.codec.python.registry import type_text
 from framekit.codec.python.source import Code, literal, quoted, text_source
@@ -39,7 +39,7 @@ class CountedKind(TypedValueKind[C]):
         """A number whose size is an expression."""
         local = r.function.local(segment.name, item.scope)
         r.function.add(f"{local} = {forms.value_of(segment, r.sized_number(item, segment))}")
-        r.declare(item, segment.name, local, sized=False, wire=r.function.wire_size(segment.name))
+        r.declare(item, segment.name, local, sized=False, wire=r.function.wire_size(segment.path))
         self.must_hold(r, item, segment, local)
 
     def diagnose(self, d: DiagnosisWriter, segment: C, scope: Scope, behind: Behind) -> None:
@@ -60,7 +60,7 @@ class LengthKind(CountedKind[Length]):
             return
         targets = targets_of(segment, function.segments)
         local = item.scope.entries[segment.name].text
-        parts = [part for name in targets for part in function.wire_parts.get(name, (name,))]
+        parts = [part for path in targets for part in function.wire_parts.get(path, (path,))]
 
         def compare() -> None:
             total = function.room(targets, plain=segment.plain)
@@ -74,7 +74,7 @@ class LengthKind(CountedKind[Length]):
         return _room_of(d, segment)
 
     def tasks(self, w: EncodeWriter, segment: Length, scope: Scope, given: Given) -> list[Task]:
-        waits = {token for name in segment.of for token in w.room_tokens(name)} | w.size_waits(segment)
+        waits = {token for path in segment.counted for token in w.room_tokens(path)} | w.size_waits(segment)
         return [Task((segment.name,), waits, lambda _: _put_length(w, segment, scope, given))]
 
     def describe(self, segment: Length) -> str:
@@ -83,29 +83,32 @@ class LengthKind(CountedKind[Length]):
 
 
 def _put_length(w: EncodeWriter, length: Length, scope: Scope, given: Given) -> None:
-    for name, target in w.targets.items():
+    for path, target in w.targets.items():
         converted = any(isinstance(one, Data) and one.convert is not None for one in target.segments)
-        if length.plain and name in length.of and target.only is None and converted:
-            raise not_possible(length, f"'{name}' is not converted in every case", "count it as it is sent")
-    text = w.room(length.of, scope, plain=length.plain)
+        if length.plain and path in length.counted and target.only is None and converted:
+            raise not_possible(
+                length, f"'{target.segments[0].name}' is not converted in every case", "count it as it is sent"
+            )
+    text = w.room(length.counted, scope, plain=length.plain)
     if length.unit != 1:
         text = f"{text} // {length.unit}" if " " not in text else f"({text}) // {length.unit}"
     _put_number(w, length, text, scope, given)
 
 
 def counted_room(d: DiagnosisWriter, length: Length) -> tuple[list[str], dict[str, str]] | None:
-    """What a length counts: the names of what takes bytes, and of what is counted before conversion, with the text
-    behind those that may be absent; None where nothing can disagree.
+    """What a length counts: the paths of what takes bytes, and the names of what is counted before conversion, with
+    the text behind those that may be absent; None where nothing can disagree.
     """
     if is_followed(length, d.segments):
         return None
     targets = targets_of(length, d.segments)
     converted = {
-        name: "" if target.only is not None and target.only.when is None else " or ()"
-        for name, target in targets.items()
+        path: "" if target.only is not None and target.only.when is None else " or ()"
+        for path, target in targets.items()
         if length.plain and any(isinstance(one, Data) and one.convert is not None for one in target.segments)
     }
-    return wire_names(d.segments, [name for name in length.of if name not in converted]), converted
+    whole = wire_paths(d.segments, [path for path in length.counted if path not in converted])
+    return whole, {targets[path].segments[0].name or "": text for path, text in converted.items()}
 
 
 def _room_of(d: DiagnosisWriter, length: Length) -> str | None:
@@ -113,8 +116,8 @@ def _room_of(d: DiagnosisWriter, length: Length) -> str | None:
     found = counted_room(d, length)
     if found is None:
         return None
-    names, converted = found
-    rooms = [quoted(name) for name in names]
+    paths, converted = found
+    rooms = [quoted(path) for path in paths]
     parts = [f"n.room({', '.join(rooms)})"] if rooms else []
     parts += [f"len(n[{quoted(name)}]{otherwise})" for name, otherwise in converted.items()]
     total = " + ".join(parts) or "0"
@@ -180,8 +183,8 @@ def _put_number(w: EncodeWriter, number: Length | Count, text: str, scope: Scope
 
 def absent_behind(count: Count, writer: FunctionWriter) -> str | None:
     """Text behind a list that is counted, where it may be absent; None where nothing can disagree."""
-    repeat = writer.by_name.get(count.of)
-    there = comes_with(count.of, count, writer.segments)
+    repeat = writer.by_path.get(count.counted)
+    there = comes_with(count.counted, count, writer.segments)
     followed = isinstance(repeat, Repeat) and count.plus == 0 and is_plain_name(repeat.times, count.name)
     if not isinstance(repeat, Repeat) or (there and followed):
         return None
@@ -196,4 +199,4 @@ def _diagnose(d: DiagnosisWriter, segment: Length | Count, scope: Scope, wanted:
     if wanted is not None:
         plus = forms.plus_text(segment.plus)
         counted = segment.of if isinstance(segment, Length) else (segment.of,)
-        d.later(f'n.same("length", {name}, lambda n: {wanted}{plus}{d.refuse(segment)})', *counted)
+        d.later(f'n.same("length", {name}, lambda n: {wanted}{plus}{d.refuse(segment)})', segment, *counted)

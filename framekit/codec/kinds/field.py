@@ -118,7 +118,7 @@ class FieldKind(TypedValueKind[Field]):
             d.out.add(f"n.field({name}, {d.ask(type_.size, scope)}, {d.parse(type_, segment)}{behind_it}")
         if segment.is_ is not None and (segment.constants is not None or constant_of(segment.is_) is None):
             wanted = d.writer(scope).value(segment.is_)
-            d.later(f'n.same("value", {name}, lambda n: {wanted}{d.refuse(segment)})', segment.is_)
+            d.later(f'n.same("value", {name}, lambda n: {wanted}{d.refuse(segment)})', segment, segment.is_)
 
     def describe(self, segment: Field) -> str:
         text = f"{segment.name} {type_text(segment.type)}"
@@ -178,7 +178,7 @@ def _value(w: EncodeWriter, item: Field, scope: Scope, given: Given, needed: boo
         entry.text = w.or_nothing(item.name, entry.text, item.when, scope)
     scope.entries[item.name] = entry
     if not sized and item.when is None:
-        entry.wire = w.room((item.name,), scope)
+        entry.wire = w.room((item.path,), scope)
 
 
 def _given(w: EncodeWriter, item: Field, scope: Scope, given: Given, needed: bool, missing: set[str]) -> str:
@@ -264,7 +264,7 @@ def _read_sized(r: BufferReader, item: Item, segment: Field, after: tuple[Item, 
     wire = forms.parse(r.module, type_, between(r.buffer, first, last))
     r.function.add(f"{local} = {forms.value_of(segment, wire)}")
     sized = type_.kind in ("ascii", "bytes")
-    r.declare(item, segment.name, local, sized=sized, wire=r.function.wire_size(segment.name))
+    r.declare(item, segment.name, local, sized=sized, wire=r.function.wire_size(segment.path))
     r.validate_field(item, segment, local)
 
 
@@ -281,7 +281,7 @@ def _read_long(r: BufferReader, item: Item, field: Field, long: Long) -> None:
     """A number whose values from the mark on follow as a longer number."""
     local = r.function.local(field.name, item.scope)
     short, longer = field.type.fixed_size or 1, long.type.fixed_size or 0
-    first = r.keep(r.place) if field.name in r.function.tracked else r.place
+    first = r.keep(r.place) if field.path in r.function.tracked else r.place
     if short == 1 and field.type.kind == "int" and not field.type.signed:
         r.function.add(f"{local} = {index(r.buffer, first)}")
     else:
@@ -295,7 +295,7 @@ def _read_long(r: BufferReader, item: Item, field: Field, long: Long) -> None:
     if forms.changes_value(field):
         r.function.add(f"{local} = {forms.value_of(field, local)}")
     r.function.stands(field, r.buffer, first, r.place)
-    r.declare(item, field.name, local, sized=False, wire=r.function.wire_size(field.name))
+    r.declare(item, field.name, local, sized=False, wire=r.function.wire_size(field.path))
     r.validate_field(item, field, local)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TypeVar
 
-from framekit.codec.kinds.base import SegmentKind
+from framekit.codec.kinds.base import SegmentKind, careful_entry
 from framekit.codec.python import forms
 from framekit.codec.python.choices import Switch, in_order, tree_of
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
@@ -28,8 +28,7 @@ class FrameInside(SegmentKind[F]):
     """What both kinds of frames inside have in common: the value is a mapping that must be given."""
 
     def declare(self, d: DiagnosisWriter, segment: F, scope: Scope) -> None:
-        name = quoted(segment.name)
-        scope.entries[segment.name] = NameEntry(f"n[{name}]", "inner", sized=False, wire=f"n.room({name})")
+        scope.entries[segment.name] = careful_entry(segment, "inner", sized=False)
 
     def rules(self, w: RuleWriter, segment: F, always: bool, lengths: Lengths) -> Rules:
         yield segment.name, w.rule("mapping", forms.Range(None, None), always)
@@ -66,7 +65,7 @@ class InnerKind(FrameInside[Inner]):
             function.last.append(lambda: _first_that_fits(r, segment, local, choice, region))
         else:
             _first_that_fits(r, segment, local, choice, region)
-        r.declare(item, segment.name, local, "inner", sized=False, wire=function.wire_size(segment.name))
+        r.declare(item, segment.name, local, "inner", sized=False, wire=function.wire_size(segment.path))
 
     def tasks(self, w: EncodeWriter, segment: Inner, scope: Scope, given: Given) -> list[Task]:
         name, waits = segment.name, w.waits(segment.when)
@@ -74,11 +73,11 @@ class InnerKind(FrameInside[Inner]):
         fixed = isinstance(segment.size, int) and any(
             w.static.frame(one).fixed != segment.size for one in segment.frames
         )
-        if name in w.asked_for or isinstance(segment.size, Expression) or fixed:
-            wire = (f"bytes of {name}",)
+        if segment.path in w.asked_for or isinstance(segment.size, Expression) or fixed:
+            wire = (f"bytes of {segment.path}",)
             tasks.append(Task(wire, waits | {name}, lambda _: w.put_into_local(segment, scope)))
         if isinstance(segment.size, Expression) or fixed:
-            waits = waits | {f"bytes of {name}"}
+            waits = waits | {f"bytes of {segment.path}"}
             waits |= w.waits(segment.size) if isinstance(segment.size, Expression) else set()
             tasks.append(Task((), waits, lambda _: _compare_size(w, segment, scope)))
         return tasks
@@ -170,7 +169,7 @@ def _compare_size(w: EncodeWriter, inner: Inner, scope: Scope) -> None:
         size, conditions = w.text(inner.size, scope), w.is_known(inner.when, inner.size, scope)
     else:
         size, conditions = str(inner.size), [] if inner.when is None else [w.text(inner.when, scope, AND)]
-    w.compare_size((inner.name,), f"len({w.wires[inner.name]})", size, conditions)
+    w.compare_size((inner.name,), f"len({w.wires[inner.path]})", size, conditions)
 
 
 def _may_come_last(function: Function, inner: Inner) -> bool:
@@ -217,13 +216,15 @@ class NestedKind(FrameInside[Nested]):
         first, last = r.take(item, size)
         function.flush()
         function.add(f"{local} = {level}.decode({between(r.buffer, first, last)}, ctx)")
-        r.declare(item, segment.name, local, "inner", sized=False, wire=function.wire_size(segment.name))
+        r.declare(item, segment.name, local, "inner", sized=False, wire=function.wire_size(segment.path))
 
     def tasks(self, w: EncodeWriter, segment: Nested, scope: Scope, given: Given) -> list[Task]:
         name, waits = segment.name, w.waits(segment.when)
         tasks = [Task((name,), waits, lambda _: w.plain_given(segment, scope, given))]
-        if name in w.asked_for:
-            tasks.append(Task((f"bytes of {name}",), waits | {name}, lambda _: w.put_into_local(segment, scope)))
+        if segment.path in w.asked_for:
+            tasks.append(
+                Task((f"bytes of {segment.path}",), waits | {name}, lambda _: w.put_into_local(segment, scope))
+            )
         return tasks
 
     def bytes_text(self, w: EncodeWriter, segment: Nested, scope: Scope) -> str:

@@ -58,7 +58,7 @@ class RepeatKind(SegmentKind[Repeat]):
         name = segment.name
         tasks = [Task((name,), w.waits(segment.when), lambda _: _put(w, segment, scope, given))]
         if isinstance(segment.of, tuple):
-            gives = (f"items of {name}", f"bytes of {name}")
+            gives = (f"items of {name}", f"bytes of {segment.path}")
             waits = w.outer_names(segment) | {name}
             tasks.append(Task(gives, waits, lambda _: _put_records(w, segment, scope, given)))
         if isinstance(segment.times, Expression) and not _is_told(w, segment):
@@ -233,8 +233,8 @@ def _put(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) -> None:
 
 def _is_asked_often(w: EncodeWriter, repeat: Repeat) -> bool:
     """Whether the number of a list's values is asked for before they are packed."""
-    counts = (one for one in w.by_name.values() if isinstance(one, Count))
-    return repeat.name in w.asked_for or any(one.of == repeat.name for one in counts)
+    counts = (one for one in w.by_path.values() if isinstance(one, Count))
+    return repeat.path in w.asked_for or any(one.counted == repeat.path for one in counts)
 
 
 def _is_told(w: EncodeWriter, repeat: Repeat) -> bool:
@@ -248,8 +248,12 @@ def _is_told_by(repeat: Repeat, number: Count | Length) -> bool:
     if number.plus or number.when is not None:
         return False
     if isinstance(number, Count):
-        return number.of == repeat.name and is_plain_name(repeat.times, number.name)
-    if number.of != (repeat.name,) or not isinstance(repeat.of, FieldType) or not isinstance(repeat.times, Expression):
+        return number.counted == repeat.path and is_plain_name(repeat.times, number.name)
+    if (
+        number.counted != (repeat.path,)
+        or not isinstance(repeat.of, FieldType)
+        or not isinstance(repeat.times, Expression)
+    ):
         return False
     root, size = repeat.times.root, repeat.of.fixed_size
     if isinstance(root, Binary) and root.operator == "//" and isinstance(root.right, Number):
@@ -266,6 +270,18 @@ def _compare_times(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) 
     w.compare_size((*given.path, repeat.name), found, w.text(repeat.times, scope), conditions)
 
 
+def _item_scope(scope: Scope, name: str, items: str, of: Segments = ()) -> Scope:
+    """Return the scope of an item. The list is around it, so that a list of the same name in the item is another one.
+
+    `items`: the local with the items before this one, if expressions may read them.
+    """
+    around = Scope(scope)
+    inside = Scope(around, of)
+    if items:
+        around.entries[name] = NameEntry(items, "list", inside)
+    return inside
+
+
 def _put_records(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) -> None:
     """A list of records: each item's values and bytes."""
     assert isinstance(repeat.of, tuple)
@@ -279,9 +295,7 @@ def _put_records(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) ->
     complete = w.names.fresh(f"{repeat.name}_complete") if whole else ""
     if whole:
         w.add(f"{complete} = []")
-    inside = Scope(scope)
-    if whole:
-        inside.entries[repeat.name] = NameEntry(complete, "list", inside)  # the items before this one
+    inside = _item_scope(scope, repeat.name, complete)
     place = w.names.fresh("place")
     path = (*given.path, f"{repeat.name}[", Code(place), "].")
     inner = Given(item, f"{given.rules}[{quoted(repeat.name)}].inside", path)
@@ -317,7 +331,7 @@ def _put_records(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) ->
         if whole:
             values = inside.entries[PLAIN].text if repeat.single else _values_text(repeat.of, inside)
             w.add(f"{complete}.append({values})")
-    w.wires[repeat.name] = wire
+    w.wires[repeat.path] = wire
     inside.close()
     text = w.or_nothing(repeat.name, complete, repeat.when, scope) if complete else items
     scope.entries[repeat.name] = NameEntry(text, "list", inside)
@@ -341,7 +355,7 @@ def _is_read_inside(w: EncodeWriter, repeat: Repeat) -> bool:
     assert isinstance(repeat.of, tuple)
     return repeat.name in names_read(repeat.of) or any(
         f"items of {repeat.name}" in w.waits(*expressions_of(segment))
-        for segment in w.by_name.values()
+        for segment in w.by_path.values()
         if segment is not repeat
     )
 
@@ -420,9 +434,9 @@ def _count(r: BufferReader, item: Item, times: Size | None) -> str:
 def _read_records(r: BufferReader, item: Item, repeat: Repeat, of: Segments, after: tuple[Item, ...]) -> None:
     """A list of records."""
     function = r.function
-    inside = Scope(item.scope, of)
     fields = Fields(function.names.fresh("item"))
     found = function.local(repeat.name, item.scope)
+    inside = _item_scope(item.scope, repeat.name, found, of)
     least, words = r.static.all(of).least, item_words(repeat)
     end = count = None
     if repeat.times == "rest":
@@ -438,14 +452,13 @@ def _read_records(r: BufferReader, item: Item, repeat: Repeat, of: Segments, aft
             there = f"len({r.buffer}) - {f'({place})' if ' ' in place else place}"
             function.mismatch_if(f"{count} * {least} > {there}" if least > 1 else f"{count} > {there}")
     first = r.place
-    if repeat.name in function.tracked and first.base not in ("", "end"):
+    if repeat.path in function.tracked and first.base not in ("", "end"):
         local = function.names.fresh(f"{repeat.name}_start")
         function.add(f"{local} = {first.text(r.buffer)}")
         first = Offset(local, 0)
     function.flush()
     r.settle()
     function.add(f"{found} = []")
-    inside.entries[repeat.name] = NameEntry(found, "list", inside)  # the items before this one
     fill = ""
     if repeat.align > 1:
         start = function.names.fresh("first")
@@ -522,13 +535,11 @@ def _measure_records(m: MeasureWriter, repeat: Repeat, of: Segments, scope: Scop
         with m.out.block(f"if {times} > {m.most}:"):
             m.add("return LOST")
     m.settle()
-    inside = Scope(scope, of)
-    m.paths[id(inside)] = f"{m.path_of(scope)}[{quoted(repeat.name)}][-1]"
     found = m.set_value(repeat.name, scope, "[]") if repeat.name in m.needed else None
+    inside = _item_scope(scope, repeat.name, found or "", of)
+    m.paths[id(inside)] = f"{m.path_of(scope)}[{quoted(repeat.name)}][-1]"
     left = m.names.fresh("left")
     needed = m.needed
-    if found is not None:
-        inside.entries[repeat.name] = NameEntry(found, "list", inside)  # the items before this one
     if found is not None or PREVIOUS in words:
         m.needed = needed | names_read(of) | _names_in_items(of)
     texts = {INDEX: f"{times} - {left}", LAST: f"{left} == 1", PREVIOUS: m.names.fresh("previous")}
@@ -641,11 +652,11 @@ class RecordKind(SegmentKind[Record]):
     def tasks(self, w: EncodeWriter, segment: Record, scope: Scope, given: Given) -> list[Task]:
         name, outer = segment.name, w.outer_names(segment)
         if segment.when is not None:
-            both = (name, f"bytes of {name}")
+            both = (name, f"bytes of {segment.path}")
             return [Task(both, outer, lambda _: _put_conditional(w, segment, scope, given))]
         tasks = [Task((name,), outer, lambda _: _put_record(w, segment, scope, given))]
-        if name in w.asked_for:
-            tasks.append(Task((f"bytes of {name}",), {name}, lambda _: w.put_into_local(segment, scope)))
+        if segment.path in w.asked_for:
+            tasks.append(Task((f"bytes of {segment.path}",), {name}, lambda _: w.put_into_local(segment, scope)))
         return tasks
 
     def declare(self, d: DiagnosisWriter, segment: Record, scope: Scope) -> None:
@@ -690,7 +701,7 @@ def _put_conditional(w: EncodeWriter, record: Record, scope: Scope, given: Given
     w.flush()
     w.add(f'{wire} = b""')
     w.add(f"{local} = None")
-    plain = w.preset_plain(record.name, (record,))
+    plain = w.preset_plain(record)
     before = len(w.out.lines)
     inside = Scope(scope)
     with w.out.block(f"if {w.text(record.when, scope)}:"), w.apart():
@@ -703,7 +714,7 @@ def _put_conditional(w: EncodeWriter, record: Record, scope: Scope, given: Given
         w.add(f"{wire} = {w.region(record.of, inside, w.names.fresh('part'))}")
         w.add_plain(plain, record.of)
     _nothing_if_absent(w, inside, local, before)
-    w.wires[record.name] = wire
+    w.wires[record.path] = wire
     scope.entries[record.name] = NameEntry(local, "record", inside, direct=True)
 
 

@@ -29,7 +29,7 @@ class WrapKind(SegmentKind[Wrap]):
     def read(self, r: BufferReader, item: Item, segment: Wrap, after: tuple[Item, ...]) -> None:
         function = r.function
         plain = function.names.fresh(shown_name(segment, "plain"))
-        if function.in_branch and any(leaf.name in function.tracked for leaf in leaves(segment.of)):
+        if function.in_branch and any(leaf.path in function.tracked for leaf in leaves(segment.of)):
             function.regions.append(plain)
         fixed = r.static.all(segment.of).fixed
         if segment.escape is not None:
@@ -65,9 +65,9 @@ class WrapKind(SegmentKind[Wrap]):
         for one in segment.of:
             w.tasks_of(one, scope, given, tasks)
         compared = segment.size is not None and w.size_by_length(segment) is None
-        if segment.name in w.asked_for or compared:
+        if segment.path in w.asked_for or compared:
             waits = {name for task in tasks for name in task.gives}
-            gives = (f"bytes of {segment.name}",)
+            gives = (f"bytes of {segment.path}",)
             tasks.append(Task(gives, waits, lambda _: w.put_into_local(segment, scope)))
         if compared:
             waits = {*gives, *w.waits(segment.size_expression)}
@@ -161,7 +161,7 @@ def _compare_size(w: EncodeWriter, wrap: Wrap, scope: Scope, given: Given) -> No
         size, conditions = w.text(wrap.size, scope), w.is_known(None, wrap.size, scope)
     name = wrap.name or ""
     path = (*given.path, "wrap" if name.startswith("_") else name)
-    w.compare_size(path, f"len({w.wires[name]})", size, conditions)
+    w.compare_size(path, f"len({w.wires[wrap.path]})", size, conditions)
 
 
 def _limit(w: EncodeWriter, wrap: Wrap, scope: Scope, buffer: str) -> None:

@@ -142,8 +142,8 @@ class LuaExpressions:
     def _call(self, node: Node, function: str, arguments: tuple[Node, ...], scope: Scope, own: Collection[str]) -> str:
         if function == "len" and isinstance(arguments[0], Name):
             entry = scope.find(arguments[0].name)
-            if entry is not None and not entry.sized and entry.wire is not None:
-                return f"X.room(n, {string(arguments[0].name)})"
+            if entry is not None and not entry.sized and entry.path:
+                return f"X.room(n, {string(entry.path)})"
         if function not in _FUNCTIONS:
             raise not_said(node.at, f"the function '{function}'")
         return f"X.{function}({', '.join(self._node(one, scope, own) for one in arguments)})"

@@ -95,8 +95,8 @@ function X.before(n)
   return n.raw:sub(1, n.at)
 end
 
-function X.from(n, name)
-  return n.raw:sub(n.bounds[name][2] + 1, n.at)
+function X.from(n, path)
+  return n.raw:sub(n.bounds[path][2] + 1, n.at)
 end
 
 function X.bytes_of(n, ...)
@@ -126,7 +126,7 @@ local function note(n, cause, s, place, expected, found, refuse)
   if n.open then
     return
   end
-  note_at(n, wire(n, place), cause, s.shown, expected, found, refuse or s.refuse, n.turns[s.key] or n.turn)
+  note_at(n, wire(n, place), cause, s.shown, expected, found, refuse or s.refuse, n.turns[s.path] or n.turn)
 end
 
 local function stop(n, cause, s, expected, found)
@@ -137,7 +137,7 @@ local function stop(n, cause, s, expected, found)
   error(STOP, 0)
 end
 
-local FRAME = { key = "frame", shown = "frame" }
+local FRAME = { key = "frame", path = "frame", shown = "frame" }
 
 -- What a function of the reading gives; nil where it cannot be worked out. Limits of this file go on.
 local function try(n, what)
@@ -153,7 +153,7 @@ end
 
 -- A segment without the code that its faults are refused with.
 local function bare(s)
-  return { key = s.key, shown = s.shown }
+  return { key = s.key, path = s.path, shown = s.shown }
 end
 
 local function ask(n, what, cause, s)
@@ -174,8 +174,8 @@ end
 
 local function begin(n, s)
   n.turn = n.turn + 1
-  n.turns[s.key] = n.turn
-  n.starts[s.key] = wire(n, n.at)
+  n.turns[s.path] = n.turn
+  n.starts[s.path] = wire(n, n.at)
   return n.at
 end
 
@@ -192,7 +192,7 @@ local function take(n, s, size)
     stop(n, "short", s, X.shown(size) .. " bytes", X.shown(math.max(n.stop - start, 0)))
   end
   n.at = start + size
-  n.bounds[s.key] = { n.raw, start, n.at }
+  n.bounds[s.path] = { n.raw, start, n.at }
   return n.raw:sub(start + 1, n.at)
 end
 
@@ -235,8 +235,8 @@ local function following(after)
 end
 
 local function is_told(n, s)
-  for _, name in ipairs(s.told or {}) do
-    if not n.passed[name] then
+  for _, path in ipairs(s.told or {}) do
+    if not n.passed[path] then
       return false
     end
   end
@@ -371,8 +371,8 @@ local function run_deferred(n, from, all)
     local one = n.deferred[place]
     n.deferred[place] = nil
     local ready = true
-    for _, name in ipairs(all and {} or one.needs) do
-      ready = ready and n.passed[name]
+    for _, path in ipairs(all and {} or one.needs) do
+      ready = ready and n.passed[path]
     end
     if ready then
       local scopes, path, item = n.scopes, n.path, n.item
@@ -400,19 +400,20 @@ local function later(n, needs, action)
 end
 
 -- The value of a segment is compared with what it should be, as far as that can be told.
-local function same(cause, s, name, shown, wanted)
+local function same(cause, s, refuse)
   return function(n)
-    local there = n.bounds[name] and pcall(X.of, n, name)
-    if not there then
+    local found = n.scopes[#n.scopes].values.rec[s.key]
+    if not n.bounds[s.path] or found == nil then
       return
     end
-    local found, right = X.of(n, name), try(n, wanted)
+    local right = try(n, s.is)
+    local place, turn = n.starts[s.path], n.turns[s.path]
     if right == nil then
       if not n.notes.first and not n.notes.check then
-        note_at(n, n.starts[name], cause, shown, "values it can be worked out from", "none", s.refuse, n.turns[name])
+        note_at(n, place, cause, s.shown, "values it can be worked out from", "none", refuse, turn)
       end
     elseif not X.equal(found, right) then
-      note_at(n, n.starts[name], cause, shown, X.shown(right), X.shown(found), s.refuse, n.turns[name])
+      note_at(n, place, cause, s.shown, X.shown(right), X.shown(found), refuse, turn)
     end
   end
 end
@@ -529,7 +530,7 @@ function kinds.field(n, s, after)
     if first == s.long.mark then
       raw, of = take(n, s, s.long.type.size), s.long.type
     end
-    n.bounds[s.key] = { n.raw, start, n.at }
+    n.bounds[s.path] = { n.raw, start, n.at }
     parsed(n, s, start, raw, of)
   elseif s.stops then
     local place, size
@@ -549,14 +550,14 @@ function kinds.field(n, s, after)
     end
     local raw = take(n, s, place - 1 - start)
     n.at = s.keeps_stop and place - 1 or place - 1 + size
-    n.bounds[s.key] = { n.raw, start, n.at }
+    n.bounds[s.path] = { n.raw, start, n.at }
     parsed(n, s, start, raw, of)
   else
     local size = s.takes_rest and rest(n, s, after) or ask(n, s.size, "length", s)
     parsed(n, s, start, take(n, s, size), of)
   end
   if s.is then
-    later(n, s.needs, same("value", s, s.key, s.shown, s.is))
+    later(n, s.needs, same("value", s, s.refuse))
   end
 end
 
@@ -564,7 +565,7 @@ function kinds.number(n, s) -- a length or a count
   local start = begin(n, s)
   parsed(n, s, start, take(n, s, ask(n, s.size, "length", s)), s.type)
   if s.is then
-    later(n, s.needs, same("length", s, s.key, s.shown, s.is))
+    later(n, s.needs, same("length", s, s.refuse))
   end
 end
 
@@ -586,13 +587,13 @@ function kinds.bits(n, s)
     else
       X.limit("bits of a number of more than 53 bits")
     end
-    n.turns[one.key], n.starts[one.key], n.bounds[one.key] = n.turn, n.starts[s.key], n.bounds[s.key]
+    n.turns[one.path], n.starts[one.path], n.bounds[one.path] = n.turn, n.starts[s.path], n.bounds[s.path]
     store(n, one, one.key, one.shown, start, value)
     if one.among and not among(value, one.among) then
       note(n, one.among_cause, one, start, shown_all(one.among), X.shown(value), s.refuse)
     end
     if one.is then
-      later(n, one.needs, same("value", s, one.key, one.shown, one.is))
+      later(n, one.needs, same("value", one, s.refuse))
     end
   end
 end
@@ -636,7 +637,7 @@ function kinds.value(n, s)
     note(n, "value", s, start, "values it can be worked out from", "none")
     return
   end
-  n.bounds[s.key] = { n.raw, start, start }
+  n.bounds[s.path] = { n.raw, start, start }
   store(n, s, s.key, s.shown, start, found)
 end
 
@@ -657,7 +658,7 @@ local function wrong_check(n, s, place, expected, found)
 end
 
 local function verify(n, s)
-  local bounds = n.bounds[s.key]
+  local bounds = n.bounds[s.path]
   local found = bounds[1]:sub(bounds[2] + 1, bounds[3])
   if s.unverified then
     n.notes.unverified[#n.notes.unverified + 1] = s.shown .. ": " .. s.unverified
@@ -683,7 +684,7 @@ function kinds.check(n, s)
     return
   end
   if s.late then
-    n.late[#n.late + 1] = s
+    n.late[#n.late + 1] = { s, n.path }
     return
   end
   local last = n.at
@@ -702,7 +703,7 @@ function kinds.record(n, s, after)
   read_all(n, s.of, after)
   n.scopes[#n.scopes] = nil
   n.path = path
-  n.bounds[s.key] = { n.raw, start, n.at }
+  n.bounds[s.path] = { n.raw, start, n.at }
 end
 
 function kinds.list(n, s, after)
@@ -760,7 +761,7 @@ function kinds.list(n, s, after)
     end
   end
   n.stop, n.item = whole, outer
-  n.bounds[s.key] = { n.raw, start, n.at }
+  n.bounds[s.path] = { n.raw, start, n.at }
   if s.single then -- the items are the values of this field; there is no list where one of them is wrong
     local values = X.list({}, items.items)
     for place = 1, items.items do
@@ -814,8 +815,8 @@ local function leave_out(n, s)
       n.scopes[#n.scopes].left[name] = true
     end
   end
-  for _, name in ipairs(s.nowhere or {}) do
-    n.bounds[name] = { n.raw, n.at, n.at }
+  for _, path in ipairs(s.nowhere or {}) do
+    n.bounds[path] = { n.raw, n.at, n.at }
   end
 end
 
@@ -1086,7 +1087,7 @@ end
 local function absent(n, s)
   if s.default then
     local start = begin(n, s)
-    n.bounds[s.key] = { n.raw, start, start }
+    n.bounds[s.path] = { n.raw, start, start }
     local value = try(n, s.default)
     if value == nil then
       note(n, "value", s, start, "values it can be worked out from", "none")
@@ -1111,8 +1112,8 @@ function read_all(n, segments, after)
     if s.kind ~= "const" then
       n.leading = false
     end
-    for _, name in ipairs(s.names or {}) do
-      n.passed[name] = true
+    for _, path in ipairs(s.paths or {}) do
+      n.passed[path] = true
     end
   end
 end
@@ -1189,8 +1190,9 @@ function R.read(frame, raw)
       R.region(n, frame)
       run_deferred(n, 1, true)
     end)
-    for _, s in ipairs(n.late) do
-      verify(n, s)
+    for _, one in ipairs(n.late) do
+      n.path = one[2]
+      verify(n, one[1])
     end
   end)
   depth = depth - 1
@@ -1359,6 +1361,10 @@ function R.add(frame)
   end
   local function enter(segments)
     for _, s in ipairs(segments or {}) do
+      s.path = s.path or s.key
+      for _, one in ipairs(s.parts or {}) do
+        one.path = one.path or one.key
+      end
       if s.kind == "wrap" then
         cut(s)
       end

@@ -18,16 +18,22 @@ from framekit.codec.python.choices import in_order
 from framekit.codec.python.diagnosis import DiagnosisWriter, checks_option, inside_of
 from framekit.codec.python.expressions import Scope, constant_of
 from framekit.codec.python.facts import parts_around
-from framekit.codec.python.function import covered_names, covered_parts, covers_later, standing_any_way
+from framekit.codec.python.function import (
+    covered_parts,
+    covered_paths,
+    covers_later,
+    paths_of,
+    paths_read,
+    standing_any_way,
+)
 from framekit.codec.python.module import Module
 from framekit.codec.python.runtime_diagnosis import shown
 from framekit.definition.codings import Blocks, Ciphered, Cobs, Doubled, Escaped, Hex, Inserted, Plain, Short
-from framekit.definition.expression import Expression, Node, Number, Text, names_in
+from framekit.definition.expression import Expression, Node, Number, Text
 from framekit.definition.kinds.check import Added
 from framekit.definition.model.checks import CheckMethod
-from framekit.definition.model.frames import Frame, bytes_of, everything, flat, without_when
+from framekit.definition.model.frames import Frame, bytes_of, everything, flat, nearest_path, without_when
 from framekit.definition.model.segments import (
-    LAST,
     PLAIN,
     Bits,
     Check,
@@ -138,16 +144,17 @@ class SegmentWriter:
 
     def segment(self, segment: Segment, scope: Scope) -> str:
         """One segment; what cannot be said says so when it is reached."""
-        name, key = segment.name or "", self._key(segment)
+        key = self._key(segment)
         static = self.static.present(segment)
-        names = sorted({name for one in everything((segment,)) for name in (*one.value_names, one.name or "") if name})
+        paths = sorted({path for one in everything((segment,)) for path in paths_of(one)})
         entries: Entries = {
             "kind": None, "key": string(key), "shown": string(self._shown(segment)),
+            "path": self._path(segment, key),
             "size_known": None if static.fixed is None else str(static.fixed),
             "when": None if segment.when is None else self.expressions.function(segment.when, scope),
-            "told": None if segment.when is None else self._names(names_in(segment.when.root)),
+            "told": None if segment.when is None else self._needs(segment, segment.when),
             "refuse": None if segment.refuse is None or isinstance(segment, _NOT_REFUSED) else str(segment.refuse),
-            "names": self._texts(names) if name else None,
+            "paths": self._texts(paths) if segment.name else None,
         }  # fmt: skip
         try:
             kind = _KINDS.get(type(segment))
@@ -187,16 +194,21 @@ class SegmentWriter:
 
     def _nowhere(self, segment: Segment) -> list[str]:
         asked = self.diagnosis.asked_for
-        return sorted({one.name for one in standing_any_way((segment,)) if one.name and one.name in asked})
+        return sorted({one.path for one in standing_any_way((segment,)) if one.path in asked})
 
     # ---- texts --------------------------------------------------------------------------------------------
 
     def _key(self, segment: Segment) -> str:
         """A segment's name as the careful functions know it: its kind, if it has no name and is not asked for."""
         name = segment.name or ""
-        if name and (not name.startswith("_") or name in self.diagnosis.asked_for):
+        if name and (not name.startswith("_") or segment.path in self.diagnosis.asked_for):
             return name
         return type(segment).__name__.lower()
+
+    @staticmethod
+    def _path(segment: Segment, key: str) -> str | None:
+        """What tells a segment from those of other records; None where its key does."""
+        return string(segment.sibling_path(key)) if segment.holder else None
 
     def _shown(self, segment: Segment) -> str:
         return shown(self._key(segment))
@@ -205,13 +217,9 @@ class SegmentWriter:
     def _texts(names: Iterable[str]) -> str:
         return listed(string(name) for name in names)
 
-    def _names(self, names: Iterable[str]) -> str:
-        """Names that belong to fields of the frame."""
-        return self._texts(sorted(set(names) & self.diagnosis.field_names))
-
-    def _needs(self, names: Iterable[str]) -> str:
-        known = self.diagnosis.field_names | self.diagnosis.by_name.keys() | {LAST}
-        return self._texts(sorted(set(names) & known))
+    def _needs(self, segment: Segment, *needed: str | Expression) -> str:
+        """The paths of what has to be read before names of siblings and expressions of a segment mean something."""
+        return self._texts(sorted(paths_read(segment, self.diagnosis.all_paths, *needed)))
 
     def _value(self, expression: Expression, scope: Scope) -> str:
         return self.expressions.function(expression, scope)
@@ -325,7 +333,7 @@ def _field(w: SegmentWriter, s: Field, scope: Scope) -> Entries:
     elif s.only and s.values is not None:
         entries["among"] = listed(number(one, s.at) for one in s.values)
     if s.is_ is not None and (s.constants is not None or constant_of(s.is_) is None):
-        entries |= {"is": w._value(s.is_, scope), "needs": w._needs(names_in(s.is_.root))}
+        entries |= {"is": w._value(s.is_, scope), "needs": w._needs(s, s.is_)}
     return entries
 
 
@@ -335,7 +343,7 @@ def _counting(w: SegmentWriter, s: Length | Count, wanted: str | None, counted: 
         "f": w._shows(s, s.name, FieldUse.of_number(s.type)),
     }  # fmt: skip
     if wanted is not None:
-        entries |= {"is": f"function(n) return {wanted} end", "needs": w._needs(counted)}
+        entries |= {"is": f"function(n) return {wanted} end", "needs": w._needs(s, *counted)}
     return entries
 
 
@@ -366,7 +374,8 @@ def _bits(w: SegmentWriter, s: Bits, scope: Scope) -> Entries:
     for part in s.parts:
         width = part.high - part.low + 1
         entries: Entries = {
-            "key": string(part.name), "shown": string(part.name), "low": str(part.low), "bits": str(width),
+            "key": string(part.name), "path": w._path(s, part.name), "shown": string(part.name),
+            "low": str(part.low), "bits": str(width),
             "f": w._shows(s, part.name, FieldUse.of_bits(part)),
         }  # fmt: skip
         if part.constants is not None:
@@ -374,7 +383,7 @@ def _bits(w: SegmentWriter, s: Bits, scope: Scope) -> Entries:
         elif part.is_ is not None and (fixed := constant_of(part.is_)) is not None:
             entries |= {"among": listed([number(fixed, part.at)]), "among_cause": '"value"'}
         elif part.is_ is not None:
-            entries |= {"is": w._value(part.is_, scope), "needs": w._needs(names_in(part.is_.root))}
+            entries |= {"is": w._value(part.is_, scope), "needs": w._needs(s, part.is_)}
         parts.append(table(entries))
     return {
         "kind": '"bits"', "type": w.type(s.type, s.at), "size": w._size(s.type.size or 0, scope),
@@ -436,7 +445,7 @@ def _covered(w: SegmentWriter, check: Check, scope: Scope) -> str:
         return "X.before(n)"
     parts = covered_parts(check, segments)
     if check.span is not None and check.span[1] == "here" and parts[0] and in_one_buffer(check, segments):
-        return f"X.from(n, {string(covered_names(check, segments)[0])})"
+        return f"X.from(n, {string(covered_paths(check, segments)[0])})"
     texts: list[str] = []
     for part in parts:
         if isinstance(part, Added):
@@ -473,7 +482,8 @@ def _item_end(w: SegmentWriter, s: ItemEnd, scope: Scope) -> Entries:
 
 
 def _choose(w: SegmentWriter, s: Choose, scope: Scope) -> Entries:
-    field = w.diagnosis.by_name.get(str(s.on).strip())
+    known = w.diagnosis.by_path
+    field = known.get(nearest_path(str(s.on).strip(), s, known))
     names = field.values if isinstance(field, Field) and field.values is not None else {}
     numbers: dict[object, Any] = {name: value for value, name in names.items()}
     on = w._value(s.on, scope)

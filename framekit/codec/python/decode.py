@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 from framekit.codec.python.choices import Leaf, Switch, in_order, tree_of
 from framekit.codec.python.expressions import Scope
-from framekit.codec.python.facts import Target, named
+from framekit.codec.python.facts import Target, by_path
 from framekit.codec.python.function import Fields, Function, Offset
 from framekit.codec.python.module import Module
 from framekit.codec.python.reader import BufferReader, Item
@@ -86,11 +86,11 @@ def _ends_at_tail(function: Function, reader: BufferReader, frame: Frame, tail: 
         reader.body_begins = next(in_place_of_records(frame.body), None)
     else:
         reader.body_place = Offset("", head)
-    function.tracked.add(tail.name or "")
+    function.tracked.add(tail.path)
 
     def compare() -> None:
         found = f"data.find({tail.data[0]:#04x}, {reader.body_place.text('data')})"
-        function.mismatch_if(f"{found} != {function.bounds[tail.name or ''].first.text('data')}")
+        function.mismatch_if(f"{found} != {function.bounds[tail.path].first.text('data')}")
 
     function.late.append(compare)
 
@@ -295,7 +295,7 @@ def compare_size(function: Function, pair: Pair, scope: Scope) -> None:
 
 
 def _parts(pair: Pair) -> dict[str, Target]:
-    return named(segment for segment in pair.inside if segment.takes_bytes)
+    return by_path(segment for segment in pair.inside if segment.takes_bytes)
 
 
 def write_fused(module: Module, identifier: str, title: str, frame: Frame, pair: Pair) -> Source:

@@ -12,13 +12,20 @@ from dataclasses import dataclass
 from framekit.codec.python import forms
 from framekit.codec.python.expressions import Scope, default_text, entries_read
 from framekit.codec.python.facts import names_asked_for, parts_around
-from framekit.codec.python.function import FunctionWriter, covered_names, standing_any_way, wire_names
+from framekit.codec.python.function import (
+    FunctionWriter,
+    covered_paths,
+    paths_of,
+    paths_read,
+    standing_any_way,
+    wire_paths,
+)
 from framekit.codec.python.module import Module
 from framekit.codec.python.registry import kind_of, write_docstring
 from framekit.codec.python.source import Source, bytes_literal, literal, quoted
-from framekit.definition.expression import BIT_OR, PRODUCT, Expression, names_in
+from framekit.definition.expression import BIT_OR, PRODUCT, Expression
 from framekit.definition.model.frames import Frame, everything, flat, without_when
-from framekit.definition.model.segments import LAST, Check, Const, Count, Field, FieldType, Length, Segment
+from framekit.definition.model.segments import Check, Const, Count, Field, FieldType, Length, Segment
 
 Behind = tuple[tuple[Segment, Scope], ...]
 """What follows a segment in its buffer, with the scopes of its names."""
@@ -59,10 +66,10 @@ def checks_option(segments: tuple[Segment, ...]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """A call that needs what comes later: all segments of these names."""
+    """A call that needs what comes later: all segments and values of these paths."""
 
     line: str
-    names: frozenset[str]
+    paths: frozenset[str]
 
 
 class DiagnosisWriter(FunctionWriter):
@@ -72,21 +79,21 @@ class DiagnosisWriter(FunctionWriter):
         super().__init__(module, segments)
         self.deferred: list[Comparison] = []
         self.passed: set[str] = set()
+        """The paths of the segments whose calls have been written, and of their values."""
         self.in_item = False  # of a list: what follows is the next item, not the end of the buffer
         self.late_checks: list[str] = []
-        self.read_names: set[str] = set()
         self.read_entries: set[int] = set()
         self.asked_by_name = names_asked_for(segments)
         self.asked_for = self._asked_for()
 
     def _asked_for(self) -> set[str]:
-        """Names of segments without one of their own that a check or a length means."""
+        """The paths of segments that a check or a length means."""
         found: set[str] = set()
         for segment in everything(self.segments):
             if isinstance(segment, Check):
-                found.update(covered_names(segment, self.segments))
+                found.update(covered_paths(segment, self.segments))
             elif isinstance(segment, Length):
-                found.update(segment.of, wire_names(self.segments, segment.of))
+                found.update(segment.counted, wire_paths(self.segments, segment.counted))
         return found
 
     # ---- texts --------------------------------------------------------------------------------------------
@@ -139,7 +146,7 @@ class DiagnosisWriter(FunctionWriter):
     def named(self, segment: Segment) -> str:
         """A segment's name as the careful functions know it: its kind, if it has no name and is not asked for."""
         name = segment.name or ""
-        if name and (not name.startswith("_") or name in self.asked_for):
+        if name and (not name.startswith("_") or segment.path in self.asked_for):
             return quoted(name)
         return quoted(type(segment).__name__.lower())
 
@@ -211,23 +218,20 @@ class DiagnosisWriter(FunctionWriter):
             else:
                 self._segment(segment, scope, behind)
             self.read_entries.update(id(scope.entries[name]) for name in segment.value_names)
-            self.read_names.update(name for one in everything((segment,)) for name in one.value_names)
-            self.passed.update(one.name for one in everything((segment,)) if one.name)
+            self.passed.update(path for one in everything((segment,)) for path in paths_of(one))
         if finish:
             self.finish(all_is_read=all_is_read)
             self.deferred = outside + self.deferred
 
-    def later(self, line: str, *needed: str | Expression) -> None:
-        """Writes a call when the segments of these names, and those an expression reads, have been read."""
-        names = {one for one in needed if isinstance(one, str)}
-        names.update(name for one in needed if isinstance(one, Expression) for name in names_in(one.root))
-        self.deferred.append(Comparison(line, frozenset(names) & (self.field_names | self.by_name.keys() | {LAST})))
+    def later(self, line: str, segment: Segment, *needed: str | Expression) -> None:
+        """Write a call of a segment after the siblings it names, and what its expressions read, have been read."""
+        self.deferred.append(Comparison(line, paths_read(segment, self.all_paths, *needed)))
 
     def finish(self, *, all_is_read: bool) -> None:
         """Comparisons that need what comes later."""
         deferred, self.deferred = self.deferred, []
         for one in deferred:
-            if all_is_read or one.names <= self.passed | self.read_names:
+            if all_is_read or one.paths <= self.passed:
                 self.out.add(one.line)
             else:
                 self.deferred.append(one)
@@ -259,8 +263,8 @@ class DiagnosisWriter(FunctionWriter):
 
     def absent(self, segment: Segment) -> str:
         """The call that says that nothing of a segment is there, as far as checks ask for it."""
-        names = [one.name or "" for one in standing_any_way((segment,)) if one.name in self.asked_for]
-        return f"n.nothing({', '.join(quoted(name) for name in names)})" if names else ""
+        paths = [one.path for one in standing_any_way((segment,)) if one.path in self.asked_for]
+        return f"n.nothing({', '.join(map(quoted, paths))})" if paths else ""
 
     # ---- segments with others inside ----------------------------------------------------------------------
 

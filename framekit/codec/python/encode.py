@@ -24,7 +24,7 @@ from framekit.codec.python.encode_plan import (
     sum_of,
 )
 from framekit.codec.python.expressions import NameEntry, Scope, constant_of, default_text
-from framekit.codec.python.facts import ending_constants, lengths_asked, named, size_follows_value
+from framekit.codec.python.facts import by_path, ending_constants, lengths_asked, size_follows_value
 from framekit.codec.python.forms import code_bytes, needs
 from framekit.codec.python.function import FunctionWriter, covers_later, on_the_wire
 from framekit.codec.python.module import Module
@@ -126,12 +126,12 @@ class _Ended(NamedTuple):
 
 @dataclass(slots=True)
 class KeptBytes:
-    """Some bytes of a buffer: the names of the segments in them, and their text.
+    """Some bytes of a buffer: the paths of the segments in them, and their text.
 
     `on_wire`: for checks that count wraps as they stand on the wire, or for the others; None: for both.
     """
 
-    names: tuple[str, ...]
+    paths: tuple[str, ...]
     text: str
     on_wire: bool | None = None
 
@@ -217,6 +217,15 @@ def as_bytes(text: str, segments: tuple[Segment, ...]) -> str:
     return f'b"" + {text}' if is_given and not is_packed else text
 
 
+def _given_in(segments: Iterable[Segment]) -> set[str]:
+    """What the segments of one record give to those that wait for it."""
+    found: set[str] = set()
+    for segment in flat(segments):
+        found |= {f"{what}{name}" for name in segment.value_names for what in ("", "items of ")}
+        found.add(f"bytes of {segment.path}")
+    return found
+
+
 def _covered_itself(check: Check) -> DefinitionError:
     return not_possible(check, "a check covers what comes later, and is covered itself", "put it last")
 
@@ -224,13 +233,7 @@ def _covered_itself(check: Check) -> DefinitionError:
 class EncodeWriter(FunctionWriter):
     """Writes one encoder.
 
-    Values: `fields_read` are names that expressions read of something that has fields; `asked_for` names whose bytes a
-    length counts; `targets` what the names mean where something is being written; `rooms` the local with the room that
-    something in one of several cases takes, by its name; `counts` the local with the number of values in a list, by the
-    list's own. Bytes: `buffer` is the local of the whole frame; `wires` the local with the bytes of a segment, by its
-    name; `parts` what checks may ask for; `plains` the local with that of something that may be absent; `late` the
-    cases of choices with check codes: header, segments, scope; `postponed` the checks that wait for what comes later;
-    `gathered` the buffers that hold sums of bytes, by the text of the sum.
+    Segments are known by their paths: in `asked_for`, `targets`, `rooms`, `wires`, `plains`, `late`, `postponed`.
     """
 
     def __init__(self, module: Module, title: str, segments: tuple[Segment, ...]) -> None:
@@ -240,23 +243,38 @@ class EncodeWriter(FunctionWriter):
         self.read_names = names_read(segments)
         nodes = (node for expression in expressions_of(segments) for node in walk(expression.root))
         self.fields_read = {node.name for node in nodes if isinstance(node, Attribute)}
+        """Names that expressions read of a value that has fields."""
         self.asked_for = {
-            name for segment in everything(segments) if isinstance(segment, Length) for name in segment.of
+            path for segment in everything(segments) if isinstance(segment, Length) for path in segment.counted
         }
-        self.asked_for |= {name for name in lengths_asked(segments) if self._is_frame(name)}
+        measured = lengths_asked(segments)
+        self.asked_for |= {one.path for one in everything(segments) if one.name in measured and one.frames_inside}
+        """Segments whose bytes a length counts, and frames whose length an expression reads."""
         self.wires: dict[str, str] = {}
-        self.targets = named(segments)
+        """The local with the bytes of a segment."""
+        self.targets = by_path(segments)
+        """The segments of the record being written and of those around it."""
+        self.meant = dict(self.by_name)
+        """What the names of these segments mean in the record being written."""
         self.rooms: dict[str, str] = {}
+        """The local with the room that a segment in one of several cases takes."""
         self.counts: dict[str, str] = {}
+        """The local with the number of values in a list, by the local of the list."""
         self.coverage = Coverage(segments)
         self.ends = dict(ending_constants(self.static, segments))
         self.buffer = "frame"
+        """The local with the bytes of the whole frame."""
         self.gathered: dict[str, str] = {}
+        """The buffer that holds a sum of bytes, by the text of the sum."""
         self.parts: list[KeptBytes] = []
+        """The bytes that checks may cover."""
         self.plains: dict[str, str] = {}
+        """The local with the bytes that checks cover of a segment that may be absent."""
         self.begun: set[str] = set()
         self.late: dict[str, list[tuple[str, tuple[Segment, ...], Scope]]] = {}
+        """The cases of a choice with check codes: header, segments, scope."""
         self.postponed: set[str] = set()
+        """The checks that wait for bytes after them."""
 
     def refuse_if(self, condition: str) -> None:
         """The values are refused if `condition` holds; the rules tell why."""
@@ -313,7 +331,7 @@ class EncodeWriter(FunctionWriter):
     def _tokens(self, node: Node) -> set[str]:
         if isinstance(node, Call) and node.function == "len" and isinstance(node.arguments[0], Name):
             name = node.arguments[0].name
-            return self.room_tokens(name) if self._has_no_length(name) else {name}
+            return self.room_tokens(self.meant[name].path) if self._has_no_length(name) else {name}
         if isinstance(node, (Attribute, Index)) and isinstance(node.value, Name):
             inner = {token for child in children(node) if child is not node.value for token in self._tokens(child)}
             return inner | {f"items of {node.value.name}" if self._is_records(node.value.name) else node.value.name}
@@ -322,30 +340,28 @@ class EncodeWriter(FunctionWriter):
         return {token for child in children(node) for token in self._tokens(child)}
 
     def _is_records(self, name: str) -> bool:
-        segment = self.by_name.get(name)
+        segment = self.meant.get(name)
         return isinstance(segment, Repeat) and isinstance(segment.of, tuple)
 
-    def _is_frame(self, name: str) -> bool:
-        segment = self.by_name.get(name)
-        return segment is not None and bool(segment.frames_inside)
-
     def _has_no_length(self, name: str) -> bool:
-        segment = self.by_name.get(name)
+        segment = self.meant.get(name)
         if isinstance(segment, Field):
             return segment.type.kind not in ("ascii", "bytes")
         return segment is not None and not isinstance(segment, (Data, Repeat))
 
     @contextmanager
     def names_of(self, segments: Iterable[Segment]) -> Iterator[None]:
-        """While the segments of a list are written, their names mean them."""
-        outside = self.targets
-        self.targets = {**outside, **named(segments)}
+        """While the segments of a record are written, their names mean them."""
+        segments = tuple(segments)
+        outside = self.targets, self.meant
+        self.targets = self.targets | by_path(segments)
+        self.meant = self.meant | {one.name: one for one in flat(segments) if one.name}
         yield
-        self.targets = outside
+        self.targets, self.meant = outside
 
     def size_by_length(self, segment: Segment) -> Expression | None:
         """The size of a segment that is nothing but a length that counts it: then it is as long as what is given."""
-        return segment.size_expression if size_follows_value(segment, self.by_name) else None
+        return segment.size_expression if size_follows_value(segment, self.by_path) else None
 
     def fills_up(self, item: Data | Field) -> bool:
         """Whether a value that is too short is filled up to a size that others tell."""
@@ -360,22 +376,22 @@ class EncodeWriter(FunctionWriter):
 
     # ---- room ---------------------------------------------------------------------------------------------
 
-    def room(self, names: Iterable[str], scope: Scope, *, plain: bool = False) -> str:
+    def room(self, paths: Iterable[str], scope: Scope, *, plain: bool = False) -> str:
         """Text of the bytes these segments take on the wire; `plain`: before conversion."""
         fixed, parts = 0, []
-        for name in names:
-            target = self.targets.get(name)
+        for path in paths:
+            target = self.targets.get(path)
             if target is None:
                 continue
             segment = target.only
             if segment is None:
-                if name not in self.rooms:
+                if path not in self.rooms:
                     raise not_possible(
                         target.segments[0],
-                        f"the size of '{name}' goes round in a circle",
+                        f"the size of '{target.segments[0].name}' goes round in a circle",
                         "size it by that length alone",
                     )
-                parts.append(self.rooms[name])
+                parts.append(self.rooms[path])
                 continue
             size = self.static.present(segment).fixed
             if size is not None and not (plain and isinstance(segment, Data)):
@@ -397,30 +413,30 @@ class EncodeWriter(FunctionWriter):
         return "" if entry is None else entry.text
 
     def _size_of(self, segment: Segment, scope: Scope, plain: bool) -> str:
-        wire = self.wires.get(segment.name or "")
+        wire = self.wires.get(segment.path)
         if wire is not None:
             return f"len({wire})"
-        if segment.name in self.rooms:
-            return self.rooms[segment.name]
+        if segment.path in self.rooms:
+            return self.rooms[segment.path]
         text = kind_of(segment).room(self, segment, scope, plain)
         if text is None:  # a length counts what is put together only when that length is known
             self.add(f"raise EncodeError({quoted(segment.name or '')}, {quoted(CIRCLE)})")
             text = "0"
         return self.if_present(segment, scope, text, "0")
 
-    def room_tokens(self, name: str) -> set[str]:
+    def room_tokens(self, path: str) -> set[str]:
         """What has to be there before the size of a segment on the wire can be told."""
-        target = self.targets.get(name)
+        target = self.targets.get(path)
         if target is None:
             return set()
         segment = target.only
         if segment is None:
-            return {f"bytes of {name}"}
+            return {f"bytes of {path}"}
         found = self.waits(segment.when)
         if self.static.present(segment).fixed is not None:
             return found
         waits: set[str] = kind_of(segment).room_waits(self, segment)
-        return waits if waits == {f"bytes of {name}"} else found | waits
+        return waits if waits == {f"bytes of {path}"} else found | waits
 
     def count_of(self, local: str) -> str:
         """Text of the number of values in a list."""
@@ -621,18 +637,28 @@ class EncodeWriter(FunctionWriter):
 
     def outer_names(self, segment: Segment) -> set[str]:
         """What is read inside a segment but is not given there."""
-        inside = {name for one in everything((segment,)) for name in one.value_names} - {segment.name}
         follow = {id(size) for one in everything((segment,)) if (size := self.size_by_length(one)) is not None}
         if isinstance(segment, Repeat):
             follow.add(id(segment.times))  # compared when the items are there; a length over them may give it
-        read = self.waits(*(one for one in expressions_of(segment) if id(one) not in follow))
-        for one in everything((segment,)):
-            if isinstance(one, Length):
-                read.update(token for name in one.of for token in self.room_tokens(name))
-            elif isinstance(one, Count):
-                read.add(one.of)
-        own = {f"{what}{name}" for name in inside for what in ("", "items of ", "bytes of ")}
-        return read - own
+        return self._read_in(segment, follow) - _given_in(one for block in segment.blocks for one in block)
+
+    def _read_in(self, segment: Segment, follow: set[int]) -> set[str]:
+        """What a segment waits for with all in it, but for what its records give themselves; not for the expressions
+        of `follow`.
+        """
+        own = expressions_of(segment.with_lists(lambda _: ()))
+        found = self.waits(*(one for one in own if id(one) not in follow))
+        if isinstance(segment, Length):
+            found.update(token for path in segment.counted for token in self.room_tokens(path))
+        elif isinstance(segment, Count):
+            found.add(segment.of)
+        for block in segment.blocks:
+            found.update(*(self._read_in(one, follow) for one in block))
+        if segment.inner_record is not None:
+            with self.names_of(segment.inner_record):
+                inside = set().union(*(self._read_in(one, follow) for one in segment.inner_record))
+            found |= inside - _given_in(segment.inner_record)
+        return found
 
     def plain_given(self, segment: Segment, scope: Scope, given: Given) -> None:
         """A local for a value that has to be given."""
@@ -653,14 +679,14 @@ class EncodeWriter(FunctionWriter):
     def length_of_run(self, placed: list[Placed]) -> int:
         """How many of the segments can be put together at once."""
         order, first = "", placed[0][0]
-        mark = self.coverage.of(leaf.name or "" for leaf in leaves((first,)))
+        mark = self.coverage.of(leaf.path for leaf in leaves((first,)))
         for count, (segment, scope) in enumerate(placed):
             numbers = self.numbers_of(segment)
             wanted = None if isinstance(segment, (Check, Fill)) else struct_order(without_when(segment))
             if numbers is not None and count:
                 wanted = numbers[1]
             same_when = str(segment.when) == str(first.when) and (segment.when is None or scope is placed[0][1])
-            marked = self.coverage.of((segment.name or "",)) != mark
+            marked = self.coverage.of((segment.path,)) != mark
             if wanted is None or not same_when or marked or (order and wanted and wanted != order):
                 return max(count, 1)
             if numbers is not None:
@@ -670,9 +696,9 @@ class EncodeWriter(FunctionWriter):
 
     def numbers_of(self, segment: Segment) -> tuple[str, str] | None:
         """The `struct` code of a list of numbers, and its order; a list ends a run. None for all other segments."""
-        if not isinstance(segment, Repeat) or not isinstance(segment.of, FieldType) or segment.name in self.wires:
+        if not isinstance(segment, Repeat) or not isinstance(segment.of, FieldType) or segment.path in self.wires:
             return None
-        if (segment.name, segment.at) in self.ends:
+        if (segment.path, segment.at) in self.ends:
             return None
         code = forms.struct_code(segment.of)
         return None if code is None or code == ("B", "") or code[0].endswith("s") else code
@@ -768,19 +794,19 @@ class EncodeWriter(FunctionWriter):
                 texts = [self.gather(texts, buffer)]
                 self._keep_apart(buffer, tail[0], str(tail[1]) if isinstance(tail[1], int) else "body_start")
             if isinstance(segment, Check) and covers_later(segment, self.segments):
-                texts.append(f"<{segment.name}>")
+                texts.append(f"<{segment.path}>")
                 waiting.append((texts[-1], segment, inside))
-                self.postponed.add(segment.name or "")
+                self.postponed.add(segment.path)
             elif isinstance(segment, Check):
                 self._settle(waiting, texts, segment)
-                if segment.name in self.coverage.whole:
+                if segment.path in self.coverage.whole:
                     texts = [self.gather(texts, buffer)] if texts else []
                 texts.append(self._kept(placed[place : place + 1], self._check(segment, inside, [before, *texts])))
             elif isinstance(segment, Fill):
                 texts = [self._filled(segment, placed[place + 1 :], texts, buffer)]
-            elif segment.name in self.late:
+            elif segment.path in self.late:
                 texts = [self.gather(texts, buffer)] if texts else []
-                texts.append(self._ended(segment, self._late(segment.name or "", [before, *texts])))
+                texts.append(self._ended(segment, self._late(segment, [before, *texts])))
                 self._keep((segment,), texts[-1])
             else:
                 end = next((one for one in apart if one > place), len(placed))
@@ -793,8 +819,8 @@ class EncodeWriter(FunctionWriter):
             place += count
         self._refuse_open(ended)
         while waiting:
-            others = {check.name for _, check, _ in waiting}
-            ready = next((one for one in waiting if others.isdisjoint(self.coverage.names(one[1]) or ())), None)
+            others = {check.path for _, check, _ in waiting}
+            ready = next((one for one in waiting if others.isdisjoint(self.coverage.paths(one[1]) or ())), None)
             if ready is None or ready[0] not in texts:
                 raise _covered_itself((ready or waiting[0])[1])
             self._work_out(ready, waiting, texts)
@@ -836,12 +862,12 @@ class EncodeWriter(FunctionWriter):
 
     def _settle(self, waiting: list[Waiting], texts: list[str], by: Check) -> None:
         """Works out the codes that had to wait for what comes later, which `by` covers: all of that is there by now."""
-        covered = self.coverage.names(by)
-        known = {name for part in self.parts for name in part.names}
+        covered = self.coverage.paths(by)
+        known = {path for part in self.parts for path in part.paths}
         for one in list(waiting):
             mark, check, _ = one
-            if covered is None or check.name in covered:
-                if mark not in texts or not known.issuperset(self.coverage.names(check) or ()):
+            if covered is None or check.path in covered:
+                if mark not in texts or not known.issuperset(self.coverage.paths(check) or ()):
                     raise _covered_itself(check)
                 self._work_out(one, waiting, texts)
 
@@ -849,7 +875,7 @@ class EncodeWriter(FunctionWriter):
         """Puts the code of a check that had to wait into its place."""
         mark, check, scope = one
         waiting.remove(one)
-        self.postponed.discard(check.name or "")
+        self.postponed.discard(check.path)
         texts[texts.index(mark)] = self._kept([(check, scope)], self._check(check, scope, []))
 
     def _keep_apart(self, buffer: str, tail: Const, start: str) -> None:
@@ -859,12 +885,12 @@ class EncodeWriter(FunctionWriter):
         message = f"the body holds {tail.data[0]:02X}, which ends it"
         self.complain(f"{mark} in {body}", '""', quoted(message))
 
-    def _late(self, name: str, before: list[str]) -> str:
+    def _late(self, segment: Segment, before: list[str]) -> str:
         """The bytes of a choice with check codes in it: they are put together when what stands before is known."""
         wire = self.names.fresh("case_bytes")
         self.add(f'{wire} = b""')
-        plain = self.preset_plain(name, (self.by_name[name],))
-        for header, segments, scope in self.late[name]:
+        plain = self.preset_plain(segment)
+        for header, segments, scope in self.late[segment.path]:
             with self.out.block(header), self.apart():
                 self.add(f"{wire} = {self.region(segments, scope, self.names.fresh('part'), sum_of(before))}")
                 self.add_plain(plain, segments)
@@ -877,20 +903,20 @@ class EncodeWriter(FunctionWriter):
         yield
         del self.parts[before:]
 
-    def preset_plain(self, name: str, segments: tuple[Segment, ...]) -> str | None:
-        """A local for what checks see of segments that may be absent, where wraps among them make that something
-        else than their bytes; None where it is not."""
-        names = [leaf.name or "" for leaf in leaves(segments)]
-        if not self.coverage.of(names) or not any(one.is_there_inside for one in on_the_wire(segments)):
+    def preset_plain(self, segment: Segment) -> str | None:
+        """A local for what checks see of a segment that may be absent, where wraps in it make that something else
+        than its bytes; None where it is not."""
+        paths = [leaf.path for leaf in leaves((segment,))]
+        if not self.coverage.of(paths) or not any(one.is_there_inside for one in on_the_wire((segment,))):
             return None
-        plain = self.plains[name] = self.names.fresh("covered")
+        plain = self.plains[segment.path] = self.names.fresh("covered")
         self.add(f'{plain} = b""')
         return plain
 
     def add_plain(self, plain: str | None, segments: tuple[Segment, ...]) -> None:
         """Where the segments are there: what checks see of them."""
         if plain is not None:
-            self.add(f"{plain} = {sum_of(self._parts_of([leaf.name or '' for leaf in leaves(segments)], False))}")
+            self.add(f"{plain} = {sum_of(self._parts_of([leaf.path for leaf in leaves(segments)], False))}")
 
     def gather(self, texts: list[str], buffer: str) -> str:
         """Puts everything so far into the buffer's local."""
@@ -912,11 +938,11 @@ class EncodeWriter(FunctionWriter):
         message = text_source("the values take ", Code(f"len({buffer})"), " bytes, more than ", Code(room))
         self.complain(f"len({buffer}) > {room}", '""', message)
         self.gathered.clear()
-        names = (fill.name or "",)
-        if self.coverage.of(names):
+        paths = (fill.path,)
+        if self.coverage.of(paths):
             local = self.names.fresh("fill")
             self.add(f"{local} = b''.ljust({room} - len({buffer}), {bytes_literal(bytes((fill.byte,)))})")
-            self.parts.append(KeptBytes(names, local))
+            self.parts.append(KeptBytes(paths, local))
             self.add(f"{buffer} += {local}")
         else:
             self.add(f"{buffer} = {buffer}.ljust({room}, {bytes_literal(bytes((fill.byte,)))})")
@@ -927,9 +953,9 @@ class EncodeWriter(FunctionWriter):
     def _kept(self, placed: list[Placed], text: str) -> str:
         """The text of a run; in a local, if a check asks for these bytes."""
         segments = tuple(segment for segment, _ in placed)
-        names = tuple(one.name or "" for one in on_the_wire(segments))
-        if self.coverage.of(names) and not text.isidentifier() and not is_literal(text):
-            named = [name for name in names if not name.startswith("_")]
+        standing = tuple(on_the_wire(segments))
+        if self.coverage.of(one.path for one in standing) and not text.isidentifier() and not is_literal(text):
+            named = [one.name for one in standing if one.name and not one.name.startswith("_")]
             local = self.names.fresh(f"{named[0]}_bytes" if len(named) == 1 else "covered")
             self.add(f"{local} = {text}")
             text = local
@@ -938,20 +964,19 @@ class EncodeWriter(FunctionWriter):
 
     def _keep(self, segments: tuple[Segment, ...], text: str) -> None:
         """Notes that `text` is the bytes of these segments; what is in a wrap by itself is noted where it is built."""
-        plain = tuple(leaf.name or "" for leaf in leaves(segments))
-        on_wire = tuple(one.name or "" for one in on_the_wire(segments))
+        plain = tuple(leaf.path for leaf in leaves(segments))
+        on_wire = tuple(one.path for one in on_the_wire(segments))
         if plain == on_wire:
             self.parts.append(KeptBytes(plain, text))
             return
         self.parts.append(KeptBytes(on_wire, text, True))
         if not segments[0].is_there_inside:
-            self.parts.append(KeptBytes(plain, self.plains.get(segments[0].name or "", text), False))
+            self.parts.append(KeptBytes(plain, self.plains.get(segments[0].path, text), False))
 
     def _check(self, check: Check, scope: Scope, before: list[str]) -> str:
         covered = sum_of([text for text in before if text])
-        if check.name not in self.coverage.whole:
-            names = self.coverage.names(check) or []
-            if not self.postponed.isdisjoint(names):
+        if check.path not in self.coverage.whole:
+            if not self.postponed.isdisjoint(self.coverage.paths(check) or ()):
                 raise _covered_itself(check)
             texts: list[str] = []
             for part in self.coverage.parts(check):
@@ -966,19 +991,19 @@ class EncodeWriter(FunctionWriter):
         key = needs(check, lambda value: self.text(value, scope))
         return self.if_present(check, scope, code_bytes(self.module, replace(check, when=None), covered, key), 'b""')
 
-    def _parts_of(self, names: list[str], on_wire: bool) -> list[str]:
+    def _parts_of(self, paths: list[str], on_wire: bool) -> list[str]:
         texts: list[str] = []
-        left = list(names)
+        left = list(paths)
         known = [part for part in reversed(self.parts) if part.on_wire in (None, on_wire)]
         while left:
-            part = next((part for part in known if left[0] in part.names), None)
+            part = next((part for part in known if left[0] in part.paths), None)
             texts.extend([] if part is None else [part.text])
-            left = left[max(1, 0 if part is None else len({*part.names} & {*left})) :]
+            left = left[max(1, 0 if part is None else len({*part.paths} & {*left})) :]
         return texts
 
     def _ended(self, segment: Segment, text: str) -> str:
         """The text of a part that a constant ends; it must not hold that constant itself."""
-        constant = self.ends.get((segment.name, segment.at))
+        constant = self.ends.get((segment.path, segment.at))
         if constant is None:
             return text
         if not text.isidentifier():
@@ -996,7 +1021,7 @@ class EncodeWriter(FunctionWriter):
 
     def single(self, segment: Segment, scope: Scope) -> str:
         """Text of the bytes of a segment that is in no run."""
-        known = self.wires.get(segment.name or "")
+        known = self.wires.get(segment.path)
         if known is not None:
             return known
         kind = kind_of(segment)
@@ -1011,9 +1036,9 @@ class EncodeWriter(FunctionWriter):
         self.complain(f"len({self.buffer}) > {most}", '""', message)
 
     def put_into_local(self, segment: Segment, scope: Scope) -> None:
-        inside = {leaf.name for leaf in leaves(flat((segment,)))}
+        inside = {leaf.path for leaf in leaves(flat((segment,)))}
         for check in parts_of(segment, Check):
-            if check.name not in self.coverage.whole and not inside.issuperset(self.coverage.names(check) or ()):
+            if check.path not in self.coverage.whole and not inside.issuperset(self.coverage.paths(check) or ()):
                 what = "a length counts a check code that covers what stands before it"
                 raise not_possible(check, what, "let it count what stands beside the check")
         self.flush()
@@ -1024,41 +1049,41 @@ class EncodeWriter(FunctionWriter):
             text = self.single(segment, scope)
         if text != local:
             self.add(f"{local} = {text}")
-        self.wires[segment.name or ""] = local
+        self.wires[segment.path] = local
         if segment.name in scope.entries and segment.frames_inside:
             scope.entries[segment.name].wire = f"len({local})"
 
     def branch_tasks(self, segment: Segment, scope: Scope, given: Given) -> list[Task]:
         inside = tuple(flat((segment,)))
         names = [inner for one in inside for inner in one.value_names]
-        counted = [f"bytes of {one.name}" for one in inside if one.name in self.asked_for or one is segment]
+        counted = [f"bytes of {one.path}" for one in inside if one.path in self.asked_for or one is segment]
         outer = self.outer_names(segment)
         return [Task((*names, *counted), outer, lambda _: self.branches(segment, scope, given))]
 
     def branches(self, segment: Segment, scope: Scope, given: Given) -> None:
         """A choice, or what is there when its values are given."""
-        name = segment.name or ""
+        path = segment.path
         wire = self.names.fresh("case_bytes" if segment.chooses_by is not None else "optional_bytes")
         self.flush()
         has_checks = any(isinstance(one, Check) for one in flat((segment,)))
         plain = None
         room = None
         if has_checks:
-            self.late[name] = []
-            if name in self.asked_for:  # before its bytes are put together
-                room = self.rooms[name] = self.names.fresh(f"{name.strip('_')}_room")
+            self.late[path] = []
+            if path in self.asked_for:  # before its bytes are put together
+                room = self.rooms[path] = self.names.fresh(f"{(segment.name or '').strip('_')}_room")
                 self.add(f"{room} = 0")
         else:
             self.add(f'{wire} = b""')
-            plain = self.preset_plain(name, (segment,))
+            plain = self.preset_plain(segment)
         outside = self._names_for_others(segment, scope)
         rooms = self._rooms_for_others(segment)
         cases: Cases = kind_of(segment).cases(self, segment, scope, given)
         everywhere = {name for one in flat((segment,)) for name in one.value_names}
         known = dict(self.rooms)
         for header, segments in cases:
-            here = {one.name for one in flat(segments or ())}
-            self.rooms = known | {name: local for name, local in rooms.items() if name not in here}
+            here = {one.path for one in flat(segments or ())}
+            self.rooms = known | {other: local for other, local in rooms.items() if other not in here}
             with self.out.block(header), self.apart():
                 if segments is None:
                     self.add('raise EncodeError("", "no case fits")')
@@ -1070,10 +1095,10 @@ class EncodeWriter(FunctionWriter):
                     self.add(f"{given.in_cases[1]} += {literal(tuple(sorted(others)))}")
                 if room is not None:
                     with self.names_of(segments):
-                        names = [one.name or "" for one in segments if one.takes_bytes]
-                        self.add(f"{room} = {self.room(names, inside)}")
+                        paths = [one.path for one in segments if one.takes_bytes]
+                        self.add(f"{room} = {self.room(paths, inside)}")
                 if has_checks:
-                    self.late[name].append((header, segments, inside))
+                    self.late[path].append((header, segments, inside))
                 else:
                     self.add(f"{wire} = {self.region(segments, inside, self.names.fresh('part'))}")
                     self.add_plain(plain, segments)
@@ -1083,7 +1108,7 @@ class EncodeWriter(FunctionWriter):
                 scope.entries[outer] = NameEntry(local)
         self.rooms = known | rooms
         if not has_checks:
-            self.wires[name] = wire
+            self.wires[path] = wire
 
     def _names_for_others(self, segment: Segment, scope: Scope) -> dict[str, str]:
         """Locals for names that expressions outside the branch may read."""
@@ -1098,8 +1123,9 @@ class EncodeWriter(FunctionWriter):
 
     def _rooms_for_others(self, segment: Segment) -> dict[str, str]:
         """Locals for the room that what lengths outside the branch count takes in it."""
-        names = {one.name: None for one in flat((segment,)) if one is not segment and one.name in self.asked_for}
-        found = {name: self.names.fresh(f"{name}_room") for name in names if name is not None}
+        counted = (one for one in flat((segment,)) if one is not segment and one.path in self.asked_for)
+        names = {one.path: one.name for one in counted}
+        found = {path: self.names.fresh(f"{name}_room") for path, name in names.items()}
         for local in found.values():
             self.add(f"{local} = 0")
         return found
@@ -1131,9 +1157,9 @@ class EncodeWriter(FunctionWriter):
             elif entry is not None:
                 self.add(f"{local} = {entry.text}")
         with self.names_of(segments):
-            for name in named(segments):
-                if name in rooms:
-                    self.add(f"{rooms[name]} = {self.room((name,), inside)}")
+            for path in by_path(segments):
+                if path in rooms:
+                    self.add(f"{rooms[path]} = {self.room((path,), inside)}")
         return inside
 
     def _record_text(self, entry: NameEntry) -> str:

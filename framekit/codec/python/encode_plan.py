@@ -13,12 +13,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from framekit.codec.python import forms
-from framekit.codec.python.function import covered_names, covered_parts, on_the_wire, standing
+from framekit.codec.python.function import covered_parts, covered_paths, on_the_wire, standing
 from framekit.codec.python.module import Module
 from framekit.codec.python.registry import kind_of
 from framekit.codec.python.source import bytes_literal, quoted
 from framekit.definition.kinds.check import Added
-from framekit.definition.model.frames import everything, flat
+from framekit.definition.model.frames import flat
 from framekit.definition.model.segments import Check, Count, FieldType, Length, Segment
 
 Lengths = Mapping[str, forms.Range]
@@ -60,45 +60,47 @@ def _open(task: Task, givers: dict[str, Task]) -> set[str]:
 
 
 class Coverage:
-    """`of(name)`: a mark for a segment; neighbours with the same mark may be put together."""
+    """`of(paths)`: a mark for segments; neighbours with the same mark may be put together.
+
+    `whole`: the checks that cover all that stands before them. Segments and checks are known by their paths.
+    """
 
     def __init__(self, segments: tuple[Segment, ...]) -> None:
         self.segments = segments
-        self.by_name = {segment.name: segment for segment in everything(segments) if segment.name}
         self.whole: set[str] = set()
         self._marks: dict[str, frozenset[str]] = {}
         for buffer, begins in buffers(segments):
             for check in checks_in(buffer):
                 self._add(check, buffer, begins)
 
-    def of(self, names: Iterable[str]) -> frozenset[str]:
-        return frozenset(mark for name in names for mark in self._marks.get(name, ()))
+    def of(self, paths: Iterable[str]) -> frozenset[str]:
+        return frozenset(mark for path in paths for mark in self._marks.get(path, ()))
 
-    def names(self, check: Check) -> list[str] | None:
+    def paths(self, check: Check) -> list[str] | None:
         """The leaves a check covers, in the order it covers them; None: everything before it."""
-        return None if check.covers is None else covered_names(check, self.segments)
+        return None if check.covers is None else covered_paths(check, self.segments)
 
     def parts(self, check: Check) -> list[list[str] | Added]:
         """What its `over` says that a check covers: runs of segments, and what is not on the wire between them."""
         return covered_parts(check, self.segments)
 
     def _add(self, check: Check, buffer: tuple[Segment, ...], begins: bool) -> None:
-        names = self.names(check)
+        paths = self.paths(check)
         before: list[Segment] = []
         for segment in standing(check, buffer):
             if segment is check:
                 break
             before.append(segment)
-        here = [segment.name for segment in before]
+        here = [segment.path for segment in before]
         mixed = not check.wire and any(segment.is_there_inside for segment in on_the_wire(buffer))
-        if names is None or (names == here and begins and not mixed and not check.added):
-            self.whole.add(check.name or "")
+        if paths is None or (paths == here and begins and not mixed and not check.added):
+            self.whole.add(check.path)
             return
-        in_order = names == [name for name in here if name in names]
+        in_order = paths == [path for path in here if path in paths]
         for part, run in enumerate(one for one in self.parts(check) if isinstance(one, list)):
-            for place, name in enumerate(run):
-                mark = f"{check.name} {part}" if in_order else f"{check.name} {part} {place}"
-                self._marks[name] = self._marks.get(name, frozenset()) | {mark}
+            for place, path in enumerate(run):
+                mark = f"{check.path} {part}" if in_order else f"{check.path} {part} {place}"
+                self._marks[path] = self._marks.get(path, frozenset()) | {mark}
 
 
 def buffers(segments: tuple[Segment, ...], begins: bool = True) -> Iterator[tuple[tuple[Segment, ...], bool]]:

@@ -54,6 +54,7 @@ class NameEntry:
 
     `sized`: Python's `len` of it is the language's. `is_read`: it has its value, not just a place for it.
     `direct`: the names inside a record are locals of their own; `record` is then what puts the record together.
+    `path`: of the segment, where the careful reading knows its size.
     """
 
     text: str
@@ -65,6 +66,7 @@ class NameEntry:
     may_be_absent: bool = False
     direct: bool = False
     record: Any = None
+    path: str = ""
 
 
 class Scope:

@@ -35,34 +35,37 @@ def may_be_empty(static: StaticSizes, repeat: Repeat) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """What a name means: one segment, or several if cases share it; `only`: the one that is there in every case."""
+    """What has a path: one segment, or several if cases share it; `only`: the one that is there in every case."""
 
     segments: tuple[Segment, ...]
     only: Segment | None
 
 
 def targets_of(length: Length, segments: Iterable[Segment]) -> dict[str, Target]:
-    """What a length counts, by name: in its own list, else in the lists around it."""
-    segments = tuple(segments)
-    found = {name: target for name, target in named(segments).items() if name in length.of}
-    for holder in flat(segments):
-        inner = holder.inner_record or ()
-        if any((one.name, one.at) == (length.name, length.at) for one in everything(inner)):
-            found |= targets_of(length, inner)
-    return {name: found[name] for name in length.of if name in found}
+    """What a length counts, by path."""
+    found: dict[str, Target] = {}
+    for of in records_in(tuple(segments)):
+        found |= {path: target for path, target in by_path(of).items() if path in length.counted}
+    return {path: found[path] for path in length.counted if path in found}
 
 
-def named(segments: Iterable[Segment]) -> dict[str, Target]:
-    """The segments of a list by their names."""
+def records_in(segments: Segments) -> Iterator[Segments]:
+    """The segments themselves, then those of every record and list in them."""
+    yield segments
+    yield from (one.inner_record for one in everything(segments) if one.inner_record)
+
+
+def by_path(segments: Iterable[Segment]) -> dict[str, Target]:
+    """The segments of one record by their paths."""
     segments = tuple(segments)
     found: dict[str, list[Segment]] = {}
     for segment in flat(segments):
         if segment.name is not None:
-            found.setdefault(segment.name, []).append(segment)
+            found.setdefault(segment.path, []).append(segment)
     always = {id(segment) for segment, there in certain(segments) if there}
     return {
-        name: Target(tuple(every), every[0] if len(every) == 1 and id(every[0]) in always else None)
-        for name, every in found.items()
+        path: Target(tuple(every), every[0] if len(every) == 1 and id(every[0]) in always else None)
+        for path, every in found.items()
     }
 
 
@@ -70,7 +73,7 @@ def is_followed(length: Length, segments: tuple[Segment, ...]) -> bool:
     """Whether the size of what a length counts is read from it, so that nothing can disagree."""
     found = [one for target in targets_of(length, segments).values() for one in target.segments]
     return bool(found) and all(
-        follows_its_length(length, one) and comes_with(one.name, length, segments) for one in found
+        follows_its_length(length, one) and comes_with(one.path, length, segments) for one in found
     )
 
 
@@ -106,12 +109,12 @@ def only_measured(segments: Iterable[Segment]) -> set[str]:
     return found - read
 
 
-def comes_with(name: str | None, number: Segment, segments: tuple[Segment, ...]) -> bool:
-    """Whether what has that name is there wherever a number of the same list is that counts it."""
-    for of in (segments, *(one.inner_record for one in everything(segments) if one.inner_record)):
+def comes_with(path: str, number: Segment, segments: tuple[Segment, ...]) -> bool:
+    """Whether the segment of that path is there wherever a number of the same record is that counts it."""
+    for of in records_in(segments):
         places = tuple(_conditions(of))
-        own = [there for one, there in places if (one.name, one.at) == (number.name, number.at)]
-        others = [there for one, there in places if one.name == name]
+        own = [there for one, there in places if (one.path, one.at) == (number.path, number.at)]
+        others = [there for one, there in places if one.path == path]
         if own and others:
             return all(any(other <= there for other in others) for there in own)
     return False
@@ -130,8 +133,8 @@ def _conditions(
 
 def ending_constants(
     static: StaticSizes, segments: Segments, after: Segments = (), in_item: bool = False
-) -> Iterator[tuple[tuple[str | None, Position], bytes]]:
-    """By name and place: the constant that ends a part which takes the rest, where nothing else tells its end."""
+) -> Iterator[tuple[tuple[str, Position], bytes]]:
+    """By path and place: the constant that ends a part which takes the rest, where nothing else tells its end."""
     segments = tuple(in_place_of_records(segments))
     for place, segment in enumerate(segments):
         behind = (*segments[place + 1 :], *after)
@@ -140,7 +143,7 @@ def ending_constants(
             unread = {name for one in everything((segment, *behind)) for name in one.value_names}
             told = all(one.when is None or not names_in(one.when.root) & unread for one in behind)
             if in_item or not told or any(static.present(one).fixed is None for one in behind):
-                yield (segment.name, segment.at), first.data
+                yield (segment.path, segment.at), first.data
         for block in segment.blocks:
             inside = segment.is_there_inside
             yield from ending_constants(static, block, () if inside else behind, False if inside else in_item)
@@ -244,16 +247,16 @@ def is_name(node: object, name: str) -> bool:
 
 def follows_its_length(length: Length, target: Segment) -> bool:
     """Whether the target's size is read from this very length, so that the two cannot disagree."""
-    return length.of == (target.name,) and _is_sized_by(length, target)
+    return length.counted == (target.path,) and _is_sized_by(length, target)
 
 
-def size_follows_value(segment: Segment, by_name: Mapping[str, Segment]) -> bool:
+def size_follows_value(segment: Segment, segments: Mapping[str, Segment]) -> bool:
     """Whether a segment is as long as what is given for it: its size is a length that counts it, or counts a choice in
-    which it stands alone in its case."""
-    for length in (one for one in by_name.values() if isinstance(one, Length)):
+    which it stands alone in its case. `segments`: all, by their paths."""
+    for length in (one for one in segments.values() if isinstance(one, Length)):
         if follows_its_length(length, segment):
             return True
-        choice = by_name.get(length.of[0]) if len(length.of) == 1 else None
+        choice = segments.get(length.counted[0]) if len(length.counted) == 1 else None
         if choice is not None and choice.has_cases and _is_sized_by(length, segment):
             blocks = ([one for one in block if one.takes_bytes] for block in choice.blocks)
             if any(len(block) == 1 and block[0] is segment for block in blocks):

@@ -5,11 +5,11 @@ and places in its buffer, as texts.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from framekit.codec.python.expressions import ExpressionWriter, Scope, entries_read
-from framekit.codec.python.facts import Target, fixed_and_conditional, is_followed, names_asked_for
+from framekit.codec.python.facts import Target, fixed_and_conditional, is_followed, lengths_asked, names_asked_for
 from framekit.codec.python.forms import value_range, wire_range
 from framekit.codec.python.module import Module
 from framekit.codec.python.source import Identifiers, Source, quoted
@@ -23,11 +23,12 @@ from framekit.definition.expression import (
     Number,
     Unary,
     children,
-    walk,
+    names_in,
 )
 from framekit.definition.kinds.check import Added, Edges
-from framekit.definition.model.frames import everything, expressions_of, flat, leaves
+from framekit.definition.model.frames import everything, leaves, nearest_path
 from framekit.definition.model.segments import (
+    LAST,
     Check,
     Count,
     Data,
@@ -64,11 +65,14 @@ class FunctionWriter:
         self.names = Identifiers(module.words())
         self.hoisted: dict[str, str] = {}
         self.by_name = {segment.name: segment for segment in everything(segments) if segment.name}
+        self.by_path = {segment.path: segment for segment in everything(segments) if segment.name}
         self.by_value_name: dict[str, list[Segment]] = {}
         for segment in everything(segments):
             for name in segment.value_names:
                 self.by_value_name.setdefault(name, []).append(segment)
         self.field_names = self.by_value_name.keys()
+        self.all_paths = {path for segment in everything(segments) for path in paths_of(segment)}
+        """The paths of the segments and of all values in them."""
 
     def add(self, text: str) -> None:
         self.out.add(text)
@@ -164,14 +168,14 @@ class Function(FunctionWriter):
         self.flag = ""  # the local that says that something is wrong, false before anything is read
         self.last: list[Callable[[], None]] = []  # what is read when all the rest fits
         self.read_names = names_asked_for(segments)
-        self.tracked = tracked_names(segments)
-        self.names_of_values: dict[str, str] = {}
+        self.tracked = tracked_paths(segments)
+        self.locals_of_values: dict[str, str] = {}
         self.in_branch = 0
         self.presets: dict[str, tuple[str, str]] = {}
         self.late: list[Callable[[], None]] = []
         self.bounds: dict[str, Bounds] = {}
         self.wire_parts = {
-            segment.name: tuple(part.name for part in on_the_wire((segment,)) if part.name)
+            segment.path: tuple(part.path for part in on_the_wire((segment,)) if part.name)
             for segment in everything(segments)
             if (segment.blocks or segment.is_record) and segment.name
         }
@@ -250,21 +254,21 @@ class Function(FunctionWriter):
 
     def stands(self, segment: Segment, buffer: str, first: Offset, last: Offset) -> None:
         """Notes where a segment stands; places that will move are kept in locals if they are needed later."""
-        name = segment.name
-        if name is None:
+        if segment.name is None:
             return
-        if name in self.tracked:
-            first, last = self._kept(name, buffer, first, last)
-        self.bounds[name] = Bounds(buffer, first, last)
+        path = segment.path
+        if path in self.tracked:
+            first, last = self._kept(segment, buffer, first, last)
+        self.bounds[path] = Bounds(buffer, first, last)
         if segment.blocks or segment.is_record:
             return
-        if name in self.trail:
-            self.trail.remove(name)
-        self.trail.append(name)
+        if path in self.trail:
+            self.trail.remove(path)
+        self.trail.append(path)
 
-    def _kept(self, name: str, buffer: str, first: Offset, last: Offset) -> tuple[Offset, Offset]:
-        if name in self.presets:
-            start, end = self.presets[name]
+    def _kept(self, segment: Segment, buffer: str, first: Offset, last: Offset) -> tuple[Offset, Offset]:
+        if segment.path in self.presets:
+            start, end = self.presets[segment.path]
             self.add(f"{start}, {end} = {first.text(buffer)}, {last.text(buffer)}")
             return Offset(start, 0), Offset(end, 0)
         kept: list[Offset] = []
@@ -274,7 +278,7 @@ class Function(FunctionWriter):
             elif what == "end" and not self.in_branch and kept[0] != first and place.base == first.base:
                 kept.append(kept[0].plus(place.offset - first.offset))
             else:
-                local = self.names.fresh(f"{name.strip('_')}_{what}")
+                local = self.names.fresh(f"{(segment.name or 'part').strip('_')}_{what}")
                 self.add(f"{local} = {place.text(buffer)}")
                 kept.append(Offset(local, 0))
         return kept[0], kept[1]
@@ -283,59 +287,59 @@ class Function(FunctionWriter):
         """Segments that may not be there take no bytes at `place`, as long as nothing else is known of them."""
         segments = tuple(segments)
         for leaf in standing_any_way(segments):
-            if leaf.name in self.tracked and leaf.name not in self.presets:
-                shown = leaf.name.strip("_")
+            if leaf.path in self.tracked and leaf.path not in self.presets:
+                shown = (leaf.name or "part").strip("_")
                 start, end = self.names.fresh(f"{shown}_start"), self.names.fresh(f"{shown}_end")
-                self.presets[leaf.name] = start, end
+                self.presets[leaf.path] = start, end
                 self.add(f"{start} = {end} = {place}")
 
     def pass_over(self, segments: Iterable[Segment], read: Iterable[Segment], place: str) -> None:
         """Segments of later cases take no bytes at `place`, behind those that were read: ranges may end with them."""
-        here = {leaf.name for leaf in standing_any_way(tuple(read))}
-        for name in dict.fromkeys(leaf.name or "" for leaf in standing_any_way(tuple(segments))):
-            if name in self.presets and name not in here:
-                self.add(f"{' = '.join(self.presets[name])} = {place}")
+        here = {leaf.path for leaf in standing_any_way(tuple(read))}
+        for path in dict.fromkeys(leaf.path for leaf in standing_any_way(tuple(segments))):
+            if path in self.presets and path not in here:
+                self.add(f"{' = '.join(self.presets[path])} = {place}")
 
-    def bytes_between(self, names: Iterable[str]) -> str:
+    def bytes_between(self, paths: Iterable[str]) -> str:
         """Text of the bytes of these segments in this order."""
         pieces: list[Bounds] = []
         before = ""
-        for name in names:
-            bounds = self.bounds.get(name)
+        for path in paths:
+            bounds = self.bounds.get(path)
             if bounds is None:
                 continue
-            if pieces and pieces[-1].buffer == bounds.buffer and self._follows(before, name):
+            if pieces and pieces[-1].buffer == bounds.buffer and self._follows(before, path):
                 bounds = Bounds(bounds.buffer, pieces.pop().first, bounds.last)
             pieces.append(bounds)
-            before = name
+            before = path
         return " + ".join(between(piece.buffer, piece.first, piece.last) for piece in pieces) or 'b""'
 
-    def _follows(self, before: str, name: str) -> bool:
-        if before not in self.trail or name not in self.trail:
+    def _follows(self, before: str, path: str) -> bool:
+        if before not in self.trail or path not in self.trail:
             return False
-        return self.trail.index(before) + 1 == self.trail.index(name)
+        return self.trail.index(before) + 1 == self.trail.index(path)
 
     def room(self, targets: Mapping[str, Target], *, plain: bool) -> str:
         """Text of the bytes these segments take, when everything is read; `plain`: as they are in memory."""
         fixed, parts = 0, []
-        for name, target in targets.items():
+        for path, target in targets.items():
             size = None if target.only is None else self.static.of(target.only).fixed
             if plain and any(isinstance(one, Data) and one.convert is not None for one in target.segments):
-                value = self.names_of_values.get(name, 'b""')
+                value = self.locals_of_values.get(path, 'b""')
                 there = target.only is not None and target.only.when is None
                 parts.append(f"len({value})" if there else f"len({value} or b'')")
             elif size is not None:
                 fixed += size
             else:
-                parts.append(self.wire_size(name))
+                parts.append(self.wire_size(path))
         return " + ".join([*([str(fixed)] if fixed or not parts else []), *parts])
 
-    def wire_size(self, name: str) -> str:
+    def wire_size(self, path: str) -> str:
         """Text of the bytes a segment that was read takes on the wire."""
-        parts = self.wire_parts.get(name, (name,))
-        if parts != (name,):
+        parts = self.wire_parts.get(path, (path,))
+        if parts != (path,):
             return " + ".join(self.wire_size(part) for part in parts) or "0"
-        bounds = self.bounds.get(name)
+        bounds = self.bounds.get(path)
         if bounds is None:
             return "0"
         first, last = bounds.first, bounds.last
@@ -347,29 +351,40 @@ class Function(FunctionWriter):
         return last.text(bounds.buffer) if start == "0" else f"{last.text(bounds.buffer)} - {start}"
 
 
-def tracked_names(segments: tuple[Segment, ...]) -> set[str]:
-    """Names whose places are needed: check ranges, lengths, `len(name)` of what has no length of its own."""
+def paths_of(segment: Segment) -> set[str]:
+    """The paths of a segment and of the values that it holds itself."""
+    return {segment.sibling_path(name) for name in (segment.name, *segment.value_names) if name}
+
+
+def paths_read(segment: Segment, paths: Collection[str], *needed: str | Expression) -> frozenset[str]:
+    """Those of the paths that stand for these names of siblings of a segment, and for what its expressions read."""
+    found = {segment.sibling_path(one) for one in needed if isinstance(one, str)}
+    names = {name for one in needed if isinstance(one, Expression) for name in names_in(one.root)}
+    found |= {nearest_path(name, segment, paths) for name in names}
+    return frozenset(found & {*paths, LAST})
+
+
+def tracked_paths(segments: tuple[Segment, ...]) -> set[str]:
+    """The segments whose places are needed: check ranges, lengths, `len(name)` of what has no length of its own."""
     found: set[str] = set()
     for segment in everything(segments):
         if isinstance(segment, Check):
-            found.update(covered_names(segment, segments))
+            found.update(covered_paths(segment, segments))
         if isinstance(segment, Length) and not is_followed(segment, segments):
-            counted = (one for one in everything(segments) if one.name in segment.of)
-            found.update(segment.of, (part.name or "" for part in on_the_wire(counted)))
-    for expression in expressions_of(segments):
-        for node in walk(expression.root):
-            if isinstance(node, Call) and node.function == "len" and isinstance(node.arguments[0], Name):
-                found.add(node.arguments[0].name)
+            counted = (one for one in everything(segments) if one.path in segment.counted)
+            found.update(segment.counted, (part.path for part in on_the_wire(counted)))
+    asked = lengths_asked(segments)
+    found.update(one.path for one in everything(segments) if one.name in asked)
     return found
 
 
-def wire_names(segments: Segments, names: Iterable[str]) -> list[str]:
-    """The names of what takes bytes where these segments stand: a case, or what is optional, is what is in it."""
+def wire_paths(segments: Segments, paths: Iterable[str]) -> list[str]:
+    """The paths of what takes bytes where these segments stand: a case, or what is optional, is what is in it."""
     found: list[str] = []
-    for name in names:
-        every = [one for one in everything(segments) if one.name == name]
+    for path in paths:
+        every = [one for one in everything(segments) if one.path == path]
         inside = any(one.has_cases for one in every)
-        found += [part.name or "" for part in on_the_wire(every)] if inside else [name]
+        found += [part.path for part in on_the_wire(every)] if inside else [path]
     return found
 
 
@@ -398,47 +413,48 @@ def standing(check: Check, segments: Iterable[Segment]) -> Iterator[Segment]:
 
 def covers_later(check: Check, segments: tuple[Segment, ...]) -> bool:
     """Whether a check covers something that stands behind it."""
-    order = [one.name or "" for one in standing(check, segments)]
-    if check.name not in order:
+    order = [one.path for one in standing(check, segments)]
+    if check.path not in order:
         return False
-    return not set(order[order.index(check.name) + 1 :]).isdisjoint(covered_names(check, segments))
+    return not set(order[order.index(check.path) + 1 :]).isdisjoint(covered_paths(check, segments))
 
 
-def covered_names(check: Check, segments: tuple[Segment, ...]) -> list[str]:
-    """The segments that the parts of a check's `over` are, in their order."""
-    return [name for part in covered_parts(check, segments) if isinstance(part, list) for name in part]
+def covered_paths(check: Check, segments: tuple[Segment, ...]) -> list[str]:
+    """The paths of the segments that the parts of a check's `over` are, in their order."""
+    return [path for part in covered_parts(check, segments) if isinstance(part, list) for path in part]
 
 
 def covered_parts(check: Check, segments: tuple[Segment, ...]) -> list[list[str] | Added]:
-    """What a check covers by its `over`: runs of segments, and what is not on the wire between them."""
+    """What a check covers by its `over`: the paths of runs of segments, and what is not on the wire between them."""
     found: list[list[str] | Added] = []
     for part in check.covers or ():
         if isinstance(part, Added):
             found.append(part)
             continue
-        names = names_in_part(part, check, segments)
+        paths = paths_in_part(part, check, segments)
         if found and isinstance(found[-1], list):
-            found[-1] += names
+            found[-1] += paths
         else:
-            found.append(names)
+            found.append(paths)
     return found
 
 
-def names_in_part(part: str | Edges, check: Check, segments: tuple[Segment, ...]) -> list[str]:
-    """The segments of one part: those that stand for a name, or from the first to the last name of a range.
+def paths_in_part(part: str | Edges, check: Check, segments: tuple[Segment, ...]) -> list[str]:
+    """The paths of the segments of one part: those that stand for a name, or from the first to the last of a range.
 
-    A name that several cases have is there once.
+    Segments of several cases that share a path are one.
     """
     if isinstance(part, str):
-        named = (one for one in everything(segments) if one.name == part)
-        return list(dict.fromkeys(one.name or "" for one in standing(check, named)))
-    order = list(dict.fromkeys(one.name or "" for one in standing(check, segments)))
-    ends = {segment.name: [one.name for one in standing(check, (segment,))] for segment in flat(segments)}
-    first = (ends.get(part[0]) or [part[0]])[0]
-    last = check.name if part[1] == "here" else (ends.get(part[1]) or [part[1]])[-1]
+        named = (one for one in everything(segments) if one.path == check.sibling_path(part))
+        return list(dict.fromkeys(one.path for one in standing(check, named)))
+    order = list(dict.fromkeys(one.path for one in standing(check, segments)))
+    edges = [check.path if name == "here" else check.sibling_path(name) for name in part]
+    ends = {one.path: [leaf.path for leaf in standing(check, (one,))] for one in everything(segments)}
+    first, last = (ends.get(edges[0]) or edges)[0], (ends.get(edges[1]) or edges)[-1]
     if first not in order or last not in order:
         lists = (one.of for one in everything(segments) if isinstance(one, Repeat) and isinstance(one.of, tuple))
-        return next((names_in_part(part, check, of) for of in lists if check in tuple(leaves(of))), [])
+        inside = (of for of in lists if any(leaf.path == check.path for leaf in leaves(of)))
+        return next((paths_in_part(part, check, of) for of in inside), [])
     return order[order.index(first) : order.index(last) + (part[1] != "here")]
 
 

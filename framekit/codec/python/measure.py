@@ -19,7 +19,7 @@ from framekit.codec.python.facts import (
     looks_inside,
     whole_constant,
 )
-from framekit.codec.python.function import FunctionWriter, Offset, between, covered_names, index
+from framekit.codec.python.function import FunctionWriter, Offset, between, covered_paths, index
 from framekit.codec.python.module import Module
 from framekit.codec.python.registry import kind_of, write_docstring
 from framekit.codec.python.source import Source, bytes_literal, literal, quoted
@@ -99,8 +99,8 @@ class MeasureWriter(FunctionWriter):
         self.in_digits = False
         self.looks_for_end = False
         self.item_ends = ""  # what says at the end of an item whether it is the last one
-        self.tracked = {name for check in ending_checks(segments) for name in covered_names(check, segments)}
-        self.passed: list[tuple[str | None, Offset, Offset]] = []
+        self.tracked = {path for check in ending_checks(segments) for path in covered_paths(check, segments)}
+        self.passed: list[tuple[str, Offset, Offset]] = []
 
     def pairs(self, segments: tuple[Segment, ...], scope: Scope) -> Pairs:
         """The segments with those of records."""
@@ -531,20 +531,20 @@ class MeasureWriter(FunctionWriter):
             else:
                 kind_of(segment).measure(self, segment, scope, behind)
             if self.tracked:
-                self.passed.append((segment.name, first, self._kept(segment, "end")))
+                self.passed.append((segment.path, first, self._kept(segment, "end")))
 
     def _kept(self, segment: Segment, what: str) -> Offset:
         """The present place; in a local of its own, if a check code covers the segment that begins or ends there."""
-        if segment.name not in self.tracked or self.place.base == "start":
+        if segment.path not in self.tracked or self.place.base == "start":
             return self.place
-        local = self.names.fresh(f"{segment.name.strip('_')}_{what}")
+        local = self.names.fresh(f"{(segment.name or 'part').strip('_')}_{what}")
         self.add(f"{local} = {self.place.text('')}")
         return Offset(local, 0)
 
-    def runs(self, names: Iterable[str]) -> Iterator[tuple[Offset, Offset]]:
+    def runs(self, paths: Iterable[str]) -> Iterator[tuple[Offset, Offset]]:
         """Where segments stand that have been passed, neighbours together."""
-        order = [name for name, _, _ in self.passed]
-        places = [order.index(name) for name in names if name in order]
+        order = [path for path, _, _ in self.passed]
+        places = [order.index(path) for path in paths if path in order]
         for at, place in enumerate(places):
             if at == 0 or place != places[at - 1] + 1:
                 first = self.passed[place][1]
@@ -617,9 +617,9 @@ def needed_names(segments: tuple[Segment, ...], before: tuple[Segment, ...] = ()
     records = {segment.name for segment in everything((*before, *segments)) if segment.is_record} | {PREVIOUS}
     for segment in everything(segments):
         if isinstance(segment, Value):
-            values[segment.name] = _names_of(segment.read)
+            values.setdefault(segment.name, set()).update(_names_of(segment.read))
         if isinstance(segment, Field) and segment.default is not None and segment.when is not None:
-            values[segment.name] = _names_of(segment.default)
+            values.setdefault(segment.name, set()).update(_names_of(segment.default))
         for expression in size_expressions(segment):
             found |= names_in(expression.root)
             if records & names_in(expression.root):

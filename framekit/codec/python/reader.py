@@ -22,7 +22,7 @@ from framekit.codec.python.function import (
     between,
     covers_later,
     index,
-    names_in_part,
+    paths_in_part,
 )
 from framekit.codec.python.registry import kind_of, struct_order
 from framekit.codec.python.source import Source, bytes_literal, literal, quoted
@@ -247,7 +247,7 @@ class BufferReader:
     ) -> None:  # fmt: skip
         """The value `name` of a segment is in `local` from now on."""
         item.scope.entries[name] = NameEntry(local, kind, inside, sized=sized, wire=wire)
-        self.function.names_of_values[name] = local
+        self.function.locals_of_values[item.segment.sibling_path(name)] = local
         item.fields.add(name, local)
 
     def when_known(self, expression: Expression, scope: Scope, action: Callable[[], None]) -> None:
@@ -367,27 +367,27 @@ class BufferReader:
         run: list[str] = []
         for part in (*check.covers, None):
             if isinstance(part, str):
-                run += names_in_part(part, check, self.function.segments)
+                run += paths_in_part(part, check, self.function.segments)
                 continue
             texts.append(self.function.bytes_between(run))
             run = []
             if isinstance(part, tuple):
-                texts.append(self._range_text(part, names_in_part(part, check, self.function.segments)))
+                texts.append(self._range_text(part, paths_in_part(part, check, self.function.segments)))
             elif part is not None:
                 texts.append(forms.added_text(self.module, part, self.function.writer(scope).text(part.value, PRODUCT)))
         return " + ".join(text for text in texts if text != 'b""') or 'b""'
 
     def _range_text(self, edges: Edges, covered: list[str]) -> str:
         """Text of the bytes of a range; in one buffer they are one piece of it."""
-        names = [name for name in covered if name in self.function.bounds]
-        if not names:
+        paths = [path for path in covered if path in self.function.bounds]
+        if not paths:
             return 'b""'
-        first = self.function.bounds[names[0]]
-        if {self.function.bounds[name].buffer for name in names} != {first.buffer}:
-            return self.function.bytes_between(names)
+        first = self.function.bounds[paths[0]]
+        if {self.function.bounds[path].buffer for path in paths} != {first.buffer}:
+            return self.function.bytes_between(paths)
         if first.buffer == self.buffer and edges[1] == "here":
             return between(self.buffer, first.first, self.place)
-        return between(first.buffer, first.first, self.function.bounds[names[-1]].last)
+        return between(first.buffer, first.first, self.function.bounds[paths[-1]].last)
 
     def length_of_run(self, items: list[Item]) -> int:
         """How many of the items from the first on fit into one struct."""
@@ -601,7 +601,7 @@ class BufferReader:
         function.in_branch += 1
         for header, items in branches:
             with function.out.block(header):
-                self._branch(items, after, {item.segment.name for item in defaults}, flags)
+                self._branch(items, after, {(id(item.fields), item.segment.name) for item in defaults}, flags)
             self.place = Offset(self.at, 0)
         lines = self._else_lines(known, defaults, [item for _, items in branches for item in items])
         function.in_branch -= 1
@@ -614,8 +614,9 @@ class BufferReader:
             item.fields.add(item.segment.name, item.scope.entries[item.segment.name].text)
 
     def _branch(
-        self, items: list[Item], after: tuple[Item, ...], unconditional: set[str | None], flags: _Flags
+        self, items: list[Item], after: tuple[Item, ...], unconditional: set[tuple[int, str | None]], flags: _Flags
     ) -> None:
+        """The segments of one case. `unconditional`: values that are added after all cases, as mapping and name."""
         expanded: list[Item] = []
         for item in items:
             if item.segment.is_record and item.segment.when is None:
@@ -635,7 +636,8 @@ class BufferReader:
                 if entry.inside is not None:
                     entry.inside.close()
         for item in expanded:
-            item.fields.entries = [entry for entry in item.fields.entries if entry[0] not in unconditional]
+            mapping = id(item.fields)
+            item.fields.entries = [entry for entry in item.fields.entries if (mapping, entry[0]) not in unconditional]
         self.function.flush()
         for item in (*expanded, *items):
             if holds_values(item.segment):  # else what waits was read before the branch
@@ -678,13 +680,14 @@ class BufferReader:
                     lines.append(f"{entry.text} = None")
         for item in items:
             for segment in everything((item.segment,)):
-                bounds = function.bounds.get(segment.name or "")
-                if segment.name in function.tracked and bounds is not None:
+                bounds = function.bounds.get(segment.path)
+                if segment.path in function.tracked and bounds is not None:
                     bases = [place.base for place in (bounds.first, bounds.last) if place.base not in ("", "end")]
                     here = self.at if bounds.buffer == self.buffer else "0"  # of a wrap that is not there
                     lines += [" = ".join((*dict.fromkeys(bases), here))] if bases else []
-                    for name in {segment.name or "", *segment.value_names} & item.scope.entries.keys():
-                        item.scope.entries[name].wire = function.wire_size(segment.name or "")
+                    own = {segment.name or "", *segment.value_names} if segment.holder == item.segment.holder else set()
+                    for name in own & item.scope.entries.keys():
+                        item.scope.entries[name].wire = function.wire_size(segment.path)
         return lines
 
     def prepare_names(self, items: list[Item]) -> None:

@@ -88,6 +88,9 @@ class Diagnosis:
         self.fields: dict[str, Any] = {}
         self.scopes = [self.fields]
         self.path = ""
+        """What messages put before a segment: the records around it, with the numbers of items."""
+        self.holder = ""
+        """What `bounds`, `turns` and `starts` put before a segment: the records around it."""
         self.left_out: dict[tuple[int, str], Any] = {}
         self.bounds: dict[str, tuple[bytes, int, int]] = {}
         self.turn = 0
@@ -159,7 +162,7 @@ class Diagnosis:
         """As `note`, for a place on the wire."""
         if self.is_quiet:
             return
-        turn = self.turns.get(segment, self.turn)
+        turn = self.turns.get(self.holder + segment, self.turn)
         first = self.notes.first
         if first is None or (place, turn) < (first.offset, self.notes.turn):
             self.notes.turn = turn
@@ -182,9 +185,10 @@ class Diagnosis:
     def begin(self, name: str) -> int:
         """The turn of the next segment; gives the place where it begins."""
         self.turn += 1
-        self.turns[name] = self.turn
+        path = self.holder + name
+        self.turns[path] = self.turn
         at = self.at
-        self.starts[name] = at if self.places is None else wire_offset(self.places, at)
+        self.starts[path] = at if self.places is None else wire_offset(self.places, at)
         return at
 
     def take(self, name: str, size: int, refuse: int | None = None) -> bytes:
@@ -195,7 +199,7 @@ class Diagnosis:
         if start + size > self.end:
             raise self.stop("short", name, f"{size} bytes", str(max(self.end - start, 0)), refuse)
         self.at = start + size
-        self.bounds[name] = (self.data, start, self.at)
+        self.bounds[self.holder + name] = (self.data, start, self.at)
         return self.data[start : self.at]
 
     def ask(self, what: int | Ask, cause: str, segment: str, refuse: int | None = None) -> Any:
@@ -235,7 +239,7 @@ class Diagnosis:
         """
         whole = self.end
         self.end = whole - self.ask(behind, "short", "frame")
-        scopes, path = len(self.scopes), self.path
+        scopes, path, holder = len(self.scopes), self.path, self.holder
         try:
             yield
             if self.at < self.end:
@@ -243,7 +247,7 @@ class Diagnosis:
                 self.note("surplus", "frame", self.at, "its end", f"{self.end - self.at} bytes more", surplus)
         except Stop:
             del self.scopes[scopes:]
-            self.path = path
+            self.path, self.holder = path, holder
             self.notes.unchecked = self.notes.unchecked or checks
         self.at, self.end = self.end, whole
 
@@ -252,14 +256,14 @@ class Diagnosis:
         """A part with `behind` bytes behind it, which are read all the same if the part cannot be."""
         start, whole = self.at, self.end
         tail = whole - self.ask(behind, "short", "frame")
-        scopes, path = len(self.scopes), self.path
+        scopes, path, holder = len(self.scopes), self.path, self.holder
         try:
             yield
         except Stop:
             if tail < start:
                 raise
             del self.scopes[scopes:]
-            self.at, self.end, self.path = tail, whole, path
+            self.at, self.end, self.path, self.holder = tail, whole, path, holder
             self.notes.unchecked = self.notes.unchecked or checks
 
     @contextmanager
@@ -268,23 +272,25 @@ class Diagnosis:
         start = self.begin(name)
         fields: dict[str, Any] = {}
         self.scopes[-1][name] = fields
-        outer, self.path = self.path, f"{self.path}{name}."
+        outer = self.path, self.holder
+        self.path, self.holder = f"{self.path}{name}.", f"{self.holder}{name}."
         self.scopes.append(fields)
         yield
         self.scopes.pop()
-        self.path = outer
-        self.bounds[name] = (self.data, start, self.at)
+        self.path, self.holder = outer
+        self.bounds[self.holder + name] = (self.data, start, self.at)
 
     def within(self, name: str, compare: Callable[[], None]) -> None:
         """Compares what a record holds, if it is there, with what was read after it."""
         fields = self.scopes[-1].get(name)
         if fields is None:
             return
-        outer, self.path = self.path, f"{self.path}{name}."
+        outer = self.path, self.holder
+        self.path, self.holder = f"{self.path}{name}.", f"{self.holder}{name}."
         self.scopes.append(fields)
         compare()
         self.scopes.pop()
-        self.path = outer
+        self.path, self.holder = outer
 
     def items(
         self,
@@ -306,7 +312,7 @@ class Diagnosis:
         items: list[dict[str, Any]] = []
         if not single:
             self.scopes[-1][name] = items
-        outer = self.path
+        outer, holder = self.path, self.holder
         count = None if times is None else self.ask(times, "length", name)
         if count is not None and count < 0:
             raise self.stop("length", name, "at least 0 items", str(count))
@@ -320,18 +326,18 @@ class Diagnosis:
             filled = 0 if between else align - 1
             item = ItemPlace(self, len(items), items[-1] if items else None, count, filled)
             items.append({})
-            self.path = f"{outer}{name}[{item.index}]."
+            self.path, self.holder = f"{outer}{name}[{item.index}].", f"{holder}{name}."
             self.scopes.append(items[-1])
             yield item
             self.scopes.pop()
-            self.path = outer
+            self.path, self.holder = outer, holder
             ended = bool(item.ended)
             if self.at == before and not isinstance(times, int):
                 raise self.stop("length", name, "items with bytes", "an empty one")
             if not between:
                 self.take(name, -(self.at - start) % align)
         self.end = whole
-        self.bounds[name] = (self.data, start, self.at)
+        self.bounds[self.holder + name] = (self.data, start, self.at)
         if single and all(single in one for one in items):
             self.scopes[-1][name] = [one[single] for one in items]
 
@@ -452,7 +458,7 @@ class Diagnosis:
             is_long = False
         if is_long:
             raw, parse = self.take(name, longer, refuse), parse_longer
-        self.bounds[name] = (self.data, start, self.at)
+        self.bounds[self.holder + name] = (self.data, start, self.at)
         self.store(name, start, raw, parse, refuse, **rules)
 
     def until(
@@ -476,7 +482,7 @@ class Diagnosis:
             raise self.stop("short", name, f"the end {shown}", "none", refuse)
         raw = self.take(name, stop - start)
         self.at = stop if find is not None else stop + len(end)
-        self.bounds[name] = (self.data, start, self.at)
+        self.bounds[self.holder + name] = (self.data, start, self.at)
         self.store(name, start, raw, parse, refuse, **rules)
 
     def bits(
@@ -498,8 +504,9 @@ class Diagnosis:
             return
         for part, (low, mask) in parts.items():
             value = number >> low & mask
-            self.turns[part], self.starts[part] = self.turn, self.starts[name]
-            self.bounds[part] = self.bounds[name]
+            path = self.holder + part
+            self.turns[path], self.starts[path] = self.turn, self.starts[self.holder + name]
+            self.bounds[path] = self.bounds[self.holder + name]
             self.scopes[-1][part] = value
             self.show(part, start, value)
             if among is not None and part in among:
@@ -557,7 +564,7 @@ class Diagnosis:
         except EVALUATION_ERRORS:
             self.note("value", name, start, "values it can be worked out from", "none", refuse)
             return
-        self.bounds[name] = (self.data, start, start)
+        self.bounds[self.holder + name] = (self.data, start, start)
         self.scopes[-1][name] = value
         self.show(name, start, value)
 
@@ -565,15 +572,15 @@ class Diagnosis:
         """The value of a field that is not there."""
         start = self.begin(name)
         try:
-            self.bounds[name] = (self.data, start, start)
+            self.bounds[self.holder + name] = (self.data, start, start)
             self.scopes[-1][name] = default(self)
         except EVALUATION_ERRORS:
             self.note("value", name, start, "values it can be worked out from", "none")
 
-    def nothing(self, *names: str) -> None:
-        """Segments that are not there take no bytes."""
-        for name in names:
-            self.bounds[name] = (self.data, self.at, self.at)
+    def nothing(self, *paths: str) -> None:
+        """Let absent segments take no bytes."""
+        for path in paths:
+            self.bounds[path] = (self.data, self.at, self.at)
 
     def require(self, text: str, condition: Ask, refuse: int | None = None) -> None:
         """A condition that must hold here."""
@@ -593,17 +600,18 @@ class Diagnosis:
 
     def same(self, cause: str, name: str, wanted: Ask, refuse: int | None = None) -> None:
         """A value that was read is compared with what it should be, as far as that can be told."""
-        if name not in self.bounds or not any(name in scope for scope in self.scopes):
+        path = self.holder + name
+        if path not in self.bounds or name not in self.scopes[-1]:
             return
         found = self[name]
         try:
             right = wanted(self)
         except EVALUATION_ERRORS:
             if self.fault is None:
-                self.note_at(self.starts[name], cause, name, "values it can be worked out from", "none", refuse)
+                self.note_at(self.starts[path], cause, name, "values it can be worked out from", "none", refuse)
             return
         if found != right:
-            self.note_at(self.starts[name], cause, name, str(right), str(found), refuse)
+            self.note_at(self.starts[path], cause, name, str(right), str(found), refuse)
 
     def check(
         self, name: str, size: int, code: Ask, digits: bool = False, verify: bool = True, keyed: bool = False
@@ -612,12 +620,15 @@ class Diagnosis:
         start = self.begin(name)
         self.show(name, start, self.take(name, size))
         end, self.at = self.at, start
-        self.verify(name, code, digits, verify, keyed)
+        self.verify(self.holder + name, code, digits, verify, keyed)
         self.at = end
 
-    def verify(self, name: str, code: Ask, digits: bool = False, verify: bool = True, keyed: bool = False) -> None:
-        """Compares a check code that was read with the bytes it should be; those made with a key are not shown."""
-        data, start, end = self.bounds[name]
+    def verify(self, path: str, code: Ask, digits: bool = False, verify: bool = True, keyed: bool = False) -> None:
+        """Compare a check code, if it was read, with the bytes it should be; a code made with a key is not shown."""
+        if path not in self.bounds:
+            return
+        data, start, end = self.bounds[path]
+        name = path.removeprefix(self.holder)
         found = data[start:end]
         try:
             wanted = code(self)
@@ -684,17 +695,17 @@ class Diagnosis:
 
     # ---- what was read ------------------------------------------------------------------------------------
 
-    def bytes_of(self, *names: str) -> bytes:
+    def bytes_of(self, *paths: str) -> bytes:
         """These segments in this order, each as it is inside its wrap; those that are not there count nothing."""
-        return b"".join(data[start:end] for data, start, end in (self.bounds[name] for name in names))
+        return b"".join(data[start:end] for data, start, end in (self.bounds[path] for path in paths))
 
-    def bytes_from(self, name: str) -> bytes:
+    def bytes_from(self, path: str) -> bytes:
         """Everything from a segment up to here."""
-        return self.data[self.bounds[name][1] : self.at]
+        return self.data[self.bounds[path][1] : self.at]
 
-    def room(self, *names: str) -> int:
+    def room(self, *paths: str) -> int:
         """Bytes these segments take."""
-        return sum(end - start for _, start, end in (self.bounds[name] for name in names if name in self.bounds))
+        return sum(end - start for _, start, end in (self.bounds[path] for path in paths if path in self.bounds))
 
 
 def wire_offset(places: Sequence[int] | None, place: int) -> int:
@@ -703,8 +714,9 @@ def wire_offset(places: Sequence[int] | None, place: int) -> int:
 
 
 def shown(segment: str) -> str:
-    """A segment's name, or its kind when it has none of its own."""
-    return segment.split("_")[1] if segment.startswith("_") else segment
+    """Return the path of a segment with its own name, or with its kind if it has none."""
+    holder, dot, name = segment.rpartition(".")
+    return f"{holder}{dot}{name.split('_')[1]}" if name.startswith("_") else segment
 
 
 def hex_text(data: bytes) -> str:

@@ -22,6 +22,7 @@ from framekit.definition.model.frames import (
     in_place_of_records,
     least_size,
     leaves,
+    nearest_path,
     parts_of,
 )
 from framekit.definition.model.procedure import Decode
@@ -44,6 +45,7 @@ from framekit.definition.model.segments import (
     Sizes,
     Skip,
     Wrap,
+    either,
 )
 from framekit.definition.problems import Position, Problem, did_you_mean, plural
 from framekit.definition.wire_types import shown_stops
@@ -243,25 +245,33 @@ def _early_ends(frame: Frame, ends: FrameEnds) -> Iterator[Problem]:
 
 def _covered_in_part(frame: Frame, check: Check) -> Iterator[Problem]:
     """A check outside a case, or a part that may be absent, covers the whole of it."""
-    named, edges = set(check.names), {*check.edges}
+    named, edges = ({check.sibling_path(name) for name in names} for names in (check.names, check.edges))
     whole = _covered_leaves(frame, check)
     for holder in parts_of(frame.segments, Segment):
         part = all(id(leaf) in whole for leaf in leaves(holder.usual_block)) and bool(edges)
         in_part = holder.when is not None and not part
         parts = holder.blocks if holder.has_cases or in_part else ()
-        blocks = [{one.name for one in flat(block) if one.name} for block in parts]
-        here = next((names for names in blocks if check.name in names), set())
-        names = {name for block in blocks for name in block & (named | edges)} - here
-        if names:
-            what = "the range of a check ends in" if names & edges else "a check covers what stands in"
+        blocks = [{one.path for one in flat(block) if one.name} for block in parts]
+        here = next((paths for paths in blocks if check.path in paths), set())
+        paths = {path for block in blocks for path in block & (named | edges)} - here
+        if paths:
+            what = "the range of a check ends in" if paths & edges else "a check covers what stands in"
             called = {"choose": "a case", "optional": "an optional part"}.get(holder.KEY, "a part under a condition")
             todo = f"name the {holder.KEY} part, or what stands beside it"
-            yield Problem(check.at, f"{what} {called}: '{', '.join(sorted(names))}'", todo)
+            shown = sorted(path.rpartition(".")[2] for path in paths)
+            yield Problem(check.at, f"{what} {called}: '{', '.join(shown)}'", todo)
+
+
+def _records(segments: Segments) -> Iterator[Segments]:
+    """Yield the segments of the frame, then those of every record and list in it."""
+    yield segments
+    yield from (one.members for one in everything(segments) if one.inner_record is not None)
 
 
 def _covered_leaves(frame: Frame, check: Check) -> set[int]:
     """By identity: what takes bytes in what a check covers by name, and in its ranges."""
-    inside = list(flat(frame.segments))
+    record = next((of for of in _records(frame.segments) if any(one is check for one in flat(of))), ())
+    inside = list(flat(record))
     found = {id(leaf) for leaf in leaves(one for one in inside if one.name in check.names)}
     places = {one.name: place for place, one in enumerate(inside)}
     for part in (part for part in check.covers or () if isinstance(part, tuple)):
@@ -345,7 +355,8 @@ def _order_of_sizes(
                     told, todo = f"the {what} of '{name}' cannot come from '{name}' itself", "give a size"
                 yield Problem(expression.at, told, todo)
         if segment.inner_record is not None:
-            yield from _order_of_sizes(segment.inner_record, known, frozenset(names - {segment.name or ""}))
+            outside = known - field_names(segment.inner_record)
+            yield from _order_of_sizes(segment.inner_record, outside, frozenset(names - {segment.name or ""}))
         known.update(segment.value_names)
         if segment.name:
             known.add(segment.name)
@@ -432,10 +443,10 @@ class _LeftForOthers:
 
 def _lengths_of_numbers(frame: Frame) -> Iterator[Problem]:
     """A number does not say how many bytes it takes: a length cannot count them and be their size."""
-    typed = {one.name: one.number_type for one in parts_of(frame.segments, Segment) if one.number_type is not None}
+    typed = {one.path: one.number_type for one in parts_of(frame.segments, Segment) if one.number_type is not None}
     for length in parts_of(frame.segments, Length):
         for name in length.of:
-            type_ = typed.get(name)
+            type_ = typed.get(length.sibling_path(name))
             size = type_.size if type_ is not None and type_.is_whole_number else None
             if isinstance(size, Expression) and length.name in names_in(size.root):
                 what = f"'{length.name}' counts the bytes of '{name}' and is their number: nothing says how many"
@@ -447,15 +458,17 @@ def _lengths_that_never_fit(protocol: Protocol, frame: Frame) -> Iterator[Proble
     """A length whose number cannot stand for any size that the parts it counts may have."""
     static = StaticSizes(protocol.frames)
     lengths = [one for one in parts_of(frame.segments, Length) if not one.plain and one.zero_means is None]
-    named = {one.name: one for one in parts_of(frame.segments, Segment)} if lengths else {}
+    found: dict[str, list[Sizes]] = {}
+    for one in everything(frame.segments) if lengths else ():
+        found.setdefault(one.path, []).append(static.of(one))
     for length in lengths:
         bounds = length.type.bounds if length.type.is_whole_number else None
-        if bounds is None or length.unit < 1 or not named.keys() >= set(length.of):
+        if bounds is None or length.unit < 1 or not found.keys() >= set(length.counted):
             continue
         low, high = length.limits or bounds
         sizes = Sizes(0, 0)
-        for name in length.of:
-            sizes += static.of(named[name])
+        for path in length.counted:
+            sizes += either(found[path])
         least = sizes.least // length.unit + length.plus
         most = None if sizes.most is None else sizes.most // length.unit + length.plus
         if least > high or (most is not None and most < low):
@@ -629,9 +642,9 @@ def _counted_and_open(protocol: Protocol, frame: Frame, ends: FrameEnds) -> Iter
         return
     if frame.name in ends.carried:
         return
-    counted = {name: one for one in parts_of(frame.segments, Length) for name in one.of}
+    counted = {path: one for one in parts_of(frame.segments, Length) for path in one.counted}
     for segment in _in_records(frame.segments):
-        length = counted.get(segment.name or "")
+        length = counted.get(segment.path)
         if length is None or not segment.takes_rest or isinstance(segment, Wrap):
             continue
         what = f"the length '{length.name}' counts {segment.title}, but only silence ends it"
@@ -659,14 +672,16 @@ def _there_or_not(frame: Frame) -> Iterator[Problem]:
             what = "the optional part is never there: no value of it is given"
             yield Problem(optional.at, what, "put a field into it, or take when: instead")
     absent = {
-        one.name: one for kind in (Length, Count) for one in parts_of(frame.segments, kind) if one.when is not None
+        one.path: one for kind in (Length, Count) for one in parts_of(frame.segments, kind) if one.when is not None
     }
+    known = {path for one in everything(frame.segments) for path in map(one.sibling_path, one.value_names)}
     for user in parts_of(frame.segments, Segment):
         size = user.times if isinstance(user, Repeat) else user.size if isinstance(user, Data | Wrap) else None
-        for name in sorted(names_in(size.root) & set(absent)) if isinstance(size, Expression) else ():
-            if not _implies(user.when, absent[name].when):
+        for name in sorted(names_in(size.root)) if isinstance(size, Expression) else ():
+            number = absent.get(nearest_path(name, user, known))
+            if number is not None and not _implies(user.when, number.when):
                 what = f"the size of {user.title} is '{size}', and '{name}' may be absent"
-                yield Problem(user.at, what, f"give both the same when: {absent[name].when}")
+                yield Problem(user.at, what, f"give both the same when: {number.when}")
 
 
 def _may_be_nothing(segments: Segments) -> bool:

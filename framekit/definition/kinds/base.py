@@ -91,6 +91,8 @@ class Segment:
     when: Expression | None = None
     refuse: int | None = None
     doc: str = ""
+    holder: str = ""
+    """The path of the record or list whose value it belongs to; empty in the frame itself."""
 
     # ---- in YAML ------------------------------------------------------------------------------------------
 
@@ -127,6 +129,15 @@ class Segment:
         return read_keys(cls, loader, keys)
 
     # ---- what it holds ------------------------------------------------------------------------------------
+
+    @property
+    def path(self) -> str:
+        """The names of the records around it and its own, joined by dots: only the cases of one choice share it."""
+        return self.sibling_path(self.name or "")
+
+    def sibling_path(self, name: str) -> str:
+        """The path of the segment of that name in the same record."""
+        return f"{self.holder}.{name}" if self.holder else name
 
     @property
     def value_names(self) -> tuple[str, ...]:

@@ -95,6 +95,11 @@ class Length(Counting):
     limits: tuple[int, int] | None = key("range", RANGE, "Least and greatest number, 1..16.", default=None)
     zero_means: int | None = key("zero_means", NUMBER, "The length that a 0 on the wire means.", default=None)
 
+    @property
+    def counted(self) -> tuple[str, ...]:
+        """The paths of the segments whose bytes it counts."""
+        return tuple(map(self.sibling_path, self.of))
+
     def resolved(self, references: References) -> Segment:
         return replace(self, of=references.written_out(self.of, self.at))
 
@@ -116,6 +121,11 @@ class Count(Counting):
     plus: int = key("plus", NUMBER, "Added to the number of items.", default=0)
     limits: tuple[int, int] | None = key("range", RANGE, "Least and greatest number, 1..16.", default=None)
     zero_means: int | None = key("zero_means", NUMBER, "The count that a 0 on the wire means.", default=None)
+
+    @property
+    def counted(self) -> str:
+        """The path of the list whose items it counts."""
+        return self.sibling_path(self.of)
 
     def resolved(self, references: References) -> Segment:
         counted = references.names.get(self.of)

@@ -16,7 +16,18 @@ from framekit.definition.kinds.base import KINDS, Segment, Segments, fixed_size
 from framekit.definition.load.namespace import Namespace, Owned
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.load.resolve import with_item_words
-from framekit.definition.model.frames import Announced, Frame, Group, Mark, Side, change_all, field_names, flat, leaves
+from framekit.definition.model.frames import (
+    Announced,
+    Frame,
+    Group,
+    Mark,
+    Side,
+    change_all,
+    field_names,
+    flat,
+    leaves,
+    with_holders,
+)
 from framekit.definition.model.segments import Require, Skip
 from framekit.definition.problems import Position, did_you_mean, plural
 from framekit.definition.tree import Entry, Mapping, Node, Scalar, Sequence
@@ -279,10 +290,17 @@ BODY = "body"
 def resolve_references(
     parts: Parts, aliases: dict[str, tuple[str, ...]], whose: str, missing: MissingSegments
 ) -> Parts:
-    """The segments with named includes, `body` and bit names written out; names that are not there are noted.
+    """The segments with their paths, and with named includes, `body` and bit names written out; names that are not
+    there are noted.
 
     `whose`: what the segments are of, such as `frame 'A'`.
     """
+    head, body, tail = map(with_holders, _resolved(parts, aliases, whose, missing))
+    return head, body, tail
+
+
+def _resolved(parts: Parts, aliases: dict[str, tuple[str, ...]], whose: str, missing: MissingSegments) -> Parts:
+    """The segments of a frame or record, those of records in it too, with the names in them written out."""
     head, body, tail = parts
     names = {segment.name: segment for segment in flat(head + body + tail) if segment.name}
     meant = dict(aliases)
@@ -309,7 +327,7 @@ class _Resolver:
 
     def inside(self, segments: Segments) -> Segments:
         """The segments of a record inside, where names stand for the same."""
-        return resolve_references(((), segments, ()), dict(self.meant), self.whose, self.missing)[1]
+        return _resolved(((), segments, ()), dict(self.meant), self.whose, self.missing)[1]
 
     def written_out(self, names: tuple[str, ...], at: Position, *, may_be_empty: bool = True) -> tuple[str, ...]:
         """The segments on the wire that names stand for; none for a body without any, where that `may_be_empty`."""

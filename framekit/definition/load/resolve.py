@@ -13,7 +13,7 @@ client has or that are secret, and for fields that a row of services judges itse
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Set
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, TypeVar
 
@@ -21,6 +21,7 @@ from framekit.definition.expression import (
     Attribute,
     Compare,
     Expression,
+    Index,
     List,
     Logic,
     Name,
@@ -34,7 +35,16 @@ from framekit.definition.expression import (
     tells_setting,
 )
 from framekit.definition.load.reader import Reader
-from framekit.definition.model.frames import Frame, by_value_name, change_all, field_names, flat, names_read_in
+from framekit.definition.model.frames import (
+    Frame,
+    by_value_name,
+    change_all,
+    everything,
+    field_names,
+    flat,
+    names_read_in,
+    nearest_path,
+)
 from framekit.definition.model.procedure import Row, Sequence
 from framekit.definition.model.sections import Parameter, StateVariable
 from framekit.definition.model.segments import (
@@ -111,6 +121,15 @@ def _numbered(reader: Reader, node: Node, numbers: Mapping[str, int]) -> Node:
     return node
 
 
+@dataclass(frozen=True, slots=True)
+class _Fields:
+    """The values of one frame."""
+
+    paths: Set[str]
+    numbers: Mapping[str, Mapping[str, int] | None]
+    """For the paths of numbers: the numbers by their names; None where these have none."""
+
+
 def numbers_by_name(named: Iterable[tuple[str, Mapping[int, str] | None]]) -> dict[str, Mapping[str, int] | None]:
     """Field name → numbers by name; None for a name whose fields do not agree (one has no values, or others)."""
     result: dict[str, Mapping[str, int] | None] = {}
@@ -126,26 +145,47 @@ T = TypeVar("T")
 
 
 class NumberNames:
-    """Resolves the names of numbers, narrowed to the frames in question."""
+    """Resolve the names of numbers, narrowed to the frame and the record that has them."""
 
     def __init__(self, reader: Reader, frames: Mapping[str, Frame], state: Mapping[str, StateVariable]) -> None:
         self.reader = reader
         self.by_frame = {name: _named_fields(frame.segments) for name, frame in frames.items()}
-        everything = [item for fields in self.by_frame.values() for item in fields]
-        everything += [(name, variable.values) for name, variable in state.items() if variable.values]
-        self.everywhere = numbers_by_name(everything)
+        """The fields of each frame, by path, with their names of numbers."""
+        fields = [item for known in self.by_frame.values() for item in known]
+        named = [(path.rpartition(".")[2], values) for path, values in fields]
+        named += [(name, variable.values) for name, variable in state.items() if variable.values]
+        self.everywhere = numbers_by_name(named)
 
     def frame(self, frame: Frame) -> Frame:
-        own = numbers_by_name(self.by_frame[frame.name])
+        """Return the frame, where a name in an expression is that of the innermost record which has it."""
+        own = _Fields(
+            {path for one in everything(frame.segments) for path in map(one.sibling_path, one.value_names)},
+            numbers_by_name(self.by_frame[frame.name]),
+        )
+        head, body, tail = (self._scoped(part, own) for part in (frame.head, frame.body, frame.tail))
+        apart: Frame = self._resolved(replace(frame, head=(), body=(), tail=()), None, own)
+        return replace(apart, head=head, body=body, tail=tail)
+
+    def _scoped(self, segments: Segments, own: _Fields) -> Segments:
+        """Resolve the segments of one record, and those of the records in it."""
+
+        def change(segment: Segment) -> Segment:
+            found: Segment = self._resolved(segment.with_lists(lambda _: ()), segment, own)
+            blocks = iter(segment.blocks)
+            return found.with_blocks(lambda _: next(blocks)).with_record(lambda _: self._scoped(segment.members, own))
+
+        return change_all(segments, change)
+
+    def _resolved(self, value: Any, segment: Segment | None, own: _Fields) -> Any:
+        """Resolve what stands in a segment; None: in the frame itself."""
 
         def numbers(node: Node) -> Mapping[str, int] | None:
-            name = node.name if isinstance(node, (Name, Attribute)) else ""
-            if isinstance(node, Name) and name in own:
-                return own[name]
-            return self.everywhere.get(name)
+            name, *fields = _way_to(node)
+            first = name if segment is None else nearest_path(name, segment, own.paths)
+            path = ".".join((first, *fields))
+            return own.numbers.get(path) if path in own.paths else self._anywhere(node)
 
-        resolved: Frame = resolve_names(self.reader, frame, numbers)
-        return resolved
+        return resolve_names(self.reader, value, numbers)
 
     def plainly(self, value: T) -> T:
         resolved: T = resolve_names(self.reader, value, self._anywhere)
@@ -162,10 +202,9 @@ class NumberNames:
         narrowed = numbers_by_name([item for name in row.frames for item in self.by_frame.get(name, ())])
 
         def numbers(node: Node) -> Mapping[str, int] | None:
-            match node:
-                case Attribute(value=Name(name="it"), name=name) if name in narrowed:
-                    return narrowed[name]
-            return self._anywhere(node)
+            whose, *fields = _way_to(node)
+            path = ".".join(fields)
+            return narrowed[path] if whose == "it" and path in narrowed else self._anywhere(node)
 
         resolved: Row = resolve_names(self.reader, row, numbers)
         return resolved
@@ -180,10 +219,9 @@ class NumberNames:
         }
 
         def numbers(node: Node) -> Mapping[str, int] | None:
-            match node:
-                case Attribute(value=Name(name=("request" | "reply") as whose), name=name) if name in frames[whose]:
-                    return frames[whose][name]
-            return self._anywhere(node)
+            whose, *fields = _way_to(node)
+            path = ".".join(fields)
+            return frames[whose][path] if path in frames.get(whose, ()) else self._anywhere(node)
 
         resolved: ServiceRow = resolve_names(self.reader, row, numbers)
         return resolved
@@ -197,12 +235,25 @@ def _rows_changed(sequence: Sequence, change: Callable[[Row], Row]) -> Sequence:
     return replace(sequence, steps=steps, always=tuple(change(row) for row in sequence.always))
 
 
+def _way_to(node: Node) -> tuple[str, ...]:
+    """Return the name that an expression reads a field of, and the way to the field; an item counts as its list."""
+    match node:
+        case Name(name=name):
+            return (name,)
+        case Attribute(value=value, name=name):
+            return (*_way_to(value), name)
+        case Index(value=value):
+            return _way_to(value)
+    return ("",)
+
+
 def _named_fields(segments: tuple[Segment, ...]) -> list[tuple[str, Mapping[int, str] | None]]:
-    found: list[tuple[str, Mapping[int, str] | None]] = []
-    for segment in flat(segments):
-        found.extend(segment.numbers_with_names())
-        found.extend(_named_fields(segment.inner_record or ()))
-    return found
+    """Return the paths of fields that hold numbers, with the names of these."""
+    return [
+        (segment.sibling_path(name), names)
+        for segment in everything(segments)
+        for name, names in segment.numbers_with_names()
+    ]
 
 
 # ---- stations ----------------------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ frames, and the bytes they may have.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cache
 from types import NoneType
@@ -80,6 +80,27 @@ def change_all(segments: Segments, change: Callable[[Segment], Segment]) -> Segm
         return tuple(change(segment).with_blocks(all_changed) for segment in block)
 
     return all_changed(segments)
+
+
+def with_holders(segments: Segments, holder: str = "") -> Segments:
+    """The segments, each with the path of the record that holds it."""
+
+    def change(segment: Segment) -> Segment:
+        held = replace(segment, holder=holder) if holder else segment
+        return held.with_record(lambda of: with_holders(of, held.path))
+
+    return change_all(segments, change)
+
+
+def nearest_path(name: str, segment: Segment, paths: Container[str]) -> str:
+    """The path that a name has in expressions of a segment: that of the innermost record which has the name.
+
+    `paths`: all there are. The name itself, if no record has it.
+    """
+    holder = segment.holder
+    while holder and f"{holder}.{name}" not in paths:
+        holder = holder.rpartition(".")[0]
+    return f"{holder}.{name}" if holder else name
 
 
 def without_when(segment: Segment) -> Segment:

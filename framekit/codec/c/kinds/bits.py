@@ -27,9 +27,9 @@ def _read(r: ReadWriter, segment: Bits, here: Here, behind: Behind) -> None:
     awaited = [(Awaited(r, segment, struct.members[one.name], here), one.is_) for one in later]
     size = r.sized(segment.type.size, scope, "length", refuse)
     r.take(size, refuse)
-    r.stands(segment.name)
+    r.stands(segment.path)
     for part in segment.parts:
-        r.stands(part.name)
+        r.stands(segment.sibling_path(part.name))
     whole = r.local("uint64_t", "bits")
     wire, failing = r.read_number(segment.type, r.raw, size, segment)
 

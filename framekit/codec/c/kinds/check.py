@@ -26,20 +26,22 @@ def _read(r: ReadWriter, segment: Check, here: Here, behind: Behind) -> None:
     start = r.local("size_t", "check_start")
     r.add(f"{start} = {r.at};")
     r.take(str(segment.size))
-    r.stands(segment.name)
+    r.stands(segment.path)
     if segment.verify != "error":
         return
     if covers_later(segment, r.segments):
-        r.late.append(r.in_this_buffer(lambda: _verify(r, segment, here, start)))
+        reached = r.local("bool", "check_reached", "false")
+        r.add(f"{reached} = true;")
+        r.late.append(r.in_this_buffer(lambda: _verify(r, segment, here, start, reached)))
     else:
         _verify(r, segment, here, start)
 
 
-def _verify(r: ReadWriter, segment: Check, here: Here, start: str) -> None:
-    """Compares a check code that was read with the bytes it should be."""
+def _verify(r: ReadWriter, segment: Check, here: Here, start: str, reached: str = "") -> None:
+    """Compare a check code with the bytes it should be; `reached`: the local that tells whether it was read."""
     code = r.local("uint64_t", "code")
     wrong = r.file.helper("wrong_check")
-    with r.block(""):
+    with r.block(f"if ({reached})" if reached else ""):
         r.add(f"uint8_t right[{segment.size}];")
         fails = work_out(r, segment, here[0], code, start)
         put_code(r, segment, code, "right")
@@ -70,7 +72,7 @@ def _put(w: WriteWriter, segment: Check, taken: Taken) -> None:
                 w.fail_if("bad", "value")
             put_code(w, segment, code, to)
 
-    if segment.name in w.late_names:
+    if segment.path in w.late_names:
         if w.in_wrap or w.in_list or segment.when is not None:
             raise CannotSayError(segment.at, "a check code in a part, before what it covers")
         w.late.append((segment, write))
@@ -128,9 +130,9 @@ def work_out(r: Any, segment: Check, scope: CScope, code: str, start: str) -> bo
     return fails
 
 
-def _up_to_here(r: Any, names: Any, function: str, code: str, start: str) -> None:
+def _up_to_here(r: Any, paths: Any, function: str, code: str, start: str) -> None:
     """All that stands in the buffer of the check from a segment on."""
-    first = r.span(names[0])
+    first = r.span(paths[0])
     r.when(
         f"{first}.there && {first}.first <= {start}",
         f"{code} = {function}({code}, 0, {r.inn}.data + {first}.first, {start} - {first}.first);",
@@ -139,28 +141,28 @@ def _up_to_here(r: Any, names: Any, function: str, code: str, start: str) -> Non
         r.add("bad = true;")
 
 
-def _runs(r: Any, segment: Check, names: list[str]) -> list[list[str]]:
-    """Names of segments that stand one after the other in one buffer, together."""
+def _runs(r: Any, segment: Check, paths: list[str]) -> list[list[str]]:
+    """The paths of segments that stand one after the other in one buffer, together."""
     orders = list(_orders(r.segments))
     apart = {
-        one.name for holder in everything(r.segments) if holder.has_cases for b in holder.blocks for one in flat(b)
+        one.path for holder in everything(r.segments) if holder.has_cases for b in holder.blocks for one in flat(b)
     }
-    apart |= {one.name for one in everything(r.segments) if one.is_list}  # of one that breaks off nothing counts
+    apart |= {one.path for one in everything(r.segments) if one.is_list}  # of one that breaks off nothing counts
     found: list[list[str]] = []
-    for name in names:
+    for path in paths:
         if found:
             last = found[-1][-1]
-            if not apart & {last, name} and any(
-                last in order and name in order and order.index(name) == order.index(last) + 1 for order in orders
+            if not apart & {last, path} and any(
+                last in order and path in order and order.index(path) == order.index(last) + 1 for order in orders
             ):
-                found[-1].append(name)
+                found[-1].append(path)
                 continue
-        found.append([name])
+        found.append([path])
     return found
 
 
 def _orders(segments: Segments) -> Any:
-    yield [one.name for one in on_the_wire(segments)]
+    yield [one.path for one in on_the_wire(segments)]
     for segment in segments:
         for block in segment.blocks if segment.is_there_inside else ():
             yield from _orders(block)
@@ -168,8 +170,8 @@ def _orders(segments: Segments) -> Any:
             yield from _orders(segment.members)
 
 
-def _run(r: Any, names: list[str], function: str, code: str, place: str) -> None:
-    spans = [span for span in (r.span(name) for name in names) if span is not None]
+def _run(r: Any, paths: list[str], function: str, code: str, place: str) -> None:
+    spans = [span for span in (r.span(path) for path in paths) if span is not None]
     first, last = spans[0], spans[-1]
     there = " && ".join(f"{span}.there" for span in spans)
     size = f"{last}.last - {first}.first"

@@ -14,7 +14,7 @@ from framekit.codec.c.writer import Taken, WriteWriter
 from framekit.codec.python.encode_plan import Task
 from framekit.codec.python.function import standing_any_way
 from framekit.codec.python.measure import Finished
-from framekit.definition.model.frames import flat
+from framekit.definition.model.frames import flat, nearest_path
 from framekit.definition.model.segments import Choose, Field, Optional, Segment, Segments
 from framekit.definition.problems import CannotSayError
 
@@ -129,7 +129,7 @@ def _hand_out(w: WriteWriter, name: str, value: Val, outside: dict[str, tuple[st
 def _put(w: WriteWriter, segment: Choose | Optional, taken: Taken) -> None:
     case = w.chosen[id(segment)]
     for one in standing_any_way((segment,)):  # of a case that is not taken nothing is there
-        span = w.span(one.name)
+        span = w.span(one.path)
         if span is not None:
             w.add(f"{span}.data = {w.inn}.data;", f"{span}.first = {span}.last = {w.inn}.at;", f"{span}.there = true;")
     for place, segments in enumerate(segment.blocks):
@@ -174,7 +174,7 @@ def _cases(r: Any, segment: Choose, value: Val, here: Any) -> list[tuple[str, Se
 
     The value is put into a local first.
     """
-    field = r.by_name.get(str(segment.on).strip())
+    field = r.by_path.get(nearest_path(str(segment.on).strip(), segment, r.by_path))
     names = field.values if isinstance(field, Field) and field.values is not None else {}
     numbers = {name: one for one, name in names.items()}
     writer, is_number = r.writer(here[0]), value.kind == "number"

@@ -19,19 +19,19 @@ def _read_const(r: ReadWriter, segment: Const, here: Here, behind: Behind) -> No
     helper = r.file.helper("constant")
     call = f"{helper}({r.n}, {string(segment.data)}, {len(segment.data)}, {r.refuse(segment)})"
     r.when(f"!{call}", r.leave())
-    r.stands(segment.name)
+    r.stands(segment.path)
 
 
 def _read_skip(r: ReadWriter, segment: Skip, here: Here, behind: Behind) -> None:
     r.begin()
     r.take(str(segment.size))
-    r.stands(segment.name)
+    r.stands(segment.path)
 
 
 def _read_fill(r: ReadWriter, segment: Fill, here: Here, behind: Behind) -> None:
     r.begin()
     r.take(r.rest(behind))
-    r.stands(segment.name)
+    r.stands(segment.path)
     r.when(f"{r.inn}.end < {segment.total}", r.note("short", f"{r.inn}.end"))
     r.when(f"{r.inn}.end > {segment.total}", r.note("surplus", str(segment.total)))
 

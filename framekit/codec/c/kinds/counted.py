@@ -14,7 +14,7 @@ from framekit.codec.c.writer import Taken, WriteWriter, both
 from framekit.codec.python import forms
 from framekit.codec.python.encode_plan import Task
 from framekit.codec.python.facts import comes_with, is_followed, is_plain_name, targets_of
-from framekit.codec.python.function import wire_names
+from framekit.codec.python.function import wire_paths
 from framekit.definition.expression import Expression
 from framekit.definition.model.segments import Count, Data, Length, Repeat
 from framekit.definition.problems import CannotSayError
@@ -32,7 +32,7 @@ def _read(r: ReadWriter, segment: Length | Count, here: Here, behind: Behind) ->
     awaited = None if wanted is None else Awaited(r, segment, member, here, sure=sure)
     size = r.sized(segment.type.size, scope, "length", refuse)
     r.take(size, refuse)
-    r.stands(segment.name)
+    r.stands(segment.path)
     store_number(r, segment, here, r.read_number(segment.type, r.raw, size, segment))
     if awaited is None or wanted is None:
         return
@@ -45,16 +45,11 @@ def _wanted_length(r: ReadWriter, length: Length) -> Callable[[], str] | None:
     if is_followed(length, r.segments):
         return None
     targets = targets_of(length, r.segments)
-    converted = [
-        name
-        for name, target in targets.items()
-        if length.plain and any(isinstance(one, Data) and one.convert is not None for one in target.segments)
-    ]
-    if converted:
+    targeted = (one for target in targets.values() for one in target.segments)
+    if length.plain and any(isinstance(one, Data) and one.convert is not None for one in targeted):
         raise CannotSayError(length.at, "a length before conversion, compared with what is converted")
-    counted = [name for name in length.of if name not in converted]
     room = r.file.helper("room")
-    spans = [r.span(name) for name in wire_names(r.segments, counted)]
+    spans = [r.span(name) for name in wire_paths(r.segments, length.counted)]
 
     def text() -> str:
         total = " + ".join(f"{room}(&{span})" for span in spans if span is not None) or "0"
@@ -64,8 +59,8 @@ def _wanted_length(r: ReadWriter, length: Length) -> Callable[[], str] | None:
 
 
 def _wanted_count(r: ReadWriter, count: Count, here: Here) -> Callable[[], str] | None:
-    repeat = r.by_name.get(count.of)
-    there = comes_with(count.of, count, r.segments)
+    repeat = r.by_path.get(count.counted)
+    there = comes_with(count.counted, count, r.segments)
     followed = isinstance(repeat, Repeat) and count.plus == 0 and is_plain_name(repeat.times, count.name)
     if not isinstance(repeat, Repeat) or (there and followed):
         return None
@@ -90,7 +85,7 @@ def _length_values(w: WriteWriter, segment: Length, taken: Taken) -> list[Task]:
         w.add(f"{local} = {text};")
         _number_told(w, segment, member, local, taken)
 
-    waits = w.waits(segment.when) | {name for name in segment.of if w.is_simple(name)}
+    waits = w.waits(segment.when) | {name for name in segment.of if w.is_simple(segment.sibling_path(name))}
     return [Task((segment.name,), waits, write)]
 
 
@@ -115,8 +110,8 @@ def _number_told(w: WriteWriter, segment: Length | Count, member: CMember, local
 def _room_of(w: WriteWriter, length: Length, taken: Taken) -> str:
     """Text of the bytes that a length counts: worked out at once, or when they have been put together."""
     texts = []
-    for name in length.of:
-        text = w.simple_room(name, taken, length.plain)
+    for path in length.counted:
+        text = w.simple_room(path, taken, length.plain)
         if text is None:
             break
         texts.append(text)
@@ -127,7 +122,7 @@ def _room_of(w: WriteWriter, length: Length, taken: Taken) -> str:
     if w.in_list:
         raise CannotSayError(length.at, "a length in items of a list, of what is put together in several ways")
     room = w.file.helper("room")
-    spans = [w.span(name) for name in wire_names(w.segments, length.of)]
+    spans = [w.span(name) for name in wire_paths(w.segments, length.counted)]
     local = w.local("int64_t", f"{length.name}_room")
     w.lengths.append((local, lambda: " + ".join(f"{room}(&{one})" for one in spans if one is not None) or "0"))
     return local

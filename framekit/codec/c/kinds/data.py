@@ -26,7 +26,7 @@ def _read(r: ReadWriter, segment: Data, here: Here, behind: Behind) -> None:
     r.begin()
     size = r.rest(behind) if segment.size == "rest" else r.sized(segment.size, scope, "length", refuse, factor)
     r.take(size, refuse)
-    r.stands(segment.name)
+    r.stands(segment.path)
     start = f"{r.inn}.from"
     found = f"{r.at} - {start}"
 
@@ -108,7 +108,7 @@ def _take_data(w: WriteWriter, segment: Data, taken: Taken) -> None:
         w.fail_if(f"{holds}({local}, {string(segment.never)}, {len(segment.never)})", "value")
     if segment.convert == "ascii_to_hex":
         w.fail_if(f"{local}.size % 2 != 0", "digits")
-    if segment.pad is not None and segment.name in w.asked_by_name | w.tracked:
+    if segment.pad is not None and (segment.name in w.asked_by_name or segment.path in w.tracked):
         raise CannotSayError(segment.at, "data that are filled up, of which something else depends")
     taken.scope.entries[segment.name] = Val("bytes", local, there=there, is_text=False)
 

@@ -58,7 +58,7 @@ def _read(r: ReadWriter, segment: Field, here: Here, behind: Behind) -> None:
         refuse = r.refuse(segment)
         size = r.sized(type_.size, scope, "length", refuse)
         r.take(size, refuse)
-        r.stands(segment.name)
+        r.stands(segment.path)
         if type_.kind in ("float", "hex_float"):
             _read_float(r, segment, member, here, size)
         elif member.kind == "decimal":
@@ -90,7 +90,7 @@ def _delimited_number(r: ReadWriter, segment: Field, member: CMember, here: Here
     r.is_sure = sure
     if type_.end is not None:
         r.add(f"{r.at} += {len(type_.end)};")
-    r.stands_from(segment.name, start)
+    r.stands_from(segment.path, start)
 
 
 def _decimal(r: ReadWriter, segment: Field, member: CMember, here: Here, size: str) -> None:
@@ -135,7 +135,7 @@ def _long(r: ReadWriter, segment: Field, here: Here) -> None:
         r.take(str(longer), refuse)
         wire, _ = r.read_number(segment.long.type, r.raw, str(longer), segment)
         r.add(f"{value} = (int64_t){wire};")
-    r.stands_from(segment.name, start)
+    r.stands_from(segment.path, start)
     store_number(r, segment, here, (value, ""), start)
 
 
@@ -150,12 +150,12 @@ def _text(r: ReadWriter, segment: Field, member: CMember, here: Here, behind: Be
         r.add(f"{target} = {view}({r.raw}, {stop} - {start});")
         if type_.end is not None:
             r.add(f"{r.at} += {len(type_.end)};")
-        r.stands_from(segment.name, start)
+        r.stands_from(segment.path, start)
         place = start
     else:
         size = r.rest(behind) if type_.size is None else r.sized(type_.size, scope, "length", refuse)
         r.take(size, refuse)
-        r.stands(segment.name)
+        r.stands(segment.path)
         r.add(f"{target} = {view}({r.raw}, (size_t){size});")
         if type_.kind == "ascii" and type_.end is not None:
             r.add(f"{target}.size = {r.file.helper('before')}({target}, {string(type_.end)}, {len(type_.end)});")

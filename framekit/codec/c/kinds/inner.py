@@ -33,7 +33,7 @@ def _read(r: ReadWriter, segment: Inner, here: Here, behind: Behind) -> None:
     else:
         size = _found_inside(r, segment, here)
     r.take(size)
-    r.stands(segment.name)
+    r.stands(segment.path)
     target = f"{path}{member.cname}"
     function = r.file.inner_reader(segment)
     fault = r.local("struct framekit_fault", "inner_fault", "{ FRAMEKIT_OK, 0, -1 }")
@@ -62,7 +62,7 @@ def _found_inside(r: ReadWriter, segment: Inner, here: Here) -> str:
 
 def _values(w: WriteWriter, segment: Inner, taken: Taken) -> list[Task]:
     member = taken.member(segment.name)
-    span = w.span(segment.name)
+    span = w.span(segment.path)
     wire = ""
     if span is not None:
         local = w.local("int64_t", f"{segment.name}_room")

@@ -159,13 +159,13 @@ class Awaited:
     """A value that is read now, and compared when what it has to be has been read. Made before it is read."""
 
     def __init__(self, r: ReadWriter, segment: Segment, member: CMember, here: Here, *, sure: bool = True) -> None:
-        self.r, self.member, self.target = r, member, f"{here[2]}{member.cname}"
+        self.r, self.segment, self.member, self.target = r, segment, member, f"{here[2]}{member.cname}"
         self.refuse = r.refuse(segment)
         self.start, self.turn = _start(r, member.name)
         self.known = "" if r.is_sure and sure else r.known_of(member)
 
     def compare(self, cause: str, wanted: Callable[[], Val], *needed: str | Expression) -> None:
-        self.r.later(lambda: self._write(cause, wanted()), *needed)
+        self.r.later(lambda: self._write(cause, wanted()), self.segment, *needed)
 
     def _write(self, cause: str, value: Val) -> None:
         """Compares it with what it should be, as far as that can be told."""

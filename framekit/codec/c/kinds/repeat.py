@@ -17,7 +17,7 @@ from framekit.codec.python.encode_plan import Task
 from framekit.codec.python.facts import may_be_empty
 from framekit.codec.python.measure import Finished
 from framekit.definition.expression import Attribute, Expression, Name, walk
-from framekit.definition.model.frames import expressions_of, flat
+from framekit.definition.model.frames import expressions_of
 from framekit.definition.model.segments import (
     INDEX,
     LAST,
@@ -55,7 +55,7 @@ def _read_record(r: ReadWriter, segment: Record, here: Here, behind: Behind) -> 
     r.list(segment.of, (inside, member.inside, inner_path), behind, all_is_read=False)
     for one in r.deferred[before:]:
         one.write = _within(r, known, one.write)
-    r.stands_from(segment.name, start)
+    r.stands_from(segment.path, start)
 
 
 def _within(r: ReadWriter, known: str, write: Callable[[], None]) -> Callable[[], None]:
@@ -94,7 +94,7 @@ def _read_values(r: ReadWriter, segment: Repeat, of: FieldType, here: Here, behi
         local = r.ask(times, "length", "times", refuse)
         room = f"{size} * {local}"
     r.take(room, refuse)
-    r.stands(segment.name)
+    r.stands(segment.path)
     target, index = f"{path}{member.cname}", r.local("size_t", "index")
     found = f"({r.at} - {r.inn}.from)"
     header = ""
@@ -190,11 +190,11 @@ def _items(r: ReadWriter, segment: Repeat, of: Segments, here: Here, behind: Beh
         if segment.align > 1 and not segment.between:
             r.take(f"(int64_t)(({segment.align} - ({r.at} - {start}) % {segment.align}) % {segment.align})")
         if not segment.between:
-            r.stands_from(segment.name, r.at)
+            r.stands_from(segment.path, r.at)
         r.add(f"(void){begun};")
     if whole:
         r.add(f"{r.inn}.end = {whole};")
-    r.stands_from(segment.name, start)
+    r.stands_from(segment.path, start)
     r.is_there(member, here)
 
 
@@ -239,8 +239,7 @@ def _record_values(w: WriteWriter, segment: Record, taken: Taken) -> list[Task]:
             w.values(segment.of, inner)
         taken.scope.entries[segment.name] = Val("record", "", there=condition, inside=inner.scope, wire="true")
 
-    names = (segment.name, *(one.name for one in flat(segment.of) if one.name))
-    return [Task(names, w.outer_names(segment), write)]
+    return [Task((segment.name,), w.outer_names(segment), write)]
 
 
 def _values(w: WriteWriter, segment: Repeat, taken: Taken) -> list[Task]:

@@ -44,11 +44,11 @@ def _read(r: ReadWriter, segment: Value, here: Here, behind: Behind) -> None:
         r.when("bad", r.note("value", r.at, r.refuse(segment)))
         with r.block("else"):
             r.add(f"{path}{member.flag} = true;")
-            r.stands(segment.name)
+            r.stands(segment.path)
             r.stored(member, scope, segment.name, sure=False)
     else:
         r.add(f"{path}{member.flag} = true;")
-        r.stands(segment.name)
+        r.stands(segment.path)
         r.stored(member, scope, segment.name)
 
 

@@ -17,7 +17,7 @@ from framekit.codec.python.facts import symbol_behind
 from framekit.codec.python.measure import needed_names
 from framekit.definition.codings import Hex, Plain
 from framekit.definition.expression import Expression
-from framekit.definition.model.frames import flat
+from framekit.definition.model.frames import everything, flat
 from framekit.definition.model.segments import Const, Segments, Wrap, exactly
 from framekit.definition.problems import CannotSayError
 
@@ -44,7 +44,7 @@ def _read(r: ReadWriter, segment: Wrap, here: Here, behind: Behind) -> None:
     else:
         size = r.sized(known, scope, "short", "-1")
     r.take(size)
-    r.stands(segment.name)
+    r.stands(segment.path)
     raw, room = r.raw, ""
     if not isinstance(segment.coding, Plain):
         name = segment.name or ""
@@ -80,8 +80,9 @@ def _forget_content(r: ReadWriter, segments: Segments, struct: Any) -> None:
     for one in flat(segments):
         for name in one.value_names:
             r.mark(struct.members.get(name), 0)
-        if one.name in r.spans:
-            r.add(f"{r.spans[one.name]}.there = false;")
+    for one in everything(segments):
+        if one.path in r.spans:
+            r.add(f"{r.spans[one.path]}.there = false;")
     r.add(";")
 
 
