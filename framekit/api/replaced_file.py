@@ -49,8 +49,10 @@ class ReplacedFile:
         """Others may."""
         held, self._held = self._held, None
         if held is not None:
-            self._lock.unlink(missing_ok=True)
-            os.close(held)
+            try:
+                self._lock.unlink(missing_ok=True)
+            finally:
+                os.close(held)
 
     def put(self, content: bytes) -> None:
         """The file has this content, on trial. Where that fails nothing is changed."""

@@ -65,6 +65,12 @@ def iso_time(time: int) -> str:
     return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{rest // 1_000_000:03d}Z"
 
 
+def nanoseconds_of(text: str) -> int:
+    """Return a time that `iso_time` has written, in nanoseconds since 1970."""
+    moment = datetime.fromisoformat(text)
+    return round(moment.timestamp() * 1000) * 1_000_000
+
+
 EXACT = Context(prec=80, traps=[])
 """Scaling is exact whatever the program has set for decimals: no number of 64 bits and no scale has more digits."""
 

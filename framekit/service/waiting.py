@@ -198,6 +198,8 @@ class Waiting:
         """Wait until the samples in memory are in the store, at most to this moment (`time.monotonic`)."""
         if self._thread is not None:
             self._thread.join(max(0.0, until - time.monotonic()))
+        elif not self._threaded:
+            self._keep()
 
     def close(self) -> None:
         """Close the store, which keeps its samples; samples in memory only are dropped."""

@@ -16,7 +16,7 @@ from typing import ClassVar, Literal
 from framekit.definition.keys import NUMBER, Form, KeyReading, key, words
 from framekit.definition.tree import Node
 from framekit.run.model import Point
-from framekit.run.points import PointValue, iso_time, value_text
+from framekit.run.points import PointValue, iso_time, nanoseconds_of, value_text
 from framekit.sinks.base import FILE, Sampled, Sink, SinkKind, as_record, good_value, open_alone
 
 _SIZES = {"KB": 1_000, "MB": 1_000_000, "GB": 1_000_000_000}
@@ -26,6 +26,9 @@ _COMMON = {"day": len("2026-03-01"), "hour": len("2026-03-01T12")}
 
 ROOM = 4096
 """Bytes for which there has to be room when a file is opened."""
+
+SET_BACK = 3_600_000_000_000
+"""A time that is further before the first one of a file (ns) begins a new file."""
 
 Rotation = int | Literal["day", "hour"]
 """When a new file begins: after so many bytes, or each day or hour (UTC)."""
@@ -116,6 +119,8 @@ class LinesFile(Sink):
         self._file: int | None = None
         self._size = 0
         self._began = ""
+        self._aside: list[Path] = []
+        """Files that this run has finished, in order: newer than all others, whatever times they have."""
 
     @abstractmethod
     def head(self) -> bytes:
@@ -177,13 +182,19 @@ class LinesFile(Sink):
         return len(samples)
 
     def _is_over(self, time: str, more: int) -> bool:
-        """Whether the file is too old, or too full for so many bytes more; one without values never is."""
+        """Whether the file is of another day or hour, or too full for so many bytes more; never without values.
+
+        A time a little before the first one of the file is in no order with it, such as a value that was read late; a
+        time long before it means that the clock was set back.
+        """
         if self._rotate is None or not self._began:
             return False
         if isinstance(self._rotate, int):
             return self._size + more > self._rotate
         common = _COMMON[self._rotate]
-        return time[:common] > self._began[:common]
+        if time[:common] == self._began[:common]:
+            return False
+        return time > self._began or nanoseconds_of(self._began) - nanoseconds_of(time) > SET_BACK
 
     def _put(self, data: bytes | bytearray) -> None:
         """Whole, or not at all: what was written of it before a disk was full is taken away."""
@@ -205,8 +216,10 @@ class LinesFile(Sink):
 
     def put_aside(self, stamp: str) -> None:
         """What becomes of a finished file: here it is renamed, and as many as `keep` says stay."""
-        self.path.rename(name_with(self.path, stamp))
-        keep_newest(self.path, self._keep)
+        target = name_with(self.path, stamp)
+        self.path.rename(target)
+        self._aside.append(target)
+        keep_newest(self.path, self._keep, self._aside)
 
     def close(self) -> None:
         self._let_go()
@@ -226,16 +239,20 @@ def name_with(path: Path, stamp: str) -> Path:
     return found
 
 
-def keep_newest(path: Path, most: int | None) -> None:
-    """Of the files that `name_with` has named, so many stay; None: all."""
+def keep_newest(path: Path, most: int | None, finished: list[Path]) -> None:
+    """Keep `most` of the files that `name_with` has named, or all (None). `finished`: those of this run, in order."""
     if most is None:
         return
     pattern = re.compile(rf"{re.escape(path.stem)}\.(\d{{8}}T\d{{6}})(?:\.(\d+))?{re.escape(path.suffix)}")
-    there = [
-        (match[1], int(match[2] or 1), one) for one in path.parent.iterdir() if (match := pattern.fullmatch(one.name))
+    before = [
+        (match[1], int(match[2] or 1), one)
+        for one in path.parent.iterdir()
+        if one not in finished and (match := pattern.fullmatch(one.name))
     ]
-    for _, _, old in sorted(there)[: max(0, len(there) - most)]:
-        old.unlink()
+    known = [*(one for _, _, one in sorted(before)), *finished]
+    for old in known[: max(0, len(known) - most)]:
+        old.unlink(missing_ok=True)
+    del finished[: max(0, len(finished) - most)]
 
 
 def _read_at(file: int, start: int, size: int) -> bytes:

@@ -72,7 +72,8 @@ class ParquetSink(LinesFile):
         finally:
             half.unlink(missing_ok=True)
         self.path.unlink()
-        keep_newest(self.finished, self._most)
+        self._aside.append(target)
+        keep_newest(self.finished, self._most, self._aside)
 
     def close(self) -> None:
         """What has come so far is a file too when the run ends, and readable."""

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 import sqlite3
+import time
+from collections import deque
 from collections.abc import Iterator, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
@@ -13,14 +15,17 @@ from typing import Any, ClassVar, NamedTuple
 from framekit.definition.keys import key
 from framekit.definition.times import NEVER
 from framekit.run.model import Point
-from framekit.sinks.base import FILE, PERIOD, Sampled, Sink, SinkKind, as_glob, good_value, open_alone
+from framekit.sinks.base import FILE, PERIOD, Host, Sampled, Sink, SinkKind, as_glob, good_value, open_alone
+from framekit.sinks.database import bound_log, connected, transaction
 
 APPLICATION = 0x464B4856
 """What SQLite calls the application's number; it tells our files from others."""
 
 VERSION = 1
 CLEANING = 600_000_000_000
-"""How often values that are too old are taken out (ns of the values' time)."""
+"""The time between two removals of old values, and before the first (ns)."""
+MOST_REMOVED = 10_000
+"""Rows that are removed together."""
 
 _TABLES = f"""
 BEGIN;
@@ -64,27 +69,38 @@ class SqliteSink(Sink):
 
     def __init__(self, path: Path, keep: int | None) -> None:
         self.path, self._keep = path, keep
+        self._host: Host | None = None
         self._database: sqlite3.Connection | None = None
         self._lock: int | None = None
         self._numbers: dict[str, int] = {}
-        self._cleaned = 0
+        self._ages: RowAges | None = None
+
+    def meet(self, host: Host) -> None:
+        self._host = host
+
+    def _now(self) -> int:
+        return time.monotonic_ns() if self._host is None else self._host.now()
 
     def open(self, points: Sequence[Point]) -> None:
         self._lock = open_alone(self.path.with_name(f"{self.path.name}.lock"))
+        was_empty = self.path.exists() and not self.path.stat().st_size
         try:
-            self._database = database = sqlite3.connect(self.path, isolation_level=None, check_same_thread=False)
-            if not _is_history(database, self.path):
-                database.execute("PRAGMA journal_mode = WAL")
+            self._database = database = connected(self.path)
+            is_new = not _is_history(database, self.path)
+            bound_log(database)
+            if is_new:
                 database.executescript(_TABLES)
-            database.execute("PRAGMA synchronous = NORMAL")
-            database.execute("BEGIN")
-            for point in points:
-                database.execute(_POINT, (point.name, point.unit))
-            database.execute("COMMIT")
+            with transaction(database):
+                for point in points:
+                    database.execute(_POINT, (point.name, point.unit))
             self._numbers = dict(database.execute("SELECT name, id FROM points"))
+            if self._keep is not None and self._ages is None:
+                self._ages = RowAges(_last_row(database), self._keep)
         except BaseException:
             self.close()
             raise
+        if was_empty and self._host is not None:
+            self._host.report("the file was empty, a new history begins")
 
     def write(self, samples: Sequence[Sampled]) -> int:
         database = self._database
@@ -101,27 +117,89 @@ class SqliteSink(Sink):
             for sample in samples
             for one in sample.values
         )
-        database.execute("BEGIN IMMEDIATE")
-        try:
+        with transaction(database):
             database.executemany("INSERT INTO history VALUES (?, ?, ?, ?, ?)", rows)
-            now = samples[-1].time
-            if self._keep is not None and now >= self._cleaned + CLEANING:
-                database.execute("DELETE FROM history WHERE time < ?", (now - self._keep,))
-                self._cleaned = now
-            database.execute("COMMIT")
-        except BaseException:
-            if database.in_transaction:
-                database.execute("ROLLBACK")
-            raise
+        if self._ages is not None:
+            now = self._now()
+            self._ages.written(now, samples[-1].time, _last_row(database))
+            if self._ages.is_due(now):
+                self._remove_old(database, now)
         return len(samples)
+
+    def _remove_old(self, database: sqlite3.Connection, now: int) -> None:
+        """Remove rows that are too old. What fails is tried again after the next write."""
+        assert self._ages is not None
+        with suppress(sqlite3.Error):
+            for where, limits in self._ages.old(now):
+                one_by_one = f"DELETE FROM history WHERE rowid IN (SELECT rowid FROM history WHERE {where} LIMIT ?)"
+                while database.execute(one_by_one, (*limits, MOST_REMOVED)).rowcount == MOST_REMOVED:
+                    pass
+            self._ages.removed(now)
 
     def close(self) -> None:
         database, self._database = self._database, None
         if database is not None:
+            if self._ages is not None and self._ages.has_rows:
+                self._remove_old(database, self._now())
             database.close()
         lock, self._lock = self._lock, None
         if lock is not None:
             os.close(lock)
+
+
+class RowAges:
+    """How old the rows of a history are, whatever the wall clock does.
+
+    Rows of this run age by the run's clock, which does not jump. Rows of earlier runs have their times only: they are
+    compared with the earliest clock of this run, that is, with the least difference between wall clock and run's clock
+    that was seen. So a jump forward makes no row older. `last`: the last row of earlier runs.
+    """
+
+    def __init__(self, last: int, keep: int) -> None:
+        self._last, self._keep = last, keep
+        self._began: int | None = None
+        self._offset = 0
+        """The least difference between the times of values and the run's clock."""
+        self._due = 0
+        self._marks: deque[tuple[int, int]] = deque()
+        """Times of the run's clock, and the last row at each: it and those before it are at least as old."""
+
+    @property
+    def has_rows(self) -> bool:
+        """Whether a row was written in this run."""
+        return self._began is not None
+
+    def written(self, now: int, time: int, row: int) -> None:
+        """The rows up to `row` are written; the last of them is a value of this time."""
+        if self._began is None:
+            self._began, self._offset, self._due = now, time - now, now + CLEANING
+            self._marks.append((now, self._last))
+        self._offset = min(self._offset, time - now)
+        before, last = self._marks[-1] if self._marks else (self._began, self._last)
+        if row > last and now >= before + max(min(CLEANING, self._keep // 8), self._keep // 1000):
+            self._marks.append((now, row))
+
+    def is_due(self, now: int) -> bool:
+        """Whether old rows are to be removed."""
+        return now >= self._due
+
+    def old(self, now: int) -> Iterator[tuple[str, tuple[int, ...]]]:
+        """Return the conditions for old rows."""
+        yield "rowid <= ? AND time < ?", (self._last, self._offset + now - self._keep)
+        rows = [row for at, row in self._marks if at <= now - self._keep]
+        if rows:
+            yield "rowid <= ?", (rows[-1],)
+
+    def removed(self, now: int) -> None:
+        """The old rows were removed."""
+        self._due = now + CLEANING
+        while self._marks and self._marks[0][0] <= now - self._keep:
+            self._marks.popleft()
+
+
+def _last_row(database: sqlite3.Connection) -> int:
+    (row,) = database.execute("SELECT max(rowid) FROM history").fetchone()
+    return row or 0
 
 
 def _storable(value: Any) -> Any:
