@@ -43,6 +43,8 @@ class Replies(NamedTuple):
     waits: tuple[Evaluate, ...]
     stations: Mapping[str, tuple[str, Inverse]] = {}
     beginnings: tuple[tuple[Beginning, ...], ...] = ()
+    is_single: bool = True
+    """Whether an exchange is one request and one reply, so that replies can be counted."""
     name_stations: bool = False
     """Whether every reply repeats the station of its request."""
 
@@ -81,7 +83,9 @@ def replies_of(protocol: Protocol, role: Role | None) -> Replies:
     exchanges = [protocol.sequences[name] for lane in role.lanes for name in lane.exchange]
     beginnings = tuple(tuple(_beginnings(sequence)) for sequence in exchanges)
     stations = _stations(asking)
-    return Replies(frames, requests, waits, stations, beginnings, _name_stations(frames, stations, protocol))
+    single = all(sum(step.receive is not None or step.call is not None for step in one.steps) == 1 for one in exchanges)
+    name_stations = _name_stations(frames, stations, protocol)
+    return Replies(frames, requests, waits, stations, beginnings, single, name_stations)
 
 
 def _has_reply(steps: tuple[Beginning, ...], names: Names) -> bool:

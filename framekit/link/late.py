@@ -94,7 +94,8 @@ class LateReplies:
     """The open requests of a line, and what follows from them for sending and storing."""
 
     __slots__ = (
-        "_greatest", "_late", "_scope", "_service", "_table", "count", "expected", "items", "last", "on_slow", "open",
+        "_greatest", "_late", "_scope", "_service", "_table", "count", "expected", "is_answering", "items", "last",
+        "on_slow", "open",
         "reported", "strange_since", "until", "within",
     )  # fmt: skip
 
@@ -120,6 +121,8 @@ class LateReplies:
         """For each station the last reported time (ns)."""
         self._greatest: dict[Hashable, tuple[int, int]] = {}
         """For each station the greatest lateness, and when it was measured."""
+        self.is_answering = False
+        """Whether frames came in this hold that answer a request with several frames."""
         self.strange_since = 0
         """Time of the first frame in this hold that answers no open request; 0: none came."""
         self._service = 0
@@ -198,7 +201,7 @@ class LateReplies:
             self._service = 0
         request.number, self.count = self.count, self.count + 1
         request.within = min(request.within, LONGEST)
-        request.ends = max(request.at, self._scope.now) + min(HORIZON * request.within, LONGEST)
+        request.ends = max(request.at, self._scope.now) + min(HORIZON * max(request.within, self.longest()), LONGEST)
         self.open.append(request)
         if len(self.open) > MOST_OPEN:
             del self.open[0]
@@ -227,6 +230,9 @@ class LateReplies:
     def time_over(self) -> None:
         """End the hold. Requests that are still open make the line out of step."""
         self.until = self.strange_since = 0
+        if self.is_answering:  # late frames came, and then none for as long as the last one took
+            self.is_answering = False
+            self.open.clear()
 
     def is_without_end(self, since: int) -> bool:
         """Return whether a request was held back for too long by frames that answer no open request."""
@@ -238,6 +244,7 @@ class LateReplies:
         """Drop everything: over a new connection no reply to a request of the old one comes."""
         self.open.clear()
         self.items.clear()
+        self.is_answering = False
         self.until = self.last = self._service = self.strange_since = 0
 
     # ---- replies that no row takes ------------------------------------------------------------------------
@@ -257,6 +264,10 @@ class LateReplies:
         found = next((one for one in self.open if self._could_answer(value, one)), None)
         if found is not None:
             service = self._match(found)
+            if not self.expected.is_single:  # it may be one of several frames that answer the request
+                self.open.insert(0, found)
+                self.is_answering = True
+                service = now - found.at
             if not self.open:
                 self.until = 0
                 return found
@@ -316,7 +327,7 @@ class LateReplies:
     def expire(self) -> None:
         """Drop open requests that no reply is expected for any more."""
         now = self._scope.now
-        if self.open and any(one.ends <= now for one in self.open):
+        if self.until <= now and any(one.ends <= now for one in self.open):
             self.open = [one for one in self.open if one.ends > now]
 
     # ---- may a reply be stored? ---------------------------------------------------------------------------
