@@ -45,6 +45,8 @@ class Replies(NamedTuple):
     beginnings: tuple[tuple[Beginning, ...], ...] = ()
     is_single: bool = True
     """Whether an exchange is one request and one reply, so that replies can be counted."""
+    limits: tuple[str, ...] = ()
+    """Names of the parameters that are time limits of the steps."""
     name_stations: bool = False
     """Whether every reply repeats the station of its request."""
 
@@ -84,8 +86,10 @@ def replies_of(protocol: Protocol, role: Role | None) -> Replies:
     beginnings = tuple(tuple(_beginnings(sequence)) for sequence in exchanges)
     stations = _stations(asking)
     single = all(sum(step.receive is not None or step.call is not None for step in one.steps) == 1 for one in exchanges)
+    named = [bare_name(step.within) for step in steps if step.within is not None]
+    limits = tuple(dict.fromkeys(name for name in named if name is not None and name in protocol.params))
     name_stations = _name_stations(frames, stations, protocol)
-    return Replies(frames, requests, waits, stations, beginnings, single, name_stations)
+    return Replies(frames, requests, waits, stations, beginnings, single, limits, name_stations)
 
 
 def _has_reply(steps: tuple[Beginning, ...], names: Names) -> bool:

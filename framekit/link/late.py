@@ -26,6 +26,7 @@ from framekit.link.events import Exchange
 from framekit.link.frame_table import FrameTable
 from framekit.link.scope import Scope
 from framekit.link.sequences.state import Run
+from framekit.link.slow import SlowStations, key_of
 from framekit.link.values import EVALUATION_ERRORS, FrameValue, Names, compile_optional
 
 LONGEST = 60_000_000_000
@@ -95,8 +96,7 @@ class LateReplies:
 
     __slots__ = (
         "_greatest", "_late", "_scope", "_service", "_table", "count", "expected", "is_answering", "items", "last",
-        "on_slow", "open",
-        "reported", "strange_since", "until", "within",
+        "open", "slow", "strange_since", "until", "within",
     )  # fmt: skip
 
     def __init__(self, protocol: Protocol, scope: Scope, table: FrameTable) -> None:
@@ -115,10 +115,7 @@ class LateReplies:
         self.expected = NO_REPLIES
         self.items: list[Callable[[], None]] = []
         """Frames sent without an exchange that wait for the end of the hold."""
-        self.on_slow: Callable[[Any, int], None] = lambda station, time: None
-        """Called with a station and the time after which it answers, when that is later than the time limit."""
-        self.reported: dict[Hashable, int] = {}
-        """For each station the last reported time (ns)."""
+        self.slow = SlowStations()
         self._greatest: dict[Hashable, tuple[int, int]] = {}
         """For each station the greatest lateness, and when it was measured."""
         self.is_answering = False
@@ -156,7 +153,9 @@ class LateReplies:
         if own:
             self._add(OpenRequest(x, x.last_sent, x.names, run.started, run.longest))
             self._close(own[0])
-        else:
+        elif self.slow:
+            self.slow.answered_in_time(x.station)
+        if not own:
             self.last = 0  # this reply came in time: a reply before it did not wait for another one
         if own or self.until:
             more = self.time(x.names, run.longest)
@@ -215,7 +214,7 @@ class LateReplies:
 
     def _greatest_of(self, station: Any) -> int:
         """Return the greatest lateness of a station, less what is forgotten of it."""
-        measured, at = self._greatest.get(_key(station), (0, 0))
+        measured, at = self._greatest.get(key_of(station), (0, 0))
         age = self._scope.now - at
         return measured if age < FORGET // 2 else max(0, measured - measured * (age - FORGET // 2) // (FORGET // 2))
 
@@ -302,23 +301,21 @@ class LateReplies:
     def _match(self, request: OpenRequest) -> int:
         """Close a request whose reply was late; learn its lateness. Return the time that the device took for it."""
         now = self._scope.now
-        service, station, lateness = self._close(request), _key(request.station), now - request.at
+        service, station, lateness = self._close(request), key_of(request.station), now - request.at
         if lateness > self._greatest_of(station) and not request.by_itself:
             self._greatest[station] = lateness, now
         if not self.open:
             if self._service > request.within and not request.by_itself:
-                self._report(request.station, self._service)
+                self.slow.answered_late(request.station, self._service, self._limit_of(request))
             self._service = 0
         for one in self.open:
             one.ends = max(one.ends, now + min(service + service // 4 + one.within, LONGEST))
         return service
 
-    def _report(self, station: Any, time: int) -> None:
-        """Report the time after which a station answers, once and when it changes by more than a quarter."""
-        before = self.reported.get(_key(station), 0)
-        if abs(time - before) * 4 > before:
-            self.reported[_key(station)] = time
-            self.on_slow(station, time)
+    def _limit_of(self, request: OpenRequest) -> str:
+        """Return the name of the parameter that was the time limit of a request."""
+        limits = self.expected.limits
+        return next((one for one in limits if request.names.get(one) == request.within), limits[0] if limits else "")
 
     def _could_answer(self, reply: FrameValue, request: OpenRequest) -> bool:
         """Return whether a reply fits a request: it repeats everything that its definition says."""
@@ -453,10 +450,6 @@ def fresh(value: Any) -> Any:
     return [fresh(one) for one in value] if type(value) is list else value
 
 
-def _key(station: Any) -> Hashable:
-    return station if isinstance(station, Hashable) else repr(station)
-
-
 # ---- what generators of sequences call ------------------------------------------------------------------------------
 
 
@@ -476,7 +469,7 @@ def replied(run: Run) -> None:
     """Note that a row takes what came."""
     asked, run.asked = run.asked, None
     late = run.machine.late
-    if asked is not None and (late.open or late.until):
+    if asked is not None and (late.open or late.until or late.slow):
         late.took(run, asked)
 
 

@@ -43,6 +43,12 @@ class ChannelStatus:
     frames_in: int
     bad: int
     noise_bytes: int
+    late: int
+    """Replies that came after their exchange was over, or after its request was repeated."""
+    repeated: int
+    """Requests sent once more."""
+    slow: tuple[str, ...]
+    """Stations that answer after the time limit, and what to set."""
     bytes_in: int
     bytes_out: int
     load: float | None

@@ -17,6 +17,7 @@ from framekit.link.engine import Engine
 from framekit.link.events import Asked, MemoryAccess, Monitor, RequestHandler, Seen, Tape
 from framekit.link.services.client import Client
 from framekit.link.services.server import MemoryServer, ServiceCounters
+from framekit.link.slow import SlowStation
 from framekit.link.values import FrameValue
 from framekit.memory.memory import DeviceMemoryError
 from framekit.run.block_state import BlockState, Failure
@@ -79,6 +80,9 @@ class ChannelOwner:
     def opened(self, channel: int, is_open: bool) -> None:
         """Whether exchanges can be started now."""
 
+    def slow(self, channel: int, station: SlowStation, is_slow: bool) -> None:
+        """A station answers after the time limit, or in time again."""
+
     def takes(self, block: int) -> Block | None:
         """A RECEIVE block with its settings as they are now; None when it takes no frame now."""
         return None
@@ -136,6 +140,7 @@ class ChannelService:
             is_stream=port.is_stream,
         )
         self.engine.reception.on_bad = self._bad
+        self.engine.late.slow.on_change = partial(owner.slow, channel.number)
         self.receive_for(receiving)
         self.client = client = Client(protocol, codec, self.engine) if protocol.services else None
         self.transfers = BlockTransfers(

@@ -17,6 +17,7 @@ from framekit.link.engine import Engine
 from framekit.link.events import Asked, Monitor
 from framekit.link.services.client import Client, Done, Transfer, TransferResult
 from framekit.link.services.server import MemoryServer
+from framekit.link.slow import SlowStation
 from framekit.link.values import FrameValue
 from framekit.memory.memory import DeviceMemory
 from framekit.run.own_memory import AddressedMemory
@@ -80,6 +81,7 @@ class ClientService:
             monitor=monitor,
             is_stream=port.is_stream,
         )
+        engine.late.slow.on_change = self._slow
         self.client = Client(protocol, codec, engine)
         self.driver = Driver(engine, port, clock, self._state)
         self._sending: list[Callable[[bool], None]] = []
@@ -134,6 +136,12 @@ class ClientService:
         """Its end is of no interest: nothing more is asked, and the line is free once its reply came or is late."""
         transfer.given_up = True
         self.driver.do(lambda now: self.engine.give_up(transfer, now))
+
+    def _slow(self, station: SlowStation, is_slow: bool) -> None:
+        if is_slow:
+            log.warning("%s: %s", self.driver.port.name, station)
+        else:
+            log.info("%s: station %s answers in time again", self.driver.port.name, station.station)
 
     def _ask(self, service: str, arguments: dict[str, Any], station: Any, done: Asked) -> None:
         self.client.ask(service, arguments, station, done)

@@ -16,6 +16,7 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import LineSettings
 from framekit.link.addresses import Address
 from framekit.link.events import Tape
+from framekit.link.slow import SlowStation
 from framekit.memory.clock_bits import SystemBits
 from framekit.run.block_state import BlockState, BlockStatus, Failure
 from framekit.run.block_words import BlockMemory, SettingError, status_of
@@ -247,6 +248,13 @@ class RunService(ChannelOwner):
         for state in self.states.values():
             if state.block.channel == channel:
                 self.block_memory.changed(state)
+
+    def slow(self, channel: int, station: SlowStation, is_slow: bool) -> None:
+        """Log that a station answers too late, or in time again."""
+        if is_slow:
+            log.warning("channel %d: %s", channel, station)
+        else:
+            log.info("channel %d: station %s answers in time again", channel, station.station)
 
     def _ended(self, state: BlockState, ok: bool, now: int) -> None:
         self._words.completed(state.key, state, ok, now)
@@ -655,6 +663,9 @@ def _channel_status(service: RunService, at_work: ChannelService, now: int) -> C
         frames_in=counters.received,
         bad=counters.bad,
         noise_bytes=counters.noise_bytes,
+        late=counters.late,
+        repeated=counters.repeated,
+        slow=tuple(map(str, at_work.engine.late.slow.present)),
         bytes_in=load.bytes_in,
         bytes_out=load.bytes_out,
         load=load.share(now),

@@ -170,6 +170,8 @@ def _of_channels(status: RunStatus) -> Iterator[Metric]:
         ("frames_in", "Good frames that came.", "frames_in"),
         ("bad_frames", "Frames that came damaged.", "bad"),
         ("noise_bytes", "Bytes that were no frame.", "noise_bytes"),
+        ("late_replies", "Replies that came after the time limit.", "late"),
+        ("repeated_requests", "Requests that were sent once more.", "repeated"),
         ("bytes_in", "Bytes that came.", "bytes_in"),
         ("bytes_out", "Bytes that were sent.", "bytes_out"),
         ("reopenings", "Times that the port was opened anew.", "reopenings"),

@@ -165,6 +165,26 @@ def test_values_are_right_again_soon_after_the_device_is_well(name: str, times: 
     assert world.wrong == [] and world.clock.now() < WELL + 60 * SECOND
 
 
+@pytest.mark.parametrize(("retries", "overlapping"), product((0, 2), (False, True)))
+@pytest.mark.parametrize(
+    ("times", "shown"), [(1.5, "1.5 s: set reply_timeout to 2 s"), (3.5, "3.5 s: set reply_timeout to 4 s")]
+)
+def test_the_time_after_which_a_station_answers_is_reported(
+    times: float, shown: str, retries: int, overlapping: bool
+) -> None:
+    world = slow_world("modbus-rtu", times, "at first", retries, overlapping)
+    reports: list[str] = []
+    world.service.engine.late.slow.on_change = lambda station, is_slow: reports.append(
+        f"{station}" if is_slow else "well"
+    )
+    while world.clock.now() < WELL:
+        world.exchange()
+    assert reports == [f"station 3 answers after {shown} or more"]
+    world.exchanges(40)
+    assert reports[1:] == ["well"] and world.wrong == []
+    assert world.service.engine.counters.repeated >= 10 * retries
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("name", ALIKE)
 def test_no_reply_of_a_slow_device_is_stored_for_another_request_in_many(name: str) -> None:
