@@ -44,7 +44,7 @@ class Replies(NamedTuple):
     stations: Mapping[str, tuple[str, Inverse]] = {}
     beginnings: tuple[tuple[Beginning, ...], ...] = ()
     is_single: bool = True
-    """Whether an exchange is one request and one reply, so that replies can be counted."""
+    """Whether each reply is one frame, so that replies can be counted: every step that waits sends a request."""
     limits: tuple[str, ...] = ()
     """Names of the parameters that are time limits of the steps."""
     name_stations: bool = False
@@ -85,7 +85,7 @@ def replies_of(protocol: Protocol, role: Role | None) -> Replies:
     exchanges = [protocol.sequences[name] for lane in role.lanes for name in lane.exchange]
     beginnings = tuple(tuple(_beginnings(sequence)) for sequence in exchanges)
     stations = _stations(asking)
-    single = all(sum(step.receive is not None or step.call is not None for step in one.steps) == 1 for one in exchanges)
+    single = all(step.send is not None for step in steps)
     named = [bare_name(step.within) for step in steps if step.within is not None]
     limits = tuple(dict.fromkeys(name for name in named if name is not None and name in protocol.params))
     name_stations = _name_stations(frames, stations, protocol)

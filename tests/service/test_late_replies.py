@@ -165,7 +165,7 @@ def test_values_are_right_again_soon_after_the_device_is_well(name: str, times: 
     assert world.wrong == [] and world.clock.now() < WELL + 60 * SECOND
 
 
-@pytest.mark.parametrize(("retries", "overlapping"), product((0, 2), (False, True)))
+@pytest.mark.parametrize(("retries", "overlapping"), list(product((0, 2), (False, True))))
 @pytest.mark.parametrize(
     ("times", "shown"), [(1.5, "1.5 s: set reply_timeout to 2 s"), (3.5, "3.5 s: set reply_timeout to 4 s")]
 )
