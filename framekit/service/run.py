@@ -16,7 +16,7 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import LineSettings
 from framekit.link.addresses import Address
 from framekit.link.events import Tape
-from framekit.link.slow import SlowStation
+from framekit.link.slow import SlowStation, key_of
 from framekit.memory.clock_bits import SystemBits
 from framekit.run.block_state import BlockState, BlockStatus, Failure
 from framekit.run.block_words import BlockMemory, SettingError, status_of
@@ -27,7 +27,7 @@ from framekit.run.own_memory import AddressedMemory, addresses_of
 from framekit.run.scheduler import Scheduler
 from framekit.run.status import USER_DEFINED, ChannelStatus, JobsStatus, RunStatus, StationStatus
 from framekit.run.triggers import awaited_bits
-from framekit.run.trouble import Troubles
+from framekit.run.trouble import Troubles, TroubleSource
 from framekit.runfile.devices import put_values
 from framekit.service.channel import (
     ChannelOwner,
@@ -178,6 +178,8 @@ class RunService(ChannelOwner):
         self._never_open: dict[int, str] = {}
         host = SinkHost(run.name, clock, self.points, partial(run_status, self))
         self.troubles = Troubles(clock.now)
+        self._slow: dict[tuple[int, Hashable], TroubleSource] = {}
+        """Trouble of stations that answer after the time limit, by channel and station."""
         self.sinks = SinkService(run.sinks, run.points, self.points.table, clock, host, self.troubles)
         self.keeper = self._keeper()
         awaited = self._awaited()
@@ -250,11 +252,18 @@ class RunService(ChannelOwner):
                 self.block_memory.changed(state)
 
     def slow(self, channel: int, station: SlowStation, is_slow: bool) -> None:
-        """Log that a station answers too late, or in time again."""
-        if is_slow:
-            log.warning("channel %d: %s", channel, station)
+        """Report that a station answers too late, again when its time changes, and when it answers in time."""
+        key = channel, key_of(station.station)
+        source = self._slow.get(key)
+        if source is None:
+            source = self._slow[key] = self.troubles.source(f"channel {channel}", unit="")
+        if not is_slow:
+            source.ends()
+        elif source.reason:
+            source.reason = str(station)
+            self.troubles.note(source.name, str(station))
         else:
-            log.info("channel %d: station %s answers in time again", channel, station.station)
+            source.begins(str(station))
 
     def _ended(self, state: BlockState, ok: bool, now: int) -> None:
         self._words.completed(state.key, state, ok, now)
@@ -456,7 +465,8 @@ class RunService(ChannelOwner):
     @property
     def problems(self) -> list[str]:
         """The parts that fail now or have lost data: a state that cannot be written, sinks that take no values."""
-        return [str(trouble) for trouble in self.troubles.present()]
+        slow = {source.name for source in self._slow.values()}
+        return [str(trouble) for trouble in self.troubles.present() if trouble.name not in slow]
 
     @property
     def never_open(self) -> list[str]:
