@@ -262,13 +262,22 @@ class Engine(Lanes):
             for other in joined:
                 self._has_left(other, now)
             return self._finish()
-        if not self.is_idle or self.ready or self._keeps_times or self.on_shut is not None or self.is_busy:
+        if self.is_busy or item.run is None or not self._is_settled:
             return self._finish()
-        if item.run is not None and item.run.deadline < self.deadline:  # the only effect is that its clock begins
-            self.deadline = item.run.deadline
+        return self._only_clocks(item.run)
+
+    @property
+    def _is_settled(self) -> bool:
+        """Whether nothing follows from an event but that a clock begins."""
+        return self.is_idle and not (self.ready or self._keeps_times) and self.on_shut is None
+
+    def _only_clocks(self, run: Run) -> list[Command]:
+        """Do as `_finish` where the only effect of an event is that the clock of a run begins."""
+        if run.deadline < self.deadline:
+            self.deadline = run.deadline
         commands = self.commands
         if commands:
-            self.commands = output.commands = []
+            self.commands = self.output.commands = []
         return commands
 
     def _has_left(self, item: Send | Break, now: int) -> None:
@@ -327,6 +336,8 @@ class Engine(Lanes):
                 self.begin_exchange(lane, exchange)
             finally:
                 self.is_busy = False
+            if self._is_settled:
+                return self._only_clocks(lane.running[-1])
         return self._finish()
 
     def cancel(self, exchange: Exchange, now: int) -> list[Command]:

@@ -7,16 +7,13 @@ as they do on a fast line.
 from __future__ import annotations
 
 import asyncio
-import gc
 import io
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import pytest
-from service.test_functions_called import HandPort, opened
+from service.test_functions_called import HandPort, codes_of, opened
 
 from framekit.api.run import AsyncRun
 from framekit.cli.run_output import TextOutput
@@ -39,26 +36,6 @@ blocks:
 """
 EXCHANGES = 50
 STEP = 100_000
-
-
-def codes_of(action: Callable[[], Any]) -> int:
-    """Return how many byte codes of Python an action takes."""
-    count = 0
-
-    def note(frame: FrameType, event: str, argument: Any) -> Any:
-        nonlocal count
-        frame.f_trace_opcodes, frame.f_trace_lines = True, False
-        count += event == "opcode"
-        return note
-
-    gc.disable()
-    sys.settrace(note)
-    try:
-        action()
-    finally:
-        sys.settrace(None)
-        gc.enable()
-    return count
 
 
 @pytest.mark.parametrize("is_shown", [False, True], ids=["quiet", "shown"])
