@@ -1,10 +1,10 @@
 """The link engine of one side of a line: events in, commands out (guide: receiving, sequences, roles).
 
-Sans-I/O: it has no clock, port or task. What falls on one instant is done in this order: what the driver reports, in
-the order of its calls (bytes before times that run out at that very instant); after each, everything that follows from
-it and takes no time – finished exchanges are told, lanes begin what can begin, delivered frames, queues, then the next
-frame in the bytes at hand. When times run out: the receiver's first, then those of runs, earliest first and in the
-order of the lanes, then the session's keep-alive.
+Sans-I/O: it has no clock, port or task. Events of one instant are handled in the order of the driver's calls (bytes
+before times that run out at that instant). After each event, all effects that take no time follow: callbacks of
+finished exchanges, lanes that can begin, delivered frames, queues, then the next frame in the bytes at hand. When times
+run out: the receiver's first, then those of runs, earliest first and in the order of the lanes, then the session's
+keep-alive.
 """
 
 from __future__ import annotations
@@ -81,14 +81,13 @@ MOST_KNOWN = 1024
 class Engine(Lanes):
     """One side of a line. `role` None: frames alone are sent and received.
 
-    `server` does what requests ask for; `ask` runs services for `ask` steps; `memory` is for `store` and `memory()`.
-    `device`: what engines that play the same device share. `on_frame` gets good frames that no step waited for,
-    `on_bad` such bad ones. `monitor` is shown everything; without one that costs nothing. `on_fault` is shown
-    everything but frames, `on_send` is told of each frame that a sequence sends; neither has frames read.
-    `is_stream`: of the port, see `Output`. `deadline`: when `tick` is to be called, as it was after the last event;
-    NEVER when nothing waits for time.
-    Raises ParameterError for parameters that do not fit and KeyError for an unknown role. Nothing else here raises:
-    what cannot be done is reported by outcomes and to the monitor.
+    `server` serves requests; `ask` runs services for `ask` steps; `memory` is for `store` and `memory()`.
+    `device`: the state shared by engines of the same device. `on_frame` gets good frames that no step waited for,
+    `on_bad` such bad frames. `monitor` gets a record of everything. `on_fault` gets all records but frames, `on_send`
+    is called for each frame that a sequence sends; neither has frames decoded. `is_stream`: of the port, see `Output`.
+    `deadline`: the time of the next `tick`, as of the last event; NEVER without one.
+    Raises ParameterError for parameters that do not fit and KeyError for an unknown role. No other method raises:
+    failures are reported by outcomes and to the monitor.
     """
 
     def __init__(
@@ -140,7 +139,7 @@ class Engine(Lanes):
         self._port_hears_marks = False
         self.awaited: frozenset[str] = frozenset()
         self.cutting = False
-        """Frames are being broken off because a time limit has run out; they are shown, and nothing more."""
+        """Frames are being broken off because a time limit has run out; they are only shown."""
         self._told = ToldBytes()
         replies = self.late.expected.frames  # first, for the bytes of one may be those of a request too
         self._all = tuple(sorted(self.table.on_line, key=lambda name: name not in replies))
@@ -185,7 +184,7 @@ class Engine(Lanes):
         return self._finish()
 
     def hear_marks(self) -> None:
-        """Of the port, before it opens: it tells the ninth bits of characters."""
+        """Note, before the port opens, that it reports the ninth bits of characters."""
         self._port_hears_marks = True
 
     @property
@@ -199,7 +198,7 @@ class Engine(Lanes):
         self.line_changed(change, is_other)
 
     def closed(self, now: int, reason: str = "") -> list[Command]:
-        """The connection is gone; what was to be sent is dropped, and a run that does not handle it fails."""
+        """Note that the connection is gone: drop the output, and fail each run that does not handle that."""
         self.scope.now = now
         self.is_open = self.output.is_open = False
         self.was_closed = True
@@ -232,13 +231,13 @@ class Engine(Lanes):
         return self._finish()
 
     def other_sender(self, now: int) -> list[Command]:
-        """What comes from now on comes from another sender. What had come before of a frame belongs to nothing."""
+        """Note that following bytes come from another sender; the beginning of a frame before them is noise."""
         self.scope.now = now
         self.show_noise(self.receiver.flush())
         return self._finish()
 
     def line_break(self, now: int) -> list[Command]:
-        """The line was in break state. What had come before of a frame belongs to nothing."""
+        """Note that the line was in break state; the beginning of a frame before it is noise."""
         self.scope.now = self.output.last_received = now
         self.show_noise(self.receiver.flush())
         self.show("break", "in")
@@ -268,7 +267,7 @@ class Engine(Lanes):
 
     @property
     def _is_settled(self) -> bool:
-        """Whether nothing follows from an event but that a clock begins."""
+        """Whether the only effect of an event is that a clock begins."""
         return self.is_idle and not (self.ready or self._keeps_times) and self.on_shut is None
 
     def _only_clocks(self, run: Run) -> list[Command]:
@@ -299,7 +298,7 @@ class Engine(Lanes):
                 run.deadline = run.within
 
     def control(self, lines: Mapping[str, bool], now: int) -> list[Command]:
-        """The control lines as they are now (cts, dsr, dcd, ri). Without clear-to-send nothing is sent."""
+        """Set the control lines (cts, dsr, dcd, ri). Frames are sent only while clear-to-send is on."""
         self.scope.now = now
         self.output.clear_to_send = lines.get("cts", True)
         self.output.poll()
@@ -341,16 +340,16 @@ class Engine(Lanes):
         return self._finish()
 
     def cancel(self, exchange: Exchange, now: int) -> list[Command]:
-        """Ends an exchange, begun or not; what has been handed over for sending still goes out.
+        """End an exchange, begun or not; frames handed over for sending still go out.
 
-        If its reply is due, other requests wait for that.
+        If its reply is due, other requests wait for the reply.
         """
         self.scope.now = max(self.scope.now, now)
         self.cancel_now(exchange)
         return self._finish()
 
     def give_up(self, exchange: Exchange, now: int) -> list[Command]:
-        """An exchange is given up by its caller. What has been asked is waited for, but not asked again."""
+        """Note that the caller has given up an exchange: its reply is awaited, but no request is repeated."""
         self.scope.now = max(self.scope.now, now)
         self.give_up_now(exchange)
         return self._finish()
@@ -403,7 +402,7 @@ class Engine(Lanes):
 
     @property
     def held_until(self) -> int:
-        """Until when nothing is asked for because a reply is due (ns)."""
+        """Until when no request is sent because a reply is due (ns)."""
         return self.late.until
 
     def status(self) -> dict[str, Any]:
@@ -419,7 +418,7 @@ class Engine(Lanes):
     # ---- what follows -------------------------------------------------------------------------------------
 
     def _finish(self) -> list[Command]:
-        """Everything that follows and takes no time; then the commands, in order. Inside of itself it does nothing."""
+        """Do all that follows and takes no time; return the commands, in order. A nested call returns no command."""
         if self.is_busy:
             return []
         ready = self.ready
@@ -482,7 +481,7 @@ class Engine(Lanes):
     # ---- to the runs that wait ----------------------------------------------------------------------------
 
     def offer(self, value: FrameValue) -> bool:
-        """Offers a good frame to the rows of the runs that wait. Tells whether one took it.
+        """Offer a good frame to the rows of the runs that wait; return whether a row took it.
 
         Lanes are asked in the order written, in a lane the older exchange first; the first row that fits takes it.
         """
@@ -519,7 +518,7 @@ class Engine(Lanes):
                     return
 
     def _handle(self, run: Run, event: str, value: Any) -> bool:
-        """Lets a run handle an event; what follows is done. Tells whether it has a handler that applies.
+        """Let a run handle an event, with the effects; return whether it has a handler that applies.
 
         A break and a lost connection are also for the callers, innermost first.
         """
@@ -553,7 +552,7 @@ class Engine(Lanes):
         return self.receiver.stream.offset
 
     def _next_arrival(self) -> bool:
-        """Handles the next thing in the bytes at hand, where there are some. False: nothing comes of them yet."""
+        """Handle the next arrival in the bytes at hand. Return False if there is no arrival yet."""
         receiver, order = self.receiver, self.order
         if len(order) != 1 or (run := order[0]).plan is not self._plan or run.state is not RECEIVING:
             self._look_for()
@@ -658,7 +657,7 @@ class Engine(Lanes):
         return is_arriving
 
     def _not_taken(self, value: FrameValue) -> None:
-        """A good frame that no row has taken yet: it may be another one, or late."""
+        """Handle a good frame that no row has taken yet: it may be another frame, or late."""
         receiver, late = self.receiver, self.late
         if late.open and not late.until:
             if late.came_before(value, receiver.is_followed_by(late.expected.frames)):
@@ -714,7 +713,7 @@ class Engine(Lanes):
             self.ready.append(partial(on_bad, bad))
 
     def flush(self) -> None:
-        """Drops what has come and is no frame yet; but frames that are wanted whenever they come are taken first."""
+        """Drop bytes that are no frame yet; frames that are wanted at any time are taken first."""
         names = tuple(name for name in self._all if name in self.awaited)
         cutting, self.cutting = self.cutting, True  # a step is under way: bad frames are shown, and nothing more
         while names and (event := self.receiver.next((), names)) is not None:
@@ -777,7 +776,7 @@ class Engine(Lanes):
         return self._keep_alive_at() <= now and self._keep_alive()
 
     def _time_up(self, run: Run) -> None:
-        """A frame that is arriving is broken off first; a good one may still be found in what has come of it."""
+        """Break off a frame that is arriving, then end the wait; a good frame may still be found in its bytes."""
         number = run.wait_number
         if run.state is HELD:
             self.hold_over(run)

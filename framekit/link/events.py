@@ -1,8 +1,8 @@
-"""What an engine and those around it hand each other, as plain values: what happens on the line and commands, what it
-tells about itself, exchanges and their outcomes, the server, the memory.
+"""Plain values at the borders of an engine: line events, commands, records for monitors, exchanges and their outcomes,
+the server, the memory.
 
-The engine is sans-I/O: a driver tells it what happened on the line and when (the `Engine` methods), and carries out
-the commands it returns. Times are whole nanoseconds of one monotonic clock; nothing here knows where it comes from.
+The engine is sans-I/O: a driver reports line events with their times (the `Engine` methods), and carries out the
+commands that the engine returns. Times are whole nanoseconds of a monotonic clock.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _NOTHING: Mapping[str, Any] = {}
 
 
 class LineFault(enum.Enum):
-    """What a port found wrong with one character; `MARK` is no damage: the ninth bit of a line of nine bits is set."""
+    """A fault of a character, found by a port; `MARK` is no damage: the ninth bit of a line of nine bits is set."""
 
     PARITY = "parity"
     FRAMING = "framing"
@@ -30,7 +30,7 @@ class LineFault(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class CharacterFault:
-    """A damaged or marked character: its place in the bytes handed over with it (0 = first byte) and what it is."""
+    """A damaged or marked character: its index in the bytes that are received with it (from 0), and its fault."""
 
     index: int
     fault: LineFault
@@ -42,7 +42,7 @@ class Send:
 
     `marked`: the byte (0 = first) that goes out with its ninth bit set; None for none.
     `inside` allows to put the bytes into the frame that is going out now (embedded responses). For the engine: the
-    `run` that sends (None: none), what is known of the frame (`info`), and who is told when the last bit has left.
+    `run` that sends (None: no run), the `FrameInfo` of the frame, and the callback for the time the last bit has left.
     """
 
     data: bytes
@@ -67,7 +67,7 @@ class Break:
 class ChangeLine:
     """The line has this speed and format from now on; all that was sent before has left, so no `sent` follows.
 
-    For the engine: the `run` that waits for it (None: none), and the number of that wait.
+    For the engine: the `run` that waits for the change (None: no run), and the number of its wait.
     """
 
     line: LineFormat
@@ -179,7 +179,7 @@ class Tape:
 
 
 def seen_of(record: Record) -> Seen:
-    """Return what a record of a tape says."""
+    """Return the content of a record of a tape."""
     if len(record) == 2:
         return record[1]
     _, direction, at, raw, frame, fields, started_at, repeated = record
@@ -210,7 +210,8 @@ class LinkCounters:
 class Outcome:
     """How an exchange ended. `outcome` is '' or the name of the failure, such as no_reply; `cause` says more in words.
 
-    `results` are what the sequence gives; `reply` and `buffer` are those of that name; `raw` is the reply as received.
+    `results` are the results of the sequence; `reply` and `buffer` are the results with these names; `raw` holds the
+    bytes of the reply as received.
     """
 
     ok: bool
@@ -225,10 +226,10 @@ class Outcome:
 class Exchange:
     """One run of an `exchange` sequence: `run` names it (None: the role's first). Or what belongs to any other run.
 
-    `arguments` are what the service's call gave, for sequences that take them; `params` are names for this exchange
-    alone, and for what its sequences ask. `expected` are the reply frames the service named, the error frame included.
-    `inside` marks an exchange that an `ask` step has asked for: what the callback got as `done`. The engine says once
-    that it has `ended`.
+    `arguments` are the arguments of the service's call, for sequences that take them; `params` are names for this
+    exchange and for the services that its sequences ask for. `expected` are the reply frames the service named, the
+    error frame included. `inside` marks an exchange of an `ask` step: the `done` that its callback got. The engine
+    calls `ended` or `succeeded` once.
 
     Its sequences share the rest, from `begin` on. `asked` and `last_sent` are what replies have to repeat; `answering`
     and `taken` are what this side answers. `checks_echo`: this is the side that asked. `names`: where parameters
@@ -283,13 +284,13 @@ class Exchange:
         return self
 
     def renew(self) -> None:
-        """What listens begins anew: no request has come yet."""
+        """Reset the exchange of a listener that begins anew: no request has come yet."""
         self.request = self.asked = self.reply = self.reply_buffer = self.refusal = None
         self.last_sent = self.answering = self.taken = None
         self.buffer = b""
 
     def get(self, name: str) -> Any:
-        """What a sequence that takes this name gets when nothing else gives it; None if there is no such thing."""
+        """Return the value of a name that a sequence takes and its caller does not give; None if it is unknown."""
         return self.arguments[name] if name in self.arguments else self.names.get(name)
 
     def answers(self, request: Any) -> Any:
@@ -324,9 +325,9 @@ def outcome_of(x: Exchange, results: dict[str, Any]) -> Outcome:
 
 @dataclass(slots=True)
 class Served:
-    """A server's answer: the reply to send (None: there is none), the bytes beside it, and the refusal's code or 0.
+    """A server's answer: the reply to send (None: no reply), its buffer, and the refusal's code or 0.
 
-    `trouble`: what of the definition could not be worked out for the request.
+    `trouble`: the expression of the definition that could not be evaluated for the request.
     """
 
     reply: FrameValue | None
@@ -353,7 +354,7 @@ class MemoryAccess(Protocol):
 
 
 class Asked(Protocol):
-    """What the callback of an `ask` step calls when the service is done; it also marks the exchanges made for it.
+    """The function that the callback of an `ask` step calls when the service is done; it marks the service's exchanges.
 
     `params` are the names that the exchange with this step brought along.
     """

@@ -1,4 +1,4 @@
-"""What the link knows of every frame before any byte comes: codec, beginning, inner frames, echo, announcements.
+"""Facts about every frame that are known before any byte comes: codec, beginning, inner frames, echo, announcements.
 
 Made once for a codec, which is known only by the contract below.
 """
@@ -73,15 +73,15 @@ Make = Callable[[dict[str, Any], bytes | None, int | None], FrameValue]
 """Makes a value of decoded fields, bytes and refusal, with values of the frames inside."""
 
 Shape = tuple[tuple[str, str, Any], ...]
-"""Where frames stand inside a frame's fields: (`inner`, name, None), (`record` or `list`, name, shape of that)."""
+"""The places of frames inside a frame's fields: (`inner`, name, None), (`record` or `list`, name, its shape)."""
 
 
 Announcements = tuple[tuple[str, Evaluate | None, Evaluate], ...]
-"""What a frame says about later ones: a variable, the key of a table, the value."""
+"""The values of later frames that a frame announces: a variable, the key of a table, the value."""
 
 
 def announce(announces: Announcements, value: FrameValue, scope: Scope) -> None:
-    """Sets what a frame announces, one after the other. Raises EVALUATION_ERRORS."""
+    """Set the variables that a frame announces, in order. Raises EVALUATION_ERRORS."""
     names = Names({**value.complete(), WIRE: value.raw}, scope)
     for variable, key, evaluate in announces:
         if key is None:
@@ -119,17 +119,17 @@ def _passes(inner: Any, known: Mapping[str, EchoTest], asked: FrameValue | None,
 
 
 class FrameInfo:
-    """One frame. `first`: the byte it begins with, if that is certain. `known`: fields that are constants.
+    """Facts about a frame. `first`: the byte it begins with, if that is certain. `known`: fields that are constants.
 
-    `extent`: as `measure` if the frame is good and, where it `guesses`, the frame inside is one that is known.
-    `has_lists`: it may hold lists or records. `inner`: the field with the only frame inside; `behind`: the most that
-    stands behind it. `intact`: a quick look at its check code, where there is one; what fails it is bad, never refused.
+    `extent`: as `measure` if the frame is good; if `guesses`, only for known frames inside.
+    `has_lists`: it may hold lists or records. `inner`: the field with the only frame inside, with at most `behind`
+    bytes after it. `intact`: a quick test of its check code, if it has one; a frame that fails is bad, never refused.
     The table of all frames sets `make`.
-    `carries`: frames that may be put into this one when `insert` holds. `value_names`: its fields. `sizes`: what
-    `extent` says by one byte. `quick`: how a frame that is good is read by it. `usual`: fields that replies repeat, and
+    `carries`: frames that may be put into this frame when `insert` holds. `value_names`: its fields. `sizes`: the
+    extents by a byte. `quick`: how a good frame is decoded quickly. `usual`: fields that replies repeat, and
     the names that give them where the frame does not. `optional`: fields that need not be given, and their defaults;
-    `may_lack`: their names. `fixed_bytes`: bytes that it always has, with their places; `restricted`: those of them
-    that measuring does not look at, up to where its tail may move; `is_fixed`: it has always the same size.
+    `may_lack`: their names. `fixed_bytes`: bytes that it always has, with their offsets; `restricted`: those of them
+    that measuring does not read, up to where its tail may move; `is_fixed`: it has always the same size.
     """
 
     __slots__ = (
@@ -165,7 +165,7 @@ class FrameInfo:
         self.most = frame.most
         self.known: dict[str, Any] = {}
         self.computed: list[tuple[str, Evaluate, frozenset[str]]] = []
-        """What `is:` says, and the fields of the frame that it reads: their names mean nothing else."""
+        """The expressions of `is:`, and the fields of the frame that they read: their names have no other meaning."""
         self.numbers: dict[str, dict[str, int]] = {}
         self.on_line = True
         self.carries: tuple[str, ...] = ()
@@ -190,7 +190,7 @@ class FrameInfo:
         return {name: names[given] for name, given in self.usual.items() if name not in value.fields}
 
     def unset(self, names: Names, fields: Mapping[str, Any], name: str) -> Any:
-        """What one of `optional` that was not given comes to. Raises EVALUATION_ERRORS."""
+        """Return the value of an optional field that was not given. Raises EVALUATION_ERRORS."""
         evaluate = self.optional[name]
         for other in self.rests.get(name, ()):
             if other not in fields:
@@ -206,7 +206,7 @@ class FrameInfo:
         return False
 
     def read_back(self, data: bytes, names: Context, inside: str | None) -> dict[str, Any]:
-        """The fields of what was sent, or of the frame in this field."""
+        """Decode the fields of a sent frame, or of the frame in the field `inside`."""
         try:
             fields = self.make(self.decode(data, names), data, None).fields
         except EVALUATION_ERRORS:
@@ -257,7 +257,7 @@ def _plain_name(expression: Any) -> str | None:
 
 
 def _behind_inner(segments: tuple[Segment, ...]) -> int:
-    """The bytes behind the last frame inside; more than any frame has if these are not plain."""
+    """Return the number of bytes after the last frame inside; more than any frame has if that varies."""
     size = 0
     for segment in reversed(segments):
         if isinstance(segment, Inner):
@@ -359,7 +359,7 @@ class FrameTable:
         self.on_line = tuple(info.name for info in sorted(outer, key=lambda info: info.refuse is not None))
 
     def once(self, make: Callable[[Unpack[Of]], Made], *of: *Of) -> Made:
-        """What is made of these, once for all receivers."""
+        """Return `make(*of)`, made once for all receivers."""
         found: Made | None = self._kept.get((make, *of))
         if found is None:
             if len(self._kept) >= MOST_KEPT:
@@ -368,7 +368,7 @@ class FrameTable:
         return found
 
     def received(self, name: str, fields: dict[str, Any], raw: bytes | None, refusal: int | None) -> FrameValue:
-        """The frame value of decoded fields; a refusal holds for the frame and for what it carries."""
+        """Return the frame value of decoded fields; a refusal holds for the frame and for the frames inside."""
         info = self.infos.get(name)
         return FrameValue(name, fields, raw, refusal) if info is None else info.make(fields, raw, refusal)
 
@@ -518,7 +518,7 @@ class FrameTable:
                 )
 
     def fill_echo(self, reply: FrameValue, *requests: FrameValue | None) -> None:
-        """Building a reply, or a frame that carries one, copies what it repeats of the first request that has it."""
+        """Fill the fields of a reply, and of frames inside, that repeat the first request that has them."""
         info = self.infos.get(reply.frame)
         if info is None or not info.echoes:
             return
@@ -538,7 +538,7 @@ class FrameTable:
                 self.fill_echo(inner, *requests)
 
     def repeats(self, reply: FrameValue, asked: FrameValue | None, sent: FrameValue | None, names: Names) -> bool:
-        """Return whether a reply repeats what it has to of the pending request, else of the frame that was sent.
+        """Return whether a reply, with the frames inside, repeats the pending request, else the frame that was sent.
 
         `names`: those that the reply's `echo` may read.
         """
@@ -611,7 +611,7 @@ class FrameTable:
 
 
 def echoed(plain_name: str | None, evaluate: Evaluate, request: FrameValue, names: Names | None = None) -> Any:
-    """What a reply repeats of a request. Raises KeyError when the request has no such field."""
+    """Return the value that a reply repeats of a request. Raises KeyError if the request has no such field."""
     if plain_name is not None:
         return request.field(plain_name)
     return evaluate(Names({**request.complete(), "request": request}, names))
@@ -626,8 +626,10 @@ def _rests(frame: Frame, optional: Collection[str]) -> dict[str, tuple[str, ...]
 
 
 def optional_of(frame: Frame) -> dict[str, Evaluate | None]:
-    """The fields that need not be given and that nothing else is worked out for; their defaults, None where they are
-    nothing then. What repeats a field of the request is known when it has been repeated."""
+    """Return the fields that need not be given and that are not computed, with their defaults; None: no default.
+
+    A field that repeats a field of the request is known when it has been repeated.
+    """
     found: dict[str, Evaluate | None] = {}
     for segment, there in certain(frame.segments):
         if isinstance(segment, Field):

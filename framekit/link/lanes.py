@@ -21,12 +21,13 @@ HOLD = 100_000_000
 """A listener that goes round in circles is started again after this (ns)."""
 
 STALE = 1_000_000_000
-"""What has lain there incomplete for so long (ns) when an exchange begins has nothing to do with it."""
+"""Incomplete bytes that are this old (ns) when an exchange begins do not belong to it."""
 
 
 class Lanes(Runs):
     """Runs by their lanes. `order`: in which arriving frames are offered to them. `lane_of`: the lane that runs
-    exchanges of a sequence; None: the first that runs any. `on_shut`: who asked for the end, until that is told.
+    exchanges of a sequence; None: the first that runs any. `on_shut`: the callback for the end of the session, until it
+    is called.
     """
 
     awaited: frozenset[str]
@@ -50,7 +51,7 @@ class Lanes(Runs):
                 self.lane_of.setdefault(name, lane)
 
     def drop_stale(self) -> None:
-        """An exchange begins and nothing listened: what came before cannot be its reply."""
+        """Drop bytes that came before an exchange while no run listened: they cannot be its reply."""
         raise NotImplementedError
 
     # ---- starting -----------------------------------------------------------------------------------------
@@ -94,7 +95,7 @@ class Lanes(Runs):
             self.begin(run, self.sequences[x.run or lane.exchange[0]], x)
 
     def _clear_line(self) -> None:
-        """An exchange begins: what is due no longer, and what nothing listened for, is none of its business."""
+        """Before an exchange, forget replies that are due no longer, and bytes that no run listened for."""
         late, now = self.late, self.scope.now
         if late.until and late.until <= now:
             self.release()
@@ -111,7 +112,7 @@ class Lanes(Runs):
         return run
 
     def _begin_behind(self, before: list[tuple[str, str]], run: Run, exchange: Exchange) -> None:
-        """Begins what has to run before an exchange."""
+        """Begin the sequences that have to run before an exchange."""
         station = exchange.station
         exchange.begin(self.scope, True, self.copies)
         run.agenda = [(kind, one, Exchange(station=station).begin(self.scope)) for kind, one in before]
@@ -179,7 +180,7 @@ class Lanes(Runs):
     # ---- late replies -------------------------------------------------------------------------------------
 
     def release(self) -> None:
-        """Nothing is due any more, or its time is over: what was held back goes on."""
+        """Go on with requests that were held back: no reply is due any more, or its time is over."""
         late = self.late
         late.time_over()
         items, late.items = late.items, []
@@ -213,7 +214,7 @@ class Lanes(Runs):
     # ---- ending -------------------------------------------------------------------------------------------
 
     def over(self, run: Run) -> None:
-        """What follows from a run that has ended: the session, the next sequence of the run, the caller."""
+        """Update the session after the end of a run, begin the next sequence of the run, and report to the caller."""
         outcome, lane, session = run.outcome, run.lane, self.session
         if run.agenda and (outcome is None or outcome.ok or run.doing == "close"):
             run.state = State.GOING
@@ -268,7 +269,7 @@ class Lanes(Runs):
                 self.fail_run(run, "cancelled")
 
     def give_up_now(self, exchange: Exchange) -> None:
-        """Ends an exchange that has not begun; one under way repeats nothing any more, and ends by itself."""
+        """End an exchange that has not begun; an exchange under way repeats no request any more, and ends by itself."""
         if any(exchange in lane.waiting for lane in self.lanes):
             self.cancel_now(exchange)
         for run in self.order:
@@ -284,7 +285,7 @@ class Lanes(Runs):
                 self.tell(lane.waiting.popleft(), Outcome(False, outcome, cause))
 
     def _reorder(self) -> None:
-        """Other runs than before: what is looked for may be something else."""
+        """Set the order of the runs, after runs have begun or ended."""
         order: list[Run] = []
         for lane in self.lanes:
             lane.spare = None
@@ -316,7 +317,7 @@ class Lanes(Runs):
     # ---- the end of all -----------------------------------------------------------------------------------
 
     def shut(self) -> bool:
-        """Closes the session when asked to, once the lane is free. False: there is nothing to do now."""
+        """Close the session when asked to, once the lane is free. Return whether something was done."""
         if self.on_shut is None:
             return False
         session = self.session

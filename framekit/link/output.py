@@ -1,6 +1,7 @@
-"""What is to be sent: one thing after the other, with the silence the line wants before it and RTS around it.
+"""The queue of transmissions, with the silence that the line wants before each and RTS around it.
 
-It gives the next command when the last one has left. It knows no sequences; who sent what is only kept for them.
+The next command is given when the last command has left. Sequences are not known here; the run of a transmission is
+only kept for them.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ from framekit.link.values import compile_optional
 class Output:
     """The queue to the line. `last_sent` and `last_received` are when the last character left or came (ns).
 
-    `is_immediate`: what is sent goes out without a pause or RTS before it. `is_stream`: the port
+    `is_immediate`: frames go out without a pause or RTS before them. `is_stream`: the port
     has no times of its own, so frames that are due at once go out in one piece: `joined` leaves with `outgoing`.
-    `on_change` is told of a change of the line that is done, and whether the line was another one before.
+    `on_change` is called for a change of the line that is done, with whether the line had other settings before.
     """
 
     def __init__(self, line: Line, scope: Scope, commands: list[Command], is_stream: bool = False) -> None:
@@ -42,7 +43,7 @@ class Output:
         self.is_immediate = self._turnaround is None and self._key_delay is None
 
     def put(self, item: Send | Break) -> bool:
-        """Queues something. False: it goes into the frame that is leaving, and counts as sent with that."""
+        """Queue an item. Return False if it goes into the frame that is leaving, and counts as sent with that frame."""
         outgoing = self.outgoing
         if self._has_marks and type(item) is Send and item.info is not None:
             item.marked = marked_in(item.info, len(item.data))
@@ -62,7 +63,7 @@ class Output:
         return True
 
     def _joins(self, item: Send) -> bool:
-        """Puts bytes behind those that are to be sent in this turn, if the port sends them as one."""
+        """Append bytes to the last frame that is sent in this turn, if the port sends both in one piece."""
         last = self.commands[-1] if self.is_stream and self.commands else None
         if self.pending or not self.is_immediate or type(last) is not Send or last.inside:
             return False
@@ -71,7 +72,7 @@ class Output:
         return True
 
     def _fits_inside(self, outgoing: Send | Break, item: Send | Break) -> bool:
-        """Whether it may go into the frame that is leaving: then that is said in it."""
+        """Return whether an item may go into the frame that is leaving, and mark it so."""
         if type(outgoing) is not Send or type(item) is not Send:
             return False
         around, frame = outgoing.info, item.info
@@ -81,14 +82,14 @@ class Output:
         return item.inside
 
     def change_line(self, line: LineFormat) -> ChangeLine | None:
-        """Other speed and format, when all that is to be sent has left. None: that is done; else what is to come."""
+        """Change speed and format when everything queued has left. Return the pending change; None if it is done."""
         change = ChangeLine(line)
         self.pending.append(change)
         self.poll()
         return change if self.pending else None
 
     def own_line(self) -> None:
-        """Back to the line's own speed and format, when all that is to be sent has left."""
+        """Return to the line's own speed and format when everything queued has left."""
         times = self.scope.line
         if self.is_open and times.own is not None and (self.pending or times.line != times.own):
             self.change_line(times.own)
@@ -101,7 +102,7 @@ class Output:
         self.on_change(change, is_other)
 
     def poll(self) -> None:
-        """Gives the next command, if the line is free."""
+        """Give the next command, if the line is free."""
         if self.outgoing is not None or not self.is_open:
             return
         pending = self.pending
@@ -124,7 +125,7 @@ class Output:
         self.commands.append(item)
 
     def _not_before(self) -> int:
-        """The silence before sending, and RTS the key delay before it."""
+        """Return when sending may begin after the silence and the key delay, 0 for now; switch RTS on."""
         scope = self.scope
         not_before = 0
         if self._turnaround is not None:
@@ -137,7 +138,7 @@ class Output:
         return not_before if not_before > scope.now else 0
 
     def left(self) -> Send | Break | None:
-        """The last bit of what was given to the line has left it: that, with `joined`; None where it is forgotten."""
+        """Note that the last bit of `outgoing` and `joined` has left; return `outgoing`, None after `clear`."""
         item, self.outgoing = self.outgoing, None
         self.last_sent = self.scope.now
         if self.pending:
@@ -148,7 +149,7 @@ class Output:
         return item
 
     def clear(self) -> None:
-        """The connection is gone, and all that was to be sent with it."""
+        """Drop everything queued: the connection is gone."""
         self.pending.clear()
         self.joined.clear()
         self.outgoing = None

@@ -1,8 +1,8 @@
-"""Values that sequences and services work with: frames as values, what a dot in an expression means; names, and
-expressions that are evaluated on them; what the values come to that a definition writes down.
+"""Values that sequences and services work with: frames as values, attributes of values in expressions, names, and
+compiled expressions.
 
-Codecs give and take plain dictionaries; an inner frame there is `{frame: fields}`, here it is a `FrameValue`.
-Knows nothing of sequences, services or the line.
+Codecs give and take plain dictionaries; an inner frame is `{frame: fields}` in a dictionary, here it is a `FrameValue`.
+Sequences, services and the line are not known here.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from framekit.definition.expression import Expression, Name, Node, Undone, inver
 NO_FIELDS: frozenset[str] = frozenset()
 
 Unset = Callable[[Mapping[str, Any], str], Any]
-"""What a field that was not given comes to, by the others and its name. Raises EVALUATION_ERRORS."""
+"""Returns the value of a field that was not given, from the other fields and its name. Raises EVALUATION_ERRORS."""
 
 
 Sent = tuple[Any, bytes, Any, str | None, Mapping[str, Any]]
@@ -96,7 +96,7 @@ class FrameValue:
         self.raw = self.rest = self.built = None
 
     def language_attribute(self, name: str) -> Any:
-        """`value.name` for callers that know only the protocol of attributes, generated codecs for one."""
+        """Return `value.name`, for callers that know only the protocol of attributes, such as generated codecs."""
         return attribute(self, name)
 
     def copy(self) -> FrameValue:
@@ -113,10 +113,9 @@ class FrameValue:
 
 
 def attribute(value: Any, name: str) -> Any:
-    """`value.name` of the language. A list has its items' attributes. Raises KeyError for what cannot be there.
+    """Return `value.name` of the language. A list has its items' attributes. Raises KeyError for an unknown attribute.
 
-    A field that a received frame may have and has not is None; one that a made frame was not given is its default.
-    What is nothing has nothing.
+    An absent optional field of a received frame is None, of a made frame its default. None has no attributes: None.
     """
     if type(value) is FrameValue:
         if name in value.fields:
@@ -155,7 +154,7 @@ def plain(value: Any) -> Any:
 
 
 HOLDERS = frozenset((FrameValue, dict, list))
-"""What may hold frame values."""
+"""The types that may hold frame values."""
 
 
 def frames_in(value: Any) -> Iterator[str]:
@@ -199,7 +198,7 @@ class Names(dict[str, Any]):
 
     @property
     def remembered(self) -> dict[Any, Any] | None:
-        """What measuring has found out of a frame that is still coming; None where nothing tells when that ends."""
+        """The results of measuring a frame that is still coming; None outside of a receiver."""
         return None if self.parent is None else self.parent.remembered
 
     def get(self, name: str, default: Any = None) -> Any:
@@ -216,12 +215,12 @@ def compile_expression(expression: Expression) -> Evaluate:
 
 
 def compile_optional(expression: Expression | None) -> Evaluate | None:
-    """The same for what may be missing."""
+    """Compile an expression that may be missing."""
     return None if expression is None else compile_expression(expression)
 
 
 CODEC_ERRORS = Exception
-"""What a receiver takes for a frame that does not fit: whatever its functions raise, nothing ends the line."""
+"""The errors of a codec that mean that a frame does not fit; no error ends the line."""
 
 
 Undo = Callable[[int, int], int]
@@ -308,7 +307,7 @@ def read_as(codec: LayoutFunctions, found: Any, names: Names) -> Any:
 
 
 def read_layout(decode: Callable[..., dict[str, Any]], data: bytes, names: Names) -> dict[str, Any]:
-    """Reads bytes as a layout; bytes behind its end are padding without meaning. Raises ValueError."""
+    """Decode bytes as a layout; surplus bytes at the end are padding without meaning. Raises ValueError."""
     try:
         return decode(data, names)
     except ValueError as error:

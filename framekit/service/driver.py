@@ -1,6 +1,6 @@
 """Binds one engine to one port and a clock: events in, commands out, at the times the engine asks for.
 
-Nothing from the wire may raise out of here. A lost port is reopened with back-off. What the engine does is not known.
+No bytes from the wire raise an exception out of here. A lost port is reopened with back-off.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ log = logging.getLogger(__name__)
 
 
 class LineLoad:
-    """Counts the bytes of one line. `line` None: there is no speed, and no load can be told."""
+    """Counts the bytes of a line. `line` None: the line has no speed, and its load is unknown."""
 
     __slots__ = ("_before", "_counted", "_sampled", "_sampled_at", "began", "bytes_in", "bytes_out", "character_time")
 
@@ -30,17 +30,17 @@ class LineLoad:
         self._sampled = self._before = self._counted = 0
 
     def change(self, line: LineFormat) -> None:
-        """The line has another speed or format from now on."""
+        """Note that the line has another speed or format from now on."""
         self._before, self._counted = self._busy, self.bytes
         self.character_time = line.character_time
 
     @property
     def _busy(self) -> int:
-        """How long the line was busy (ns)."""
+        """The time that the line was busy (ns)."""
         return self._before + (self.bytes - self._counted) * self.character_time
 
     def begin(self, now: int) -> None:
-        """Time counts from now on, if nothing has been on the line before."""
+        """Begin to measure time, if no byte has been on the line before."""
         if not self.bytes:
             self.began = self._sampled_at = now
 
@@ -50,11 +50,11 @@ class LineLoad:
         return self.bytes_in + self.bytes_out
 
     def share(self, now: int) -> float | None:
-        """The part of the time since the beginning that the line was busy (0 to 1); None without a speed."""
+        """Return the part of the time since the beginning that the line was busy (0 to 1); None without a speed."""
         return self._share(self._busy, now - self.began)
 
     def since_last(self, now: int) -> float | None:
-        """The same for the time since this was asked the last time."""
+        """Return the part of the time since the last call that the line was busy."""
         busy = self._busy
         found = self._share(busy - self._sampled, now - self._sampled_at)
         self._sampled_at, self._sampled = now, busy
@@ -73,7 +73,7 @@ FIRST_RETRY, LONGEST_RETRY = 500_000_000, 30_000_000_000
 
 
 class Driven(Protocol):
-    """What a driver runs: an engine, or something that only listens."""
+    """The contract of a driver with an engine, or with a listener."""
 
     @property
     def deadline(self) -> int: ...
@@ -98,7 +98,7 @@ class Driven(Protocol):
 
 
 class Moment(Protocol):
-    """What wants to know when an event has been dealt with: it is `inside` until `end` is called."""
+    """The contract of an object that collects the effects of an event: it is `inside` until `end` is called."""
 
     inside: bool
 
@@ -106,10 +106,10 @@ class Moment(Protocol):
 
 
 class Driver(PortEvents):
-    """Runs an engine on a port. `on_state(text)` is told when the port opens, closes or fails.
+    """Runs an engine on a port. `on_state(text)` is called when the port opens, closes or fails.
 
-    `pending` is what the engine wants and is still to be done, `load` measures how busy the line is. `moment` is told
-    of the beginning and the end of what the line brings.
+    `pending` are the commands of the engine that are not carried out yet, `load` measures how busy the line is.
+    `moment` encloses the effects of received bytes.
     """
 
     def __init__(
@@ -137,9 +137,9 @@ class Driver(PortEvents):
     # ---- life ---------------------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Opens the port; it goes on trying until `stop` or `switch_off`, unless it is one that is opened only once.
+        """Open the port; try again until `stop` or `switch_off`, unless the port can be opened only once.
 
-        A second call changes nothing.
+        A second call has no effect.
         """
         if self._started:
             return
@@ -150,7 +150,7 @@ class Driver(PortEvents):
         self.port.open(self)
 
     def stop(self) -> None:
-        """Closes the port and forgets what was to be sent."""
+        """Close the port and drop the commands that are not carried out."""
         self.stopped, self._started = True, False
         self.pending.clear()
         self._alarm.cancel()
@@ -161,7 +161,7 @@ class Driver(PortEvents):
         self.port.close()
 
     def switch_off(self) -> None:
-        """Closes the port until `start`; the engine is told, so that what runs ends."""
+        """Close the port until `start`, and report that to the engine, so that exchanges under way end."""
         if not self.stopped:
             self.stop()
             self.is_open = False
@@ -169,7 +169,7 @@ class Driver(PortEvents):
             self.carry_out(self.engine.closed(self.clock.now(), "switched off"))
 
     def hurry(self) -> bool:
-        """Opens a port that waits to be opened again at once; whether the port is open, or will be, or has failed."""
+        """Open at once a port that waits to be opened again; return whether the port is open or may be opened again."""
         if not self._started or self.stopped:
             return False
         if self._reopen_timer is not None and not self.is_open:
@@ -179,7 +179,7 @@ class Driver(PortEvents):
         return self.is_open or self.port.opens_again
 
     def do(self, action: Callable[[int], list[Command]]) -> None:
-        """Runs something that talks to the engine (an exchange started, say) and carries out what comes of it."""
+        """Call a function that acts on the engine (starts an exchange, for example), and carry out the commands."""
         self.carry_out(action(self.clock.now()))
 
     # ---- events of the port -------------------------------------------------------------------------------
@@ -229,7 +229,7 @@ class Driver(PortEvents):
         self.carry_out(self.engine.control(dict(lines), now))
 
     def closed(self, now: int, reason: str) -> None:
-        """The port is gone: the engine is told, and the port is opened again after a while."""
+        """Report to the engine that the port is gone, and open the port again after a while."""
         self.is_open = False
         self.pending.clear()
         if self.stopped:
@@ -251,14 +251,14 @@ class Driver(PortEvents):
     # ---- commands -----------------------------------------------------------------------------------------
 
     def carry_out(self, commands: list[Command]) -> None:
-        """Does what the engine wants, in order, and looks when it wants to be called again."""
+        """Carry out commands of the engine, in order, and set the alarm to its deadline."""
         if commands:
             self.pending.extend(commands)
             self._next_commands()
         self._alarm.set(NEVER if self.stopped else self.engine.deadline)
 
     def _next_commands(self) -> None:
-        """Does what may be done now, in order; a command with a time in the future holds back those behind it."""
+        """Carry out pending commands in order; a command with a future time holds back the following commands."""
         pending, port = self.pending, self.port
         while pending:
             command = pending.popleft()
@@ -289,7 +289,7 @@ class Driver(PortEvents):
                 self.closed(self.clock.now(), command.reason)
 
     def _go_on(self) -> None:
-        """The time of the next command has come; once it has left, the engine may have a time of its own."""
+        """Carry out the command whose time has come; then set the alarm anew."""
         self._send_timer = None
         self._next_commands()
         self.look_at_time()
@@ -297,7 +297,7 @@ class Driver(PortEvents):
     # ---- time ---------------------------------------------------------------------------------------------
 
     def look_at_time(self) -> None:
-        """The engine may want to be called at another time."""
+        """Set the alarm to the deadline of the engine."""
         self._alarm.set(NEVER if self.stopped else self.engine.deadline)
 
     def _ring(self) -> None:

@@ -1,8 +1,8 @@
 """The sequences of a protocol as one Python module: a generator a sequence.
 
 Everything that can be known when the protocol is loaded is resolved here: variables are locals, rows comparisons in
-their order, what a step waits for is one constant. Parameters and state are looked up every time. A generator yields
-what it waits for, is sent what came of that, and returns its results, or that it has failed.
+their order, each wait of a step is a constant. Parameters and state are looked up every time. A generator yields
+waits, is sent frames and events, and returns its results, or its failure.
 """
 
 from __future__ import annotations
@@ -192,7 +192,7 @@ class _SequenceWriter:
         out.add(f"SEQUENCES[{name}] = CompiledSequence({name}, q{self.number}, {takes}, {bool(sequence.always)})")
 
     def _begin(self, out: Source, used: set[str]) -> None:
-        """Write what the generator has at its beginning, of locals those that are used."""
+        """Write the beginning of the generator, with those locals that are used."""
         out.add("m = run.machine")
         if used & {"s", "device"}:
             out.add("s = m.scope")

@@ -1,6 +1,6 @@
-"""What generators of sequences call, and what moves them on: everything that takes no time is done at once.
+"""The functions that generators of sequences call, and the loop that moves generators on; steps take no time.
 
-Nothing that a definition writes can raise out of here: what cannot be worked out ends the sequence, and that is shown.
+No text of a definition raises an exception out of here: an expression that fails ends the sequence, and is shown.
 """
 
 from __future__ import annotations
@@ -66,13 +66,13 @@ from framekit.link.values import EVALUATION_ERRORS, FrameValue, Names, frames_in
 RECEIVING, PAUSING, ASKING, DONE, GOING = State.RECEIVING, State.PAUSING, State.ASKING, State.DONE, State.GOING
 
 STEPS_OF_TROUBLE = 200
-"""What a step that could not be worked out counts for, so that trouble does not go round for long."""
+"""The number of steps that a failed step counts for, so that a circle of failures ends soon."""
 
 NOTHING: Mapping[str, Any] = {}
 NO_RESULTS: dict[str, Any] = {}
 
 SILENCE = Parked("silence", (), ())
-"""An exchange in doubt waits until nothing comes any more."""
+"""An exchange in doubt waits for silence."""
 
 QUEUES = object()
 """Stands in `ready` where rows that wait for an item or for room are to be asked."""
@@ -115,11 +115,11 @@ class Queues:
 
 
 class Runs:
-    """What all runs of an engine share, and how they go on.
+    """The state that all runs of an engine share, and the functions that move runs on.
 
-    `monitor` is shown everything. `on_fault` is shown everything but frames, `on_send` is told of each frame that goes
-    out: with these alone no frame is read for being shown. `last_frame`: when the last good frame came or went.
-    `ready`: what is to be done next: runs that are over, lanes in which something may begin, frames to be offered as
+    `monitor` gets all records. `on_fault` gets all records but frames, `on_send` is called for each frame that is sent:
+    neither has frames decoded. `last_frame`: when the last good frame came or went.
+    `ready`: the queue of work: runs that are over, lanes in which something may begin, frames to be offered as
     if they had arrived, QUEUES, and calls. `need_names`: the frames that
     are built on names of the exchange. `shown_later`: the frames that can be decoded from their bytes at any later
     time, each with the names its decoding needs.
@@ -191,7 +191,7 @@ class Runs:
         self.go(run, level, None)
 
     def go(self, run: Run, level: Level, value: Any) -> bool:
-        """Tells a generator of a run what came, and does what follows from it. Whether it applied."""
+        """Send a value to a generator of a run, and do what follows. Return whether it applied."""
         due = run.asked
         try:
             wait = level.generator.send(value)
@@ -210,7 +210,7 @@ class Runs:
         return self._waits(run, level, wait, due, False)
 
     def _go_on(self, run: Run, level: Level | None, value: Any, due: Any, error: Exception | None = None) -> bool:
-        """The same for what follows, where something does; or something to be raised in it."""
+        """Do the same for the calls that follow, if there are any; or raise an error in the generator."""
         while level is not None:
             try:
                 wait = level.generator.send(value) if error is None else level.generator.throw(error)
@@ -227,7 +227,7 @@ class Runs:
         return True
 
     def _waits(self, run: Run, level: Level, wait: Any, due: Any, applied: bool) -> bool:
-        """A generator waits for something. Whether what it was told applied, or had already."""
+        """Handle the wait that a generator yields. Return whether the value sent to it applied, or `applied`."""
         if wait is NOT_TAKEN:
             return applied
         if wait is AGAIN or wait is RESTART or run.state is DONE:
@@ -406,7 +406,7 @@ class Runs:
                 self.tell(dropped.x, Outcome(False, "abandoned", run.cause))
 
     def go_on(self, run: Run) -> None:
-        """What has held it back, its pause or the change of the line is over."""
+        """Go on with a run that was held back, or whose pause or change of the line is over."""
         if run.asked is not None:
             missed(run)
         run.state, run.deadline = GOING, NEVER
@@ -468,13 +468,13 @@ class Runs:
     # ---- sending ------------------------------------------------------------------------------------------
 
     def announce(self, value: FrameValue) -> None:
-        """What a frame says about later ones, when it is accepted or first sent."""
+        """Set the variables that a frame announces, when it is accepted or first sent."""
         info = self.table.infos.get(value.frame)
         if info is not None and info.announces:
             announce(info.announces, value, self.scope)
 
     def accept(self, value: FrameValue) -> None:
-        """What a frame that came says about later ones; what cannot be worked out is shown."""
+        """Set the variables that a received frame announces; show an expression that fails."""
         try:
             self.announce(value)
         except EVALUATION_ERRORS as error:
@@ -501,7 +501,7 @@ class Runs:
             run.owed = None  # else it was made anew of its fields, or stands deep inside
 
     def line_changed(self, change: ChangeLine, is_other: bool) -> None:
-        """All that was sent before has left, and the line has these settings: a run that waits for that goes on."""
+        """Note that the line has these settings, after everything sent before has left; its run goes on."""
         if is_other and self.monitor is not None:
             self.show("line", "out", reason=str(change.line))
         run = change.run
@@ -538,7 +538,7 @@ class Runs:
 
     @property
     def is_watched(self) -> bool:
-        """Whether faults are shown to anybody."""
+        """Whether faults are shown."""
         return self.on_fault is not None or self.monitor is not None
 
     def show(self, kind: Any, direction: Any = "", raw: bytes = b"", frame: str = "", **more: Any) -> None:
@@ -650,7 +650,7 @@ class EngineFunctions(LinkFunctions):
 
 
 class Asked:
-    """What the callback of an `ask` step gets."""
+    """The argument of the callback of an `ask` step."""
 
     def __init__(self, machine: Runs, run: Run, level: Level) -> None:
         self.machine, self.run, self.level, self.x = machine, run, level, level.x
@@ -684,7 +684,7 @@ def count(run: Run) -> None:
 
 
 def listens_again(m: Runs, run: Run, x: Exchange) -> bool:
-    """Whether a listener begins anew where it has ended: nothing else waits for its lane. Raises CircleError."""
+    """Return whether a listener that has ended begins anew: no exchange waits for its lane. Raises CircleError."""
     lane, now = run.lane, m.scope.now
     if lane.waiting or not m.is_open or run.top is not run.base:
         return False
@@ -724,7 +724,7 @@ def unclear(m: Runs, step: str, error: Exception) -> bool:
 
 
 def cut_parts(data: bytes, most: int) -> list[bytes]:
-    """Cuts what a step does piece by piece."""
+    """Cut the data of a step into its pieces."""
     if most <= 0:
         raise ValueError(f"pieces of {most} bytes cannot be cut")
     return [data[start : start + most] for start in range(0, len(data), most)]
@@ -762,9 +762,9 @@ def own_line(m: Runs) -> ChangeLine | None:
 
 
 def decoded(m: Runs, run: Run, names: Names, frames: tuple[str, ...], data: Any) -> FrameValue | Bad:
-    """Bytes as the first of these frames that they are; else what is wrong with them: that is counted and shown.
+    """Decode bytes as the first of these frames that fits; otherwise return, count and show the fault.
 
-    Raises TypeError for what is no bytes.
+    Raises TypeError if `data` is no bytes.
     """
     table = m.table
     if not isinstance(data, (bytes, bytearray)):

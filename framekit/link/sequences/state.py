@@ -1,11 +1,11 @@
-"""A sequence under way: its lane, its run, what its generators wait for and what they are sent; its time limits.
+"""A sequence under way: its lane, its run, the waits and events of its generators, and its time limits.
 
-A generator yields what it waits for: rows (`Wait`), or something else (`Pause`, `Hold`, `Call`, `Asking`, `Changing`).
-It is sent what came: a frame, or one of the events below. Where nothing applies it yields NOT_TAKEN; where it waits on
-AGAIN, or RESTART if its clock is set anew. It returns its results, or `Failed`.
+A generator yields a wait: rows (`Wait`), or another wait (`Pause`, `Hold`, `Call`, `Asking`, `Changing`). The engine
+sends it a frame, or an event (see below). It yields NOT_TAKEN if no row or handler applies, AGAIN if it waits on, and
+RESTART if it waits on with its clock set anew. It returns its results, or `Failed`.
 
-A clock begins when the last bit of what the run sent has left. While a frame is arriving that fits so far, `within`
-stands still; if it turns out to be none, the time it took is given back (guide: sequences).
+A clock begins when the last bit that the run sent has left. While a frame is arriving that fits so far, `within`
+stands still; if the bytes turn out to be no frame, the time they took is given back (guide: sequences).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class CircleError(Exception):
 
 
 class State(enum.Enum):
-    """What a run is doing: nothing that takes time, waiting for rows, for a time, for a service, or it is over.
+    """The state of a run: going on without taking time, waiting for rows, for a time, for a service, or over.
 
     HELD: it waits to send, because replies to earlier requests are due. SILENT: its reply may belong to one of
     these; it waits for silence and then asks again. CHANGING: it waits until the line has other speed and format,
@@ -107,7 +107,7 @@ NOT_TAKEN, AGAIN, RESTART = map(Event, ("NOT_TAKEN", "AGAIN", "RESTART"))
 
 
 class Parked:
-    """What a step waits for that is no row. `events`: handlers that it has; `always`: frames of rows for every step."""
+    """A wait for an event other than a row. `events`: handlers that apply; `always`: frames of rows for every step."""
 
     __slots__ = ("always", "events", "name")
 
@@ -120,9 +120,9 @@ class Parked:
 
 
 class Plan:
-    """What a run that waits for rows looks for: a wait for an exchange that expects these, its callers' rows too.
+    """The frames that a run looks for: those of a wait, for an exchange that expects these, and of its callers' rows.
 
-    `frames`: in their order. `looks`: there is something to be looked for; `others`: other frames are too.
+    `frames`: in their order. `looks`: there are frames to look for; `others`: other frames are looked for too.
     """
 
     __slots__ = ("frames", "looks", "others")
@@ -165,8 +165,8 @@ class Changing(Parked):
 class Wait:
     """Rows of a step. `frames`, `always`: those that its rows, and rows for every step, name ("" for those expected).
 
-    `queues`: queue or None, queue that has to have room or None. `numbered`: a late reply to it is never taken for
-    another one. `is_timed`: it has a time limit. `wants_others`: other frames are looked for too.
+    `queues`: queue or None, queue that has to have room or None. `numbered`: a late reply to it is never mistaken for
+    another reply. `is_timed`: it has a time limit. `wants_others`: other frames are looked for too.
     """
 
     __slots__ = (
@@ -190,7 +190,7 @@ class Wait:
         return self.plan(expected).frames
 
     def plan(self, expected: tuple[str, ...]) -> Plan:
-        """What is looked for, for an exchange that expects these."""
+        """Return the frames to look for, for an exchange that expects these."""
         found = self.plans.get(expected)
         if found is None:
             frames = dict.fromkeys(names_of((*self.frames, *self.always), expected))
@@ -226,7 +226,7 @@ Sequence = Callable[["Run", Exchange, Mapping[str, Any]], Generator[Any, Any, An
 
 
 class CompiledSequence:
-    """A sequence: what makes its generator, what it takes. `has_always`: it has rows for every step."""
+    """A sequence: the function that makes its generator, its parameters. `has_always`: it has rows for every step."""
 
     __slots__ = ("begin", "has_always", "name", "takes")
 
@@ -257,7 +257,7 @@ class LaneState:
         """A run that is over and has kept its place in the order, to be used once more."""
         self.listener: Run | None = None
         self.is_queued = False
-        """It stands in the queue of what is to be done: something may begin in it."""
+        """It stands in the ready queue: an exchange or a listener may begin in it."""
         self.held_until = 0
         self.steps_since = -1
         self.steps_done = 0
@@ -275,14 +275,14 @@ class LaneState:
 
 
 class Run:
-    """Sequences that call each other, in a lane; `top` is the one that is doing something.
+    """Sequences that call each other, in a lane; `top` is the innermost call.
 
     `unsent`: frames handed over that have not left; clocks wait for them. Times: `started` is when the step's clock
     began, `within` when it runs out before a frame has begun, `candidate` when the first byte of a frame came that fits
-    so far, `deadline` when something has to happen. `exchange` is told the end. `agenda` are the sequences it runs one
-    after the other, `doing` what the present one is for. `given_up`: nothing is repeated any more. `asked`: the
-    exchange that waits for what it has asked for. `expected`: the frames it takes now. `wanted`: what it calls or
-    asks. `owed`: the reply to the last request that it has had carried out, until that is sent, and what it is to.
+    so far, `deadline` when something has to happen. `exchange` gets the outcome. `agenda` are the sequences it runs in
+    turn, `doing` the purpose of the present sequence. `given_up`: no request is repeated any more. `asked`: the
+    exchange that waits for the reply to its request. `expected`: the frames it takes now. `wanted`: the sequence or
+    service that it calls. `owed`: the reply to the last served request, until it is sent, and that request.
     """
 
     __slots__ = (
@@ -388,7 +388,7 @@ def frame_gone(run: Run, now: int) -> None:
 class SessionState:
     """`is_open` between its opening and its end; `busy` while sequences open or close it.
 
-    `keep_alive`: after how long a silence it has to be kept alive; None where it need not be. `on_end` is told its end.
+    `keep_alive`: the silence after which it has to be kept alive; None: never. `on_end` is called at its end.
     """
 
     def __init__(self, session: Session | None, scope: Scope) -> None:
@@ -402,7 +402,7 @@ class SessionState:
         self.keep_alive = compile_optional(session.keep_alive_after if session else None)
 
     def plan(self, exchange: Exchange) -> list[tuple[str, str]]:
-        """What has to run before an exchange: pairs of `close` or `open` and a sequence; `mark` has no sequence."""
+        """Return the steps before an exchange: pairs of `close` or `open` and a sequence; `mark` has no sequence."""
         session = self.session
         if session is None:
             return []
@@ -414,7 +414,7 @@ class SessionState:
         return [*closing, ("begin", ""), *(("open", name) for name in session.open), ("opened", "")]
 
     def is_ready(self, station: Any, outside: bool) -> bool:
-        """Whether an exchange can begin at once: nothing has to be opened or closed for it."""
+        """Return whether an exchange can begin at once, without opening or closing the session."""
         if self.session is None:
             return True
         return self.is_open and not self.busy and not outside and not self._another(station)
@@ -436,7 +436,7 @@ class SessionState:
         self.on_end()
 
     def failed(self, outcome: str) -> bool:
-        """A failure of the procedure ends an open session if the definition says so. Tells whether it did."""
+        """End an open session after a failure of the procedure, if the definition says so; return whether it ended."""
         session = self.session
         lost = session is not None and self.is_open and (session.lost_by is None or outcome in session.lost_by)
         if lost:

@@ -1,8 +1,8 @@
-"""Writes what the steps of a sequence do into the generator of that sequence: names, values, sends, actions, waits.
+"""Write the steps of a sequence into the generator of the sequence: names, values, sends, actions, waits.
 
-Text of a definition reaches the source only by `quoted`, `literal` and the expression emitter. What a step's keys come
-to stands in the table STEP_KEYS; how generators become a module in `compiler`. Where it may go on is a number, `pc`: a
-block runs `if pc <= N`, so the next step is fallen into, and every other one is a jump.
+Text of a definition reaches the source only by `quoted`, `literal` and the expression emitter. The table STEP_KEYS has
+the keys of a step; `compiler` makes the module of all generators. The position in a generator is a number, `pc`: a
+block runs `if pc <= N`, so the next step is fallen into, and every other step is reached by a jump.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ from framekit.link.value_source import SourceModule, ValueWriter
 from framekit.link.variables import empty_of
 
 OF_EXCHANGE = frozenset({"request", "buffer", "expected", "station", "reply", "reply_buffer", "refusal"})
-"""Names that belong to an exchange, or to what is served."""
+"""Names that belong to an exchange, or to a served request."""
 
 OF_CALL = frozenset({"part", "cause", "frame", "outcome"})
 """Names that a call frame has while a step does its pieces, or handles an event."""
@@ -67,11 +67,11 @@ ENTRY, PART, WAIT, BLOCKS = 0, 1, 2, 3
 """Where a step may be gone on with: at its beginning, with its next piece, with waiting; so many places has a step."""
 
 GOING, WAITING, PARKED, CALLING = "going", "waiting", "parked", "calling"
-"""What the generator does where something is written: it runs, it waits for rows, for a time, or for a call."""
+"""The state of the generator at a place of its source: it runs, or it waits for rows, for a time, or for a call."""
 
 
 class Frames:
-    """What is known of a protocol's frames before anything is sent or received."""
+    """Facts about a protocol's frames that are known before a frame is sent or received."""
 
     def __init__(self, protocol: Protocol, table: FrameTable) -> None:
         self.protocol = protocol
@@ -165,7 +165,7 @@ class SequenceNames:
         return f"attribute({inner}, {quoted(node.name)})"
 
     def _typed(self, node: Node) -> tuple[str, tuple[str, ...] | None]:
-        """Source, and the received frames that it may be: () for any frame, None where it may be anything."""
+        """Return source, and the received frames that the value may be: () for any frame, None for any value."""
         known = self.writer.frames
         if isinstance(node, Name) and not known.delivers:
             if node.name == "it" and self.frames and "it" not in self.writer.own:
@@ -188,11 +188,11 @@ class SequenceNames:
 
 
 class StepWriter:
-    """Writes one step into the generator of its sequence. `own`: the sequence's variables and types ("" for any).
+    """Writes a step into the generator of its sequence. `own`: the sequence's variables and types ("" for any).
 
-    `received`: variables that hold received frames only, and which these may be. `held`: its sequence runs for
-    exchanges, so replies that are due may hold its request back. `listens`: a lane may listen with it. `doing`: what
-    the generator does at this place.
+    `received`: variables that hold received frames only, with the frames they may hold. `held`: its sequence runs for
+    exchanges, so replies that are due may hold its request back. `listens`: a lane may listen with it. `doing`: the
+    state of the generator at this place.
     """
 
     def __init__(
@@ -223,7 +223,7 @@ class StepWriter:
 
     @staticmethod
     def uses_item(sequence: Sequence) -> bool:
-        """Whether what has come is looked at anywhere but in the row that it came for."""
+        """Return whether a received frame is used outside of the row that takes it."""
         actions = [action for step in sequence.steps for action in step.branch or ()]
         actions += [action for step in sequence.steps for one in step.handlers.values() for action in one]
         actions += [action for one in sequence.handlers.values() for action in one]
@@ -247,7 +247,7 @@ class StepWriter:
 
     @contextmanager
     def at(self, place: int) -> Iterator[None]:
-        """What is added inside can be gone on with at this place."""
+        """Write a block of source that is entered at this place of the step."""
         number = self.index * BLOCKS + place
         self.out.add(f"if pc <= {number}:")
         self.out.depth += 1
@@ -300,7 +300,7 @@ class StepWriter:
 
     @property
     def names(self) -> str:
-        """Source of the variables and what is above them by name."""
+        """The source of names for the variables and the names of the exchange."""
         shared = [name for name in sorted(OF_EXCHANGE) if name not in self.own]
         fields = [f"{quoted(name)}: x.{name}" for name in shared]
         fields += [f"{quoted(name)}: {self.slot(name)}" for name in self.own]
@@ -333,7 +333,7 @@ class StepWriter:
             self.assign(name, source, is_number=is_number)
 
     def assign(self, name: str, source: str, fits: bool = False, is_number: bool = False) -> None:
-        """Sets a variable. `fits`: it is what the variable may hold; `is_number`: surely a number."""
+        """Set a variable. `fits`: the value has the variable's type; `is_number`: it is a number."""
         if name in self.own:
             type_ = self.own[name]
             if not fits and type_ not in ("", "frame", "record"):
@@ -404,12 +404,12 @@ class StepWriter:
         self.add(f"run.gap = {'None' if step.gap is None else f'int({self.expression(step.gap)})'}")
 
     def handlers(self, *events: str) -> dict[str, tuple[Action, ...]]:
-        """What is done at these events, of those for which the step, or the sequence, says something."""
+        """Return the handlers of these events that the step, or the sequence, has."""
         found = {event: self.step.handlers.get(event) or self.sequence.handlers.get(event) or () for event in events}
         return {event: actions for event, actions in found.items() if actions}
 
     def park(self, what: str, doing: str = PARKED) -> None:
-        """Waits for something that is no row; what it may react to meanwhile is done in a loop."""
+        """Write a wait for an event other than a row, with a loop for the handlers that may apply meanwhile."""
         events = self.handlers("on_break", "on_closed", *(("on_byte",) if what == "pause" else ()))
         always = self.sequence.always if doing == CALLING else ()
         name = self.called(what)
@@ -436,7 +436,7 @@ class StepWriter:
             self.add("continue")
 
     def _results(self) -> None:
-        """What a call, or a service that was asked for, has brought."""
+        """Write how the results of a call, or of a service, are taken."""
         into = self.step.call.into if self.step.call is not None else self.step.ask_into
         with self.out.block("if type(got) is dict:"):
             for variable, result in into.items():
@@ -542,7 +542,7 @@ class StepWriter:
         self.act(row, "next", ())
 
     def handle(self, event: str, actions: tuple[Action, ...], outcome: str = "") -> None:
-        """What the handler of an event does; without one that applies it fails with `outcome`, or waits on."""
+        """Write the handlers of an event; if no handler applies, the step fails with `outcome`, or waits on."""
         usual = "next" if event == "on_byte" else "again"
         default = outcome if event in ("on_timeout", "on_exhausted", "on_fail") else ""
         for action in actions:
@@ -561,7 +561,7 @@ class StepWriter:
     # ---- where it leads -----------------------------------------------------------------------------------
 
     def leaves(self) -> None:
-        """In a handler: what was asked for is waited for no longer."""
+        """Write for a handler that the reply to the request is waited for no longer."""
         with self.out.block("if run.asked is not None:"):
             self.add("missed(run)")
 
@@ -592,7 +592,7 @@ class StepWriter:
         self.jump(index * BLOCKS)
 
     def leave(self, handler: bool = False) -> None:
-        """The step is done: its next piece, or where it says it goes."""
+        """Write the end of the step: its next piece, or the jump to the next step."""
         then = self.step.then
         if handler:
             self.leaves()
@@ -612,10 +612,10 @@ class StepWriter:
     def act(
         self, action: Action, usual: str, row: tuple[str, ...] | None = None, outcome: str = "", event: str = ""
     ) -> None:
-        """Does an action, and goes where that leads.
+        """Write an action, and the jump to the step that follows.
 
-        `usual` is where it leads when it does not say; `outcome` source of the failure it stands for then. `event`: the
-        handler it stands in; "always": a row that may be a caller's; "branch": nothing waits.
+        `usual` is the next place if the action names no place; `outcome` source of the failure it stands for then.
+        `event`: the handler of the action; "always": a row that may be a caller's; "branch": no wait is under way.
         """
         counter = self._counted.get(id(action))
         if counter is not None and action.at_most is not None:
@@ -689,7 +689,7 @@ class StepWriter:
             self.to_index(self._steps[word])
 
     def _resend(self) -> None:
-        """Sends again what the step has sent, if it may."""
+        """Write that the frame of the step is sent again, if it may be."""
         most = "" if self.step.retries is None else f" or resends >= {self.expression(self.step.retries)}"
         with self.out.block(f"if run.given_up{most}:"):
             self.exhausted()
@@ -705,7 +705,7 @@ class StepWriter:
             self.jump(self.index * BLOCKS + WAIT)
 
     def _again(self, event: str) -> None:
-        """Waits on; where nothing waits, the step goes on."""
+        """Write that the wait goes on; without a wait, the step goes on."""
         if event == "branch":
             self.leave()
         elif event == "on_fail" and self.doing == CALLING:
@@ -777,12 +777,12 @@ def is_plain_row(row: Row) -> bool:
 
 
 def empty_value(type_: str) -> str:
-    """Source of what a new variable of a type holds."""
+    """Return the source of the first value of a variable of this type."""
     return literal(empty_of(type_))
 
 
 class StepKey(NamedTuple):
-    """A key that a step may have; `write` tells whether nothing of the step is reached behind it."""
+    """A key that a step may have; `write` returns whether the rest of the step is not reached."""
 
     attribute: str
     write: Callable[[StepWriter, Any], bool | None]
@@ -829,7 +829,7 @@ def _hold_break(step: StepWriter, time: Expression) -> None:
 
 
 def _hold(step: StepWriter) -> None:
-    """Inside the loop of something that is held back; `held` is set where it goes on somewhere else."""
+    """Write the loop of a step that is held back; a handler may leave it for another step."""
     before, step.doing = step.doing, PARKED
     events = step.handlers("on_break", "on_closed")
     name = step.called("hold")
@@ -847,7 +847,7 @@ def _hold(step: StepWriter) -> None:
 
 
 def _gone(step: StepWriter) -> None:
-    """Behind that loop."""
+    """Write the source after that loop."""
     if step.handlers("on_break", "on_closed"):
         with step.out.block("else:"):  # it was not broken off
             step.add("got = GO")
@@ -956,7 +956,7 @@ STEP_KEYS = [
     StepKey("receive", _receive),
     StepKey("branch", _branch),
 ]
-"""What a step does, in this order."""
+"""The keys of a step, in the order in which their effects happen."""
 
 
 _OWN_FUNCTIONS = frozenset((*vars(runtime), *vars(late), *dir(builtins)))
@@ -972,10 +972,10 @@ def add_step_key(
     *functions: Callable[..., Any],
     before: str = "send",
 ) -> None:
-    """A key that steps may have from now on, done before another one.
+    """Add a key that steps may have, with an effect before the effect of another key.
 
-    `form`: how its value looks and is read. `write`: what it writes into the step's functions, as those above; what it
-    writes may call `functions`. Raises ValueError for a key, or a function's name, that another module has.
+    `form`: the form of its value. `write`: writes its source into the generator, as the functions above do; the source
+    may call `functions`. Raises ValueError for a key, or a function's name, that another module has.
     """
     key, module = key_of(name, form, doc), write.__module__
     if before not in {one.attribute for one in STEP_KEYS} - {name}:

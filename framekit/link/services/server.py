@@ -1,8 +1,8 @@
 """A server: requests that arrive, served from a device's memory by the same rows that clients send them by.
 
 Order: the request's own refusal, the server's, the first row that matches, its refusals, area, range and access, the
-work, the reply. What is simply a transfer is done by one function a row (see `matching`), all else by `work`. Nothing
-from the wire raises out of here. Guide: serving, errors.
+work, the reply. Plain transfers are served by one function a row (see `matching`), all other rows by `work`. No bytes
+from the wire raise an exception out of this module. Guide: serving, errors.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from framekit.link.values import (
 from framekit.memory.memory import AccessError, DeviceMemory, DeviceMemoryError, MemoryRangeError, UnknownAreaError
 
 NOTHING_SAID = 1
-"""The code of a refusal for which the definition has none."""
+"""The code of a refusal for which the definition has no code."""
 
 
 @dataclass(slots=True)
@@ -60,7 +60,7 @@ class ServiceCounters:
     unanswered: int = 0
 
     def count(self) -> None:
-        """One more has been carried out."""
+        """Count a request that was carried out."""
         self.done += 1
 
     @property
@@ -68,20 +68,20 @@ class ServiceCounters:
         return self.refused.total() + self.unanswered
 
     def reasons(self, protocol: model.Protocol) -> Counter[str]:
-        """The errors by what they were."""
+        """Return how often each error occurred, by its description."""
         found = Counter({refusal_text(protocol, code): count for code, count in sorted(self.refused.items())})
         if self.unanswered:
             found["expression"] = self.unanswered
         return found
 
     def add(self, other: ServiceCounters) -> None:
-        """What another counted goes on here."""
+        """Add the counts of other counters."""
         self.done += other.done
         self.refused.update(other.refused)
         self.unanswered += other.unanswered
 
     def clear(self) -> None:
-        """Counting begins anew."""
+        """Reset all counts."""
         self.done = self.unanswered = 0
         self.refused.clear()
 
@@ -90,14 +90,14 @@ Found = TypeVar("Found")
 
 
 class Planned(Protocol):
-    """A refusal that a plan of faults wants: its code, None for that of an address out of range."""
+    """A refusal that a plan of faults wants: its code; None: the code of an address out of range."""
 
     @property
     def code(self) -> int | None: ...
 
 
 Refuses = Callable[[FrameValue, bool], Planned | None]
-"""Whether a request is refused because a plan says so; the second argument: it is only checked now."""
+"""Returns the planned refusal of a request, if any; the second argument: the request is only checked."""
 
 
 class ServedRow:
@@ -130,19 +130,19 @@ class ServedRow:
         ]
 
     def check(self, request: FrameValue, buffer: bytes, station: Any, names: Names) -> Served | None:
-        """Whether a request would be refused, without the bytes beside it. None: the row does not fit."""
+        """Check a request without its buffer: return the refusal, if any. None: the row does not fit."""
         reading = self.matching.read(request, buffer, station, names, False)
         return None if reading is None else self.go_on(request, reading, check_only=True)
 
     def asked(
         self, request: FrameValue, buffer: bytes, station: Any, names: Names
     ) -> tuple[CompiledBlock | None, Names] | None:
-        """The exchange that a request asks for, and what it says. None: the row does not fit."""
+        """Return the block that a request asks for, and the names of the request. None: the row does not fit."""
         reading = self.matching.read(request, buffer, station, names, True)
         return None if reading is None else (None if self.work is None else self.work.block, reading.names)
 
     def go_on(self, request: FrameValue, reading: MatchedRow, *, check_only: bool) -> Served:
-        """Serves what a request means, where the row's function does not do everything."""
+        """Serve a matched request whose row is not served by one function."""
         validate(self.refuse, reading.names, check_only)
         if reading.problem is not None:
             raise reading.problem
@@ -151,7 +151,7 @@ class ServedRow:
         return Served(None) if check_only else self._reply(request, reading, self._do(reading))
 
     def _do(self, reading: MatchedRow) -> list[bytes] | None:
-        """The row's work; the data for the reply as they stand in the frame, None if there are none."""
+        """Do the work of the row; return the data for the reply in wire form, None if there are no data."""
         data = None if self.work is None else self.work.do(reading, self.start_block)
         if not self.transfers:
             return data
@@ -191,10 +191,10 @@ class ServedRow:
 class MemoryServer:
     """Serves a device's memory. `mapping` puts areas of the protocol elsewhere in it (see `DeviceAreas`).
 
-    `on_block` starts blocks of a run for requests that ask for one. `refresh` brings the memory up to date before each
-    request, `refuses` refuses requests that the device would serve, `counters` count what is done and refused. With
-    `read_only` a write is refused as one that is not allowed. `written` is told of every write, `kept` of every
-    variable of the device that a request changes.
+    `on_block` starts blocks of a run for requests that ask for a block. `refresh` updates the memory before each
+    request, `refuses` refuses requests that the device would serve, `counters` count served and refused requests. With
+    `read_only` every write is refused. `written` is called for every write, `kept` for every variable of the device
+    that a request changes.
     """
 
     def __init__(
@@ -237,9 +237,9 @@ class MemoryServer:
         ]
 
     def serve(self, request: FrameValue, buffer: bytes, station: Any, check_only: bool, names: Names) -> Served:
-        """Does what a request asks for, or, with `check_only`, only says whether it would be refused.
+        """Serve a request; with `check_only`, only return whether it would be refused.
 
-        What depends on the bytes beside the request is not validated by `check_only`: they come later.
+        `check_only` does not validate conditions that depend on the buffer, since its bytes come later.
         """
         if self.refresh is not None:
             self.refresh()
@@ -262,12 +262,12 @@ class MemoryServer:
         return served
 
     def unanswered(self) -> None:
-        """The reply to the request that was carried out last could not be built: that was no good service."""
+        """Count the last request as unanswered, because its reply could not be built."""
         self.counters.done -= 1
         self.counters.unanswered += 1
 
     def asked(self, request: FrameValue, names: Names) -> tuple[CompiledBlock | None, Names]:
-        """The exchange that a request asks for, whether it would be refused or not; nothing is done.
+        """Return the block that a request asks for, and the names of the request, without serving it.
 
         Raises RefusedMatchError for a request that no row is for, and EVALUATION_ERRORS.
         """
@@ -275,7 +275,7 @@ class MemoryServer:
         return self._first([(row.asked, row.service) for row in rows], request, b"", None, names)
 
     def refuse(self, request: FrameValue, code: int | None, buffer: bytes, station: Any, names: Names) -> Served:
-        """Refuses a request whatever it asks for; without a code as for an address that is out of range."""
+        """Refuse a request; without a code as for an address that is out of range."""
         known = Names({"request": request, "buffer": buffer, "station": station}, names)
         return self._refused(request, self._code_or(code, "range", known), known)
 
@@ -301,9 +301,9 @@ class MemoryServer:
         self, functions: Sequence[tuple[Callable[[FrameValue, bytes, Any, Names], Found | None], str]],
         request: FrameValue, buffer: bytes, station: Any, names: Names,
     ) -> Found:  # fmt: skip
-        """What the first row that fits gives, by its function and service.
+        """Return the result of the first row that fits; `functions` are pairs of a row's function and service.
 
-        Raises RefusedMatchError with the best reason why none does.
+        Raises RefusedMatchError with the best reason if no row fits.
         """
         reason, damaged = "no_service", None
         for function, service in functions:
@@ -335,7 +335,7 @@ class MemoryServer:
     # ---- refusals -----------------------------------------------------------------------------------------
 
     def _failed(self, request: FrameValue, error: Exception, names: Names) -> Served:
-        """A request that cannot be done."""
+        """Return the refusal of a request that raised an error."""
         if isinstance(error, RefusedMatchError):
             return self._refused(request, error.code, names)
         if isinstance(error, DeviceMemoryError):
@@ -361,7 +361,7 @@ class MemoryServer:
         return self._memory_code(kind, names) if code is None else code
 
     def _memory_code(self, kind: str, names: Names) -> int:
-        """The code for such a refusal; the nearest one where the definition has none."""
+        """Return the code of a kind of refusal, or of the nearest kind for which the definition has a code."""
         for name in (kind, *(("range",) if kind == "value" else ()), "unknown", "range", "access", "no_service"):
             if name in self._memory_codes:
                 return int(self._memory_codes[name](names))
@@ -369,14 +369,14 @@ class MemoryServer:
 
 
 def validate(refuse: Sequence[Rule], names: Names, check_only: bool) -> None:
-    """Raises RefusedMatchError for the first rule whose condition holds."""
+    """Raise RefusedMatchError for the first rule whose condition holds."""
     for when, code, needs_buffer in refuse:
         if not (check_only and needs_buffer) and when(names):
             raise RefusedMatchError(int(code(names)))
 
 
 def kind_of(error: DeviceMemoryError) -> str:
-    """What the definition calls this refusal of the memory."""
+    """Return the word of the definition for this refusal of the memory."""
     if isinstance(error, UnknownAreaError):
         return "unknown"
     if isinstance(error, DataError):
