@@ -78,7 +78,7 @@ class AsyncClient:
         self._why = "it has not been opened"
         self._command_turn = asyncio.Lock()
         self._polls: list[Poll] = []
-        self._known_reads: dict[Hashable, tuple[Typed, Any]] = {}
+        self._known_reads: dict[Hashable, tuple[Typed, Any, Begin]] = {}
 
     def __repr__(self) -> str:
         settings = self.settings
@@ -111,6 +111,7 @@ class AsyncClient:
 
     def _make(self, clock: AsyncioClock) -> ClientService:
         settings = self.settings
+        self._known_reads.clear()
         channel = settings.channel()
         found = devices_of(channel, Path.cwd())
         try:
@@ -240,15 +241,13 @@ class AsyncClient:
         Raises RequestError, NoReplyError, RefusedError, ReplyError, LineClosedError.
         """
         service = self._working()
-        how, to = self._how(address, type, order, count, station)
-        given = None if params is None else self._params(params)
-        result = await self._transfer(
-            service,
-            lambda client, now, done: client.read(
+        how, to, begin = self._how(address, type, order, count, station)
+        if params is not None:
+            given = self._params(params)
+            begin = lambda client, now, done: client.read(  # noqa: E731 - the read of `_how` has no parameters
                 address, station=to, unit=how.unit, count=how.units, params=given, now=now, on_done=done
-            ),
-        )
-        return self._reading(how, result, (address,), to)
+            )
+        return self._reading(how, await self._transfer(service, begin), (address,), to)
 
     def place(self, address: str) -> Address:
         """Where an address is, and what it usually holds. Raises RequestError, LineClosedError."""
@@ -257,8 +256,10 @@ class AsyncClient:
         except AddressError as error:
             raise RequestError(str(error)) from None
 
-    def _how(self, address: str, type: str | None, order: Order | None, count: int, station: Any) -> tuple[Typed, Any]:
-        """As `typed`, and the station that is asked, once for reads that are repeated."""
+    def _how(
+        self, address: str, type: str | None, order: Order | None, count: int, station: Any
+    ) -> tuple[Typed, Any, Begin]:
+        """Return the form of the values, the station and the start of a read, the same for reads that are repeated."""
         key = (address, type, order, count, station, station.__class__)
         try:
             known = self._known_reads.get(key)
@@ -266,7 +267,9 @@ class AsyncClient:
             known = None
         if known is None:
             to = self.settings.station_for(station)
-            known = typed(self._working().client.grammar, address, type, order, count), to
+            client = self._working().client
+            how = typed(client.grammar, address, type, order, count)
+            known = how, to, client.reading((address, how.unit, how.units, to)).start
             if len(self._known_reads) >= MOST_KEPT:
                 self._known_reads.clear()
             self._known_reads[key] = known
@@ -284,7 +287,7 @@ class AsyncClient:
         arguments as for `read`. Raises RequestError, LineClosedError.
         """
         service = self._working()
-        how, to = self._how(address, type, order, count, station)
+        how, to, _ = self._how(address, type, order, count, station)
         try:
             poll = Poll(service, how, address, to, every, on_values, on_error, self._new_trouble())
         except (ValueError, DeviceMemoryError) as error:

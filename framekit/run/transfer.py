@@ -280,7 +280,7 @@ class BlockReads(BlockStarts):
         key = self._asked
         if self.block.station_from is not None:
             key = (*key[:3], self.transfers.station_of(self.block))
-        plan, read = self._client.read_plan(key), self.spare
+        plan, read = self._client.reading(key).plan(self._client), self.spare
         if read is not None:
             self.spare = None
             commands = read.again(plan, now, read.over)
@@ -304,7 +304,7 @@ class BlockRead(Transfer):
         self._reads = reads
         Transfer.__init__(self, plan, engine, now, self.over)
 
-    def brought(self, data: bytes, reply: FrameValue, buffer: bytes, done: Done) -> None:
+    def brought(self, data: bytes, reply: FrameValue | None, buffer: bytes, done: Done) -> None:
         """Store the data; the read may be begun again."""
         reads = self._reads
         reads.spare = self

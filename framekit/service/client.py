@@ -32,7 +32,7 @@ MOST_FRAMES = 1000
 """So many frames are kept until they are asked for."""
 
 Begin = Callable[[Client, int, Done], Transfer]
-"""Starts a transfer of a client at a time, with what is to be called at its end."""
+"""Starts a transfer of a client at a time (ns), with a function to be called at its end."""
 StateChanged = Callable[[bool, str], None]
 """Told whether the port is open, and why not."""
 
@@ -202,7 +202,7 @@ class Polling:
         on_result: OnResult,
     ) -> None:  # fmt: skip
         self._service = service
-        self._asks_for = {"address": address, "station": station, "unit": unit, "count": count}
+        self._read = service.client.reading((address, unit, count, station))
         self._every = every
         self._on_result = on_result
         self._clock = service.clock
@@ -215,7 +215,7 @@ class Polling:
         """Begins the first read. Raises ValueError for what cannot be asked."""
         self.is_running = True
         try:
-            self._read()
+            self._begin()
         except ValueError:
             self.stop()
             raise
@@ -230,16 +230,13 @@ class Polling:
 
     def _next(self) -> None:
         try:
-            self._read()
+            self._begin()
         except ValueError as error:  # a parameter has another value since
             self._told(TransferResult(False, outcome="cannot_send", cause=str(error)))
 
-    def _read(self) -> None:
+    def _begin(self) -> None:
         self._due = self._clock.now() + self._every
-        self._request = self._service.request(self._begin, self._told)
-
-    def _begin(self, client: Client, now: int, done: Done) -> Transfer:
-        return client.read(**self._asks_for, now=now, on_done=done)
+        self._request = self._service.request(self._read.start, self._told)
 
     def _told(self, result: TransferResult) -> None:
         if self.is_running:

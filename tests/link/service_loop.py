@@ -77,11 +77,17 @@ class Loop:
         reply = self._back(served, exchange, names)
         self.log.append((raw, b"" if reply is None else reply.raw or b"", served))
         if self.outcomes:
-            exchange.ended(self.outcomes.pop(0))
+            outcome = self.outcomes.pop(0)
+            if outcome.ok:
+                exchange.taken = outcome.reply
+                exchange.succeeded({"reply": outcome.reply, "buffer": outcome.buffer, **outcome.results})
+            else:
+                exchange.ended(outcome)
         elif reply is None and served.refusal:
             exchange.ended(Outcome(False, "aborted"))
         else:
-            exchange.ended(Outcome(True, reply=reply, buffer=served.reply_buffer, raw=self.log[-1][1]))
+            exchange.taken = reply
+            exchange.succeeded({"reply": reply, "buffer": served.reply_buffer})
         return []
 
     def _back(self, served: Served, exchange: Exchange, names: Names) -> FrameValue | None:

@@ -7,7 +7,7 @@ import weakref
 from types import SimpleNamespace
 from typing import Any
 
-from framekit.link.events import Command, Exchange, Outcome
+from framekit.link.events import Command, Exchange
 from framekit.link.services.client import Transfer, TransferResult
 
 
@@ -30,17 +30,18 @@ def test_a_transfer_that_has_ended_is_freed_without_a_collection() -> None:
     gc.disable()
     try:
         one = SimpleNamespace(
-            answer=lambda outcome, request: ([], {}), written=0, station=None, expected=(), outside_session=False,
-            inside=None, arguments={}, params={},
+            readers={None: lambda reply, buffer, request: []}, has_results=False, written=0
         )  # fmt: skip
         plan: Any = SimpleNamespace(
-            exchanges=[one, one], sent=[(None, b"", None)] * 2, is_new_each_time=False,
+            exchanges=[one, one], sent=[(None, b"", None)] * 2, is_new_each_time=False, is_single=False,
+            given=[(None, (), False, None, {}, {})] * 2,
             result=lambda data: TransferResult(True),
         )  # fmt: skip
         transfer = Transfer(plan, engine, 0, results.append)
         for number in (1, 2):
             assert engine.started == [transfer] * number
-            transfer.ended(Outcome(True))
+            transfer.taken = None
+            transfer.succeeded({})
         gone = weakref.ref(transfer)
         engine.started.clear()
         del transfer

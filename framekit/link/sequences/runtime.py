@@ -332,8 +332,7 @@ class Runs:
             return None, None
         run.top = caller
         if level.nested:
-            outcome = outcome_of(level.x, result) if type(result) is dict else failure_of(run, level.x, result)
-            self._end_nested(run, level.x, outcome)
+            self._end_nested(run, level.x, result if type(result) is dict else failure_of(run, level.x, result))
             return None, None
         if run.asked is not None:
             missed(run)
@@ -438,7 +437,7 @@ class Runs:
         else:
             self.go(run, level, None)
 
-    def _end_nested(self, run: Run, x: Exchange, outcome: Outcome) -> None:
+    def _end_nested(self, run: Run, x: Exchange, result: dict[str, Any] | Outcome) -> None:
         if run.asked is not None:
             missed(run)
         if run.doubt is not None:
@@ -448,7 +447,10 @@ class Runs:
         def tell() -> None:
             before, self.asking = self.asking, run
             try:
-                x.ended(outcome)
+                if isinstance(result, Outcome):
+                    x.ended(result)
+                else:
+                    x.succeeded(result)
             finally:
                 self.asking = before
 

@@ -8,7 +8,7 @@ errors.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Protocol
@@ -18,11 +18,11 @@ from framekit.definition.model import protocol as model
 from framekit.definition.model.frames import expressions_of, parts_of
 from framekit.definition.model.values import FrameOf, LayoutOf
 from framekit.link.addresses import Address
-from framekit.link.events import Asked, Command, Exchange, Outcome, outcome_of
+from framekit.link.events import Asked, Command, Exchange, Outcome
 from framekit.link.frame_table import FrameTable, ProtocolCodec
 from framekit.link.packing import cut_memory, in_unit, join_memory, memory_of, reader_of
 from framekit.link.scope import Scope
-from framekit.link.services.replies import ErrorReader, ReplyReader, UnfitReplyError
+from framekit.link.services.replies import ErrorReader, ReadPieces, ReplyReader, ReplyRefusal
 from framekit.link.services.rows import Piece, Plan, Planner, RowFacts, ServiceError, arguments_of, rows_of
 from framekit.link.values import EACH, EVALUATION_ERRORS, Evaluate, FrameValue, Names, compile_expression, plain
 from framekit.memory.memory import unit_bits
@@ -30,7 +30,7 @@ from framekit.memory.memory import unit_bits
 __all__ = ["Client", "Done", "ServiceError", "TransferResult"]
 
 MOST_KEPT = 1024
-"""So many reads are kept; then all are forgotten, since no program repeats so many."""
+"""The most reads that are kept; then all of them are dropped, since no program repeats so many."""
 
 
 class Starts(Protocol):
@@ -83,6 +83,7 @@ class ClientRow:
         self.gives = tuple(row.gives)
         self.reply = ReplyReader(facts)
         self.reads = row.service == "read"
+        self.has_request = row.request is not None
 
     @cached_property
     def _make(self) -> Callable[[Names], Made]:
@@ -111,7 +112,8 @@ class ClientRow:
             arguments = {name: offered[name] for name in sequence.takes if name in offered}
         written = sum(piece.count for piece in pieces if piece.data is not None)
         expected, outside = self.reply.expected, self.facts.row.outside_session
-        return Prepared(self, pieces, offered, made, station, expected, outside, arguments, params, None, written)
+        more = bool(self.gives) or not pieces
+        return Prepared(self, pieces, offered, made, station, expected, outside, arguments, params, None, written, more)
 
 
 Made = tuple[FrameValue | None, bytes, Any]
@@ -136,42 +138,54 @@ class Prepared:
     params: Mapping[str, Any] = field(default_factory=dict)
     inside: Any = None
     written: int = 0
+    has_results: bool = False
+    """The exchange may bring more than the data of its pieces."""
+    readers: dict[str | None, ReadPieces] = field(default_factory=dict)
+    """What reads the data of the pieces, by the frame of the reply."""
 
-    def answer(
-        self, outcome: Outcome, request: FrameValue | None
-    ) -> TransferResult | tuple[list[bytes], dict[str, Any]]:
-        """What an exchange of `request` brought: the data of its pieces and a service's results.
+    def reader(self, frame: str | None) -> ReadPieces:
+        """Return what reads the data of the pieces from such replies, and keep it for later exchanges."""
+        reply = self.row.reply
+        data = reply.reader(frame, self.pieces, self.names) if self.pieces and self.row.has_request else _no_data
 
-        Anything but a fitting reply is a failure.
-        """
-        row, reply = self.row, outcome.reply
-        try:
-            if reply is not None and reply.frame in row.reply.error_frames:
-                refusal = row.errors.refusal(reply, Names({"request": request, "reply": reply}, self.names))
-                if refusal is not None:
-                    word = outcome.outcome or refusal.outcome
-                    return TransferResult(
-                        False, outcome=word, cause=outcome.cause, code=refusal.code, meaning=refusal.meaning
-                    )
-            if not outcome.ok:
-                return TransferResult(False, outcome=outcome.outcome, cause=outcome.cause)
-            gives = self._gives(outcome, request) if row.gives else {}
-            if not self.pieces:
-                blocks = row.reply.blocks(outcome, self.names)
-                return [], {"data": blocks} if blocks and not row.gives else gives
-            if row.facts.row.request is None:
-                return [], gives  # a procedure that wrote
-            data = row.reply.data(outcome, self.pieces, self.names)
-            if row.reads and len(data) != len(self.pieces):
-                raise UnfitReplyError("the reply brings no data")
-            return data, gives
-        except EVALUATION_ERRORS as error:
-            return TransferResult(False, outcome="unfit_reply", cause=explain(error))
+        def refused(reply: FrameValue | None, buffer: bytes, request: FrameValue | None) -> list[bytes]:
+            refusal = self.refusal(reply, request)
+            if refusal is not None:
+                raise RefusedReplyError(refusal)
+            return data(reply, buffer, request)
 
-    def _gives(self, outcome: Outcome, request: FrameValue | None) -> dict[str, Any]:
-        known = Names(outcome.results, self.names)
-        known.update(request=request, reply=outcome.reply, buffer=outcome.buffer)
-        return dict(zip(self.row.gives, self.row.give(known), strict=True))
+        found = self.readers[frame] = refused if frame in reply.error_frames else data
+        return found
+
+    def refusal(self, reply: FrameValue | None, request: FrameValue | None) -> ReplyRefusal | None:
+        """Return the refusal in a reply, if any. Raises EVALUATION_ERRORS."""
+        if reply is None or reply.frame not in self.row.reply.error_frames:
+            return None
+        return self.row.errors.refusal(reply, Names({"request": request, "reply": reply}, self.names))
+
+    def results(
+        self, results: Mapping[str, Any], reply: FrameValue | None, buffer: bytes, request: FrameValue | None
+    ) -> dict[str, Any]:
+        """Return a service's results, from a reply to `request`. Raises EVALUATION_ERRORS."""
+        row = self.row
+        if row.gives:
+            known = Names(results, self.names)
+            known.update(request=request, reply=reply, buffer=buffer)
+            return dict(zip(row.gives, row.give(known), strict=True))
+        blocks = [] if self.pieces else row.reply.blocks(reply, buffer, self.names)
+        return {"data": blocks} if blocks else {}
+
+
+def _no_data(reply: FrameValue | None, buffer: bytes, request: FrameValue | None) -> list[bytes]:
+    return []
+
+
+class RefusedReplyError(Exception):
+    """A reply refuses the request."""
+
+    def __init__(self, refusal: ReplyRefusal) -> None:
+        super().__init__(refusal)
+        self.refusal = refusal
 
 
 Wanted = tuple[str, int, str]
@@ -185,8 +199,8 @@ class TransferPlan:
     """
 
     __slots__ = (
-        "_replies",
         "exchanges",
+        "given",
         "is_new_each_time",
         "is_single",
         "numbers",
@@ -198,6 +212,9 @@ class TransferPlan:
     def __init__(self, plans: Sequence[Plan], exchanges: Sequence[Prepared], wanted: Sequence[Wanted]) -> None:
         self.plans, self.exchanges, self.wanted = plans, exchanges, wanted
         self.sent = [one.made for one in exchanges]
+        self.given = [
+            (one.station, one.expected, one.outside_session, one.inside, one.arguments, one.params) for one in exchanges
+        ]
         self.is_new_each_time = False
         self.numbers: Callable[[bytes], Iterable[int]] | None = None
         """Return the numbers in the data of the only piece; None if the transfer has several pieces or views."""
@@ -209,14 +226,7 @@ class TransferPlan:
                 self.numbers = reader_of(unit, count)
         row = exchanges[0].row if len(exchanges) == 1 else None
         self.is_single = self.numbers is not None and row is not None and not row.gives and row.reads
-        self._replies: dict[str, Callable[[FrameValue], bytes] | None] = {}
-
-    def read_reply(self, reply: FrameValue) -> Callable[[FrameValue], bytes] | None:
-        """What reads the data of the one place out of such a reply, in memory's form; None where more is to be done."""
-        frame = reply.frame
-        if frame not in self._replies:
-            self._replies[frame] = self.exchanges[0].row.reply.reader(reply, self.exchanges[0])
-        return self._replies[frame]
+        """One exchange brings one place and no results."""
 
     def made(self) -> list[Made]:
         """What the exchanges send, made for one transfer. Raises ServiceError."""
@@ -252,43 +262,58 @@ class TransferPlan:
         return TransferResult(True, values, join_memory(found))
 
 
-class ReadyReads:
-    """Reads by what was asked for. They hold as long as no parameter changes; rows that read more are never kept."""
+class Read:
+    """A read by its arguments. Its plan is kept as long as no parameter changes, if nothing else decides on it."""
+
+    __slots__ = ("_key", "_plan", "_settings")
+
+    def __init__(self, key: ReadKey) -> None:
+        self._key = key
+        self._plan: TransferPlan | None = None
+        self._settings = -1
+
+    def plan(self, client: Client) -> TransferPlan:
+        """Return the plan. Raises AddressError, ServiceError, PackingError."""
+        plan = self._plan
+        if plan is None or client.lasting.settings != self._settings:
+            plan = client.planned_read(self._key, None)
+            self._plan = plan if client.lasting.keeps(plan) else None
+            self._settings = client.lasting.settings
+        return plan
+
+    def start(self, client: Client, now: int, on_done: Done) -> Transfer:
+        """Begin the read, as `Client.read`."""
+        return Transfer(self.plan(client), client.engine, now, on_done)
+
+
+class LastingPlans:
+    """Judges which plans of reads can be carried out again: plans that depend on nothing but parameters."""
 
     def __init__(self, scope: Names, need_names: Collection[str] | None) -> None:
         self._scope = scope if isinstance(scope, Scope) else None
         self._need_names = need_names
-        self._settings = -1
-        self._kept: dict[Hashable, TransferPlan] = {}
         self._chosen: dict[RowFacts, bool] = {}
         self._lasting: dict[RowFacts, bool] = {}
 
-    def find(self, key: Hashable) -> TransferPlan | None:
-        """What was kept for this, to be done once more."""
-        scope = self._scope
-        if scope is None:
-            return None
-        if scope.settings != self._settings:
-            self._settings = scope.settings
-            self._kept.clear()
-        return self._kept.get(key)
+    @property
+    def settings(self) -> int:
+        """The number of changes of parameters so far."""
+        return 0 if self._scope is None else self._scope.settings
 
-    def keep(self, key: Hashable, read: TransferPlan) -> None:
-        """Keeps a read for the next who asks, if the same exchanges will do then."""
+    def keeps(self, read: TransferPlan) -> bool:
+        """Return whether a plan consists of the same exchanges as long as no parameter changes, and prepare it so."""
         if self._scope is None:
-            return
+            return False
         facts = read.exchanges[0].row.facts
         rows = facts.shared.rows[facts.row.service]
         if not all(self._is_chosen_the_same(row, self._scope) for row in rows):
-            return
-        if len(self._kept) >= MOST_KEPT:
-            self._kept.clear()
-        # what is inside a request takes note of being sent, so that it cannot be sent twice
+            return False
+        # a frame inside a request takes note of being sent, so it cannot be sent twice
         lasts = self._lasts(facts, self._scope) and not any(_has_parts(one.made[0]) for one in read.exchanges)
         read.is_new_each_time = not lasts
         if lasts:
             self._build(read, facts.shared.table)
-        self._kept[key] = read
+        return True
 
     def _build(self, read: TransferPlan, table: FrameTable) -> None:
         """The bytes of the requests are made once, where nothing of an exchange is in them."""
@@ -331,42 +356,40 @@ def _has_parts(value: Any) -> bool:
 
 
 class Transfer(Exchange):
-    """One transfer under way: it is each of its exchanges, one after the other.
+    """One transfer under way: it is each of its exchanges, one after the other."""
 
-    `commands`: what the engine wants done because it began. `given_up`: no further exchange of it begins.
-    """
+    _data: list[bytes]
+    _gives: dict[str, Any]
 
     __slots__ = (
-        "__weakref__", "_data", "_done", "_engine", "_gives", "_goes_on", "_going", "_last", "_made", "_next", "_plan",
+        "__weakref__", "_data", "_done", "_engine", "_gives", "_goes_on", "_going", "_made", "_next", "_plan",
         "_written", "commands", "given_up",
     )  # fmt: skip
 
     def __init__(self, plan: TransferPlan, engine: Starts, now: int, on_done: Done) -> None:
         self._plan, self._engine, self._done = plan, engine, on_done
-        self._made = made = plan.made() if plan.is_new_each_time else plan.sent
+        self._made = plan.made() if plan.is_new_each_time else plan.sent
         self._next = self._written = 0
         self.given_up = False
-        self._data: list[bytes] | None = None
-        self._gives: dict[str, Any] | None = None
-        self._last: Outcome | None = None
+        """Begin no further exchange."""
         self.commands: list[Command] = []
-        if made:
+        """The commands of the engine because it began."""
+        if self._made:
             self._go(now)
         else:
-            self._end(plan.result(()))
+            self._end(plan.result(()), None, b"", b"")
 
     def _go(self, now: int) -> None:
-        """Starts exchanges as long as their outcomes come at once."""
+        """Start exchanges as long as each ends at once."""
         self._going = self._goes_on = True
         while self._goes_on:
             if self.given_up:
-                self._end(TransferResult(False, outcome="cancelled"))
+                self._end(TransferResult(False, outcome="cancelled"), None, b"", b"")
                 break
             place = self._next
-            one = self._plan.exchanges[place]
             self.request, self.buffer, self.run = self._made[place]
-            self.station, self.expected, self.outside_session = one.station, one.expected, one.outside_session
-            self.inside, self.arguments, self.params = one.inside, one.arguments, one.params
+            given = self._plan.given[place]
+            self.station, self.expected, self.outside_session, self.inside, self.arguments, self.params = given
             self._next = place + 1
             self._goes_on = False
             commands = self._engine.start(self, now)
@@ -374,7 +397,7 @@ class Transfer(Exchange):
         self._going = False
 
     def again(self, plan: TransferPlan, now: int, on_done: Done) -> list[Command] | None:
-        """Begins it once more after `brought`, when nothing knows of it any more; None where another one is needed."""
+        """Begin the transfer once more after `brought`, when it is not in use; None if another object is needed."""
         if self._plan is not plan or plan.is_new_each_time:
             return None
         self.request, self.buffer, self.run = self._made[0]
@@ -382,20 +405,41 @@ class Transfer(Exchange):
         return self._engine.start(self, now)
 
     def succeeded(self, results: dict[str, Any]) -> None:
-        """What one place alone brings is read at once."""
-        reply, plan = results.get("reply"), self._plan
-        if not plan.is_single or not isinstance(reply, FrameValue) or (read := plan.read_reply(reply)) is None:
-            self.ended(outcome_of(self, results))
-            return
+        """Read the reply, and go on with the next exchange or end."""
+        reply, buffer = results.get("reply"), results.get("buffer", b"")
+        if type(reply) is not FrameValue:
+            reply = None
+        if type(buffer) is not bytes:
+            buffer = b""
+        place = self._next - 1
+        one, request = self._plan.exchanges[place], self._made[place][0]
+        frame = None if reply is None else reply.frame
         try:
-            data = read(reply)
-        except EVALUATION_ERRORS:
-            self.ended(outcome_of(self, results))
+            data = (one.readers.get(frame) or one.reader(frame))(reply, buffer, request)
+            gives = one.results(results, reply, buffer, request) if one.has_results else {}
+        except EVALUATION_ERRORS as error:
+            self._end(TransferResult(False, outcome="unfit_reply", cause=explain(error)), reply, self.raw, buffer)
             return
-        done, self._done = self._done, _told  # nothing is left that refers to itself, so it is freed at once
-        self.brought(data, reply, results.get("buffer", b""), done)
+        except RefusedReplyError as error:
+            self._end(_refused(error.refusal, error.refusal.outcome, ""), reply, self.raw, buffer)
+            return
+        if self._plan.is_single:
+            done, self._done = self._done, _ended  # no reference to itself remains, so it is freed at once
+            self.brought(data[0], reply, buffer, done)
+            return
+        self._data = self._data + data if place else data
+        self._gives = {**self._gives, **gives} if place else gives
+        self._written += one.written
+        if self._next == len(self._made):
+            result = self._plan.result(self._data)
+            result.gives = self._gives
+            self._end(result, reply, self.raw, buffer)
+        else:
+            self._goes_on = True
+            if not self._going:
+                self._go(self._engine.scope.now)
 
-    def brought(self, data: bytes, reply: FrameValue, buffer: bytes, done: Done) -> None:
+    def brought(self, data: bytes, reply: FrameValue | None, buffer: bytes, done: Done) -> None:
         """Report the data of one place that a single exchange has read; they have the size that was requested."""
         numbers = self._plan.numbers
         assert numbers is not None  # the plan `is_single`
@@ -403,39 +447,31 @@ class Transfer(Exchange):
         done(TransferResult(True, values, data, "", "", None, "", 1, 0, {}, reply, self.raw, buffer))
 
     def ended(self, outcome: Outcome) -> None:
-        self._last = outcome
+        """End with a failure; if the reply is a refusal, with its code."""
         place = self._next - 1
-        one = self._plan.exchanges[place]
-        answer = one.answer(outcome, self._made[place][0])
-        if isinstance(answer, TransferResult):
-            self._end(answer)
-            return
-        data, gives = answer
-        self._data = data if self._data is None else self._data + data
-        self._gives = gives if self._gives is None else {**self._gives, **gives}
-        self._written += one.written
-        if self._next == len(self._made):
-            self._end(self._plan.result(self._data))
-        else:
-            self._goes_on = True
-            if not self._going:
-                self._go(self._engine.scope.now)
+        one, request = self._plan.exchanges[place], self._made[place][0]
+        result = TransferResult(False, outcome=outcome.outcome, cause=outcome.cause)
+        try:
+            refusal = one.refusal(outcome.reply, request)
+            if refusal is not None:
+                result = _refused(refusal, outcome.outcome or refusal.outcome, outcome.cause)
+        except EVALUATION_ERRORS as error:
+            result = TransferResult(False, outcome="unfit_reply", cause=explain(error))
+        self._end(result, outcome.reply, outcome.raw, outcome.buffer)
 
-    def _end(self, result: TransferResult) -> None:
+    def _end(self, result: TransferResult, reply: FrameValue | None, raw: bytes, buffer: bytes) -> None:
         result.exchanges, result.written = self._next, self._written
-        if result.ok:
-            result.gives = self._gives or {}
-        last = self._last or NOTHING_YET
-        result.reply, result.raw, result.buffer = last.reply, last.raw, last.buffer
-        done, self._done = self._done, _told  # nothing is left that refers to itself, so it is freed at once
+        result.reply, result.raw, result.buffer = reply, raw, buffer
+        done, self._done = self._done, _ended  # no reference to itself remains, so it is freed at once
         done(result)
 
 
-NOTHING_YET = Outcome(False)
+def _refused(refusal: ReplyRefusal, outcome: str, cause: str) -> TransferResult:
+    return TransferResult(False, outcome=outcome, cause=cause, code=refusal.code, meaning=refusal.meaning)
 
 
-def _told(result: TransferResult) -> None:
-    """A transfer is told once how it ended."""
+def _ended(result: TransferResult) -> None:
+    """Ignore the result of a transfer that has ended before."""
 
 
 class Client:
@@ -455,7 +491,8 @@ class Client:
         errors = ErrorReader(self.shared)
         default = protocol.station.default
         self._default_station = None if default is None else compile_expression(default)(Names())
-        self._ready = ReadyReads(engine.scope, getattr(engine, "need_names", None))
+        self.lasting = LastingPlans(engine.scope, getattr(engine, "need_names", None))
+        self._reads: dict[ReadKey, Read] = {}
         self._rows = {facts: ClientRow(facts, errors) for rows in self.shared.rows.values() for facts in rows}
 
     # ---- read and write -----------------------------------------------------------------------------------
@@ -466,17 +503,21 @@ class Client:
     ) -> Transfer:  # fmt: skip
         """Reads `count` elements of `unit` (default: the address's own)."""
         key = address, unit, count, station
-        return Transfer(self._read_planned(key, params) if params else self.read_plan(key), self.engine, now, on_done)
+        if params:
+            return Transfer(self.planned_read(key, params), self.engine, now, on_done)
+        return self.reading(key).start(self, now, on_done)
 
-    def read_plan(self, key: ReadKey) -> TransferPlan:
-        """What reads this; kept for the next who asks. Raises AddressError, ServiceError, PackingError."""
-        plan = self._ready.find(key)
-        if plan is None:
-            plan = self._read_planned(key, None)
-            self._ready.keep(key, plan)
-        return plan
+    def reading(self, key: ReadKey) -> Read:
+        """Return a read without parameters of its own, which is planned when it begins."""
+        found = self._reads.get(key)
+        if found is None:
+            if len(self._reads) >= MOST_KEPT:
+                self._reads.clear()
+            found = self._reads[key] = Read(key)
+        return found
 
-    def _read_planned(self, key: ReadKey, params: Mapping[str, Any] | None) -> TransferPlan:
+    def planned_read(self, key: ReadKey, params: Mapping[str, Any] | None) -> TransferPlan:
+        """Plan a read. Raises AddressError, ServiceError, PackingError."""
         address, unit, count, station = key
         names = self._names(station, params)
         place, elements = self._place(address, unit, count)

@@ -15,7 +15,7 @@ from framekit.definition.model.frames import parts_of
 from framekit.definition.model.procedure import Serve
 from framekit.definition.model.protocol import Protocol
 from framekit.link.addresses import Address, AddressError
-from framekit.link.events import Outcome, Served
+from framekit.link.events import Served
 from framekit.link.frame_table import ProtocolCodec
 from framekit.link.packing import in_unit, numbers_of
 from framekit.link.services.areas import DeviceAreas, codes_of
@@ -137,7 +137,7 @@ class Overheard:
             data = [target.memory for target in asked.reading.targets]
         else:
             names = Names({EACH: [target.names for target in asked.reading.targets]}, asked.reading.names)
-            data = [*reader.data(Outcome(True, reply=reply, raw=reply.raw or b""), asked.pieces, names)]
+            data = [*reader.reader(reply.frame, asked.pieces, names)(reply, b"", None)]
         for target, memory in zip(asked.reading.targets, data, strict=True):
             if memory is not None:
                 yield from self._elements(asked.station, target, memory)

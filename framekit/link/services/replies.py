@@ -11,7 +11,6 @@ from framekit.definition.expression import Expression
 from framekit.definition.model.frames import parts_of
 from framekit.definition.model.services import AS_NUMBERS, ReplyRow
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, RecordOf, Value
-from framekit.link.events import Outcome
 from framekit.link.packing import PackingError, memory_of_numbers
 from framekit.link.services.rows import Piece, RowFacts, ServiceRows, padded_names
 from framekit.link.value_source import LOOKED_UP, FunctionWriter
@@ -33,6 +32,10 @@ Found = list[tuple[Any, bool]]
 
 Find = Callable[[FrameValue | None, bytes, Names], Found]
 """Finds them in a reply and the bytes beside it. Raises UnfitReplyError and EVALUATION_ERRORS."""
+
+
+ReadPieces = Callable[[FrameValue | None, bytes, FrameValue | None], list[bytes]]
+"""Reads the data of pieces from a reply and the bytes that came with it; the last argument is the request."""
 
 
 class UnfitReplyError(ValueError):
@@ -99,76 +102,67 @@ class ReplyReader:
         self.expected = tuple(dict.fromkeys((*frames, *self.shared.error_frames)))
         self._finds: dict[str | None, tuple[Find, ...]] = {}
 
-    def data(self, outcome: Outcome, pieces: Sequence[Piece], names: Names) -> list[bytes]:
-        """The data of each piece in memory's form; [] if the reply row brings none. Raises UnfitReplyError."""
-        problem: UnfitReplyError | None = None
-        reply = outcome.reply
-        for find in self._finds.get(None if reply is None else reply.frame) or self._fitting(reply):
-            try:
-                found = find(reply, outcome.buffer, names)
-                if found and len(found) != len(pieces):
-                    raise UnfitReplyError(f"the reply holds {len(found)} blocks of data, not {len(pieces)}")
-                brought: list[bytes] = []
-                for number, (data, padded) in enumerate(found):
-                    address, count = pieces[number].address, pieces[number].count
-                    packer, start = self.facts.packers[address.unit], address.start
-                    if type(data) is list:
-                        brought.append(_of_numbers(data, pieces[number]))
-                        continue
-                    if type(data) is not bytes:
-                        raise UnfitReplyError(f"the reply has {data!r} where data should stand")
-                    if padded:
-                        data = data[: packer.size(start, count)]
-                    brought.append(packer.to_memory(data, start, count))
-                return brought
-            except PackingError as error:
-                problem = problem or UnfitReplyError(f"the reply does not fit the request: {error}")
-            except EVALUATION_ERRORS as error:
-                problem = problem or _unfit(error)
-        return self._nothing_found(outcome, problem)
+    def reader(self, frame: str | None, pieces: Sequence[Piece], names: Names) -> ReadPieces:
+        """Return what reads the data of each piece from such replies, as memory has them; [] if a reply has none.
 
-    def reader(self, reply: FrameValue, exchange: Any) -> Callable[[FrameValue], bytes] | None:
-        """What takes the data of one place out of such replies, in memory's form; None where more is to be done.
-
-        It raises EVALUATION_ERRORS where a reply does not fit.
+        It raises UnfitReplyError.
         """
-        finds = self._fitting(reply)
-        if reply.frame in self.error_frames or len(finds) != 1 or len(exchange.pieces) != 1:
-            return None
-        (find,), (piece,), names = finds, exchange.pieces, exchange.names
-        start, count = piece.address.start, piece.count
-        packer = self.facts.packers[piece.address.unit]
-        to_memory, size = packer.to_memory, packer.size(start, count)
+        finds, places = self._fitting(frame), [self._place(piece) for piece in pieces]
+        reads, only = self.facts.row.service == "read", places[0] if len(places) == 1 else None
 
-        def read(reply: FrameValue) -> bytes:
-            ((data, padded),) = find(reply, b"", names)
-            if type(data) is not bytes:
-                raise UnfitReplyError("no bytes")
-            return to_memory(data[:size] if padded else data, start, count)
+        def read(reply: FrameValue | None, buffer: bytes, request: FrameValue | None) -> list[bytes]:
+            problem: UnfitReplyError | None = None
+            for find in finds:
+                try:
+                    found = find(reply, buffer, names)
+                    if only is not None and len(found) == 1:
+                        return [only(*found[0])]
+                    if found and len(found) != len(places):
+                        raise UnfitReplyError(f"the reply holds {len(found)} blocks of data, not {len(places)}")
+                    if reads and not found:
+                        raise UnfitReplyError("the reply brings no data")
+                    return [place(data, padded) for place, (data, padded) in zip(places, found, strict=False)]
+                except EVALUATION_ERRORS as error:
+                    problem = problem or _unfit(error)
+            if reads and reply is None and problem is None:
+                raise UnfitReplyError("the reply brings no data")
+            return self._nothing_found(reply, problem)
 
         return read
 
-    def blocks(self, outcome: Outcome, names: Names) -> list[bytes]:
-        """The data as they stand in the reply, of a service that was not asked for places. Raises UnfitReplyError."""
+    def _place(self, piece: Piece) -> Callable[[Any, bool], bytes]:
+        """Return what turns the data of a piece into memory's form. It raises UnfitReplyError and PackingError."""
+        packer = self.facts.packers[piece.address.unit]
+        to_memory, size = packer.reader(piece.address.start, piece.count), packer.size(piece.address.start, piece.count)
+
+        def place(data: Any, padded: bool) -> bytes:
+            if type(data) is bytes:
+                return to_memory(data[:size] if padded else data)
+            if type(data) is list:
+                return _of_numbers(data, piece)
+            raise UnfitReplyError(f"the reply has {data!r} where data should stand")
+
+        return place
+
+    def blocks(self, reply: FrameValue | None, buffer: bytes, names: Names) -> list[bytes]:
+        """Return the data as the reply has them, for a service without places. Raises UnfitReplyError."""
         problem: UnfitReplyError | None = None
-        for find in self._fitting(outcome.reply):
+        for find in self._fitting(None if reply is None else reply.frame):
             try:
-                found = find(outcome.reply, outcome.buffer, names)
-                return [data for data, _ in found if isinstance(data, bytes)]
+                return [data for data, _ in find(reply, buffer, names) if isinstance(data, bytes)]
             except EVALUATION_ERRORS as error:
                 problem = problem or _unfit(error)
-        return self._nothing_found(outcome, problem)
+        return self._nothing_found(reply, problem)
 
-    def _nothing_found(self, outcome: Outcome, problem: UnfitReplyError | None) -> list[bytes]:
+    def _nothing_found(self, reply: FrameValue | None, problem: UnfitReplyError | None) -> list[bytes]:
         if problem is not None:
             raise problem
-        if outcome.reply is None:
+        if reply is None:
             return []
-        raise UnfitReplyError(f"'{outcome.reply.frame}' is no reply to '{self.facts.row.name}'")
+        raise UnfitReplyError(f"'{reply.frame}' is no reply to '{self.facts.row.name}'")
 
-    def _fitting(self, reply: FrameValue | None) -> tuple[Find, ...]:
-        """The rows for this frame, and those without a frame: there the sequence says which replies are good."""
-        name = None if reply is None else reply.frame
+    def _fitting(self, name: str | None) -> tuple[Find, ...]:
+        """Return the functions of rows for this frame, and of rows without a frame: their sequence chooses replies."""
         finds = self._finds.get(name)
         if finds is None:
             rows = [row for row in self.facts.row.reply if row.frame is None or row.frame.frame == name]
@@ -287,4 +281,6 @@ def listed(actual: Any, count: int | None) -> list[Any]:
 def _unfit(error: Exception) -> UnfitReplyError:
     if isinstance(error, UnfitReplyError):
         return error
+    if isinstance(error, PackingError):
+        return UnfitReplyError(f"the reply does not fit the request: {error}")
     return UnfitReplyError(f"the reply cannot be read: {explain(error)}")
