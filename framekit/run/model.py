@@ -318,6 +318,8 @@ class ResultPlace:
     size: int | None = None
     scale: int = 1
     float_bits: int = 0
+    is_required: bool = False
+    """Whether a reply without the result fails, instead of leaving the place as it is."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

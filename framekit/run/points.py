@@ -19,6 +19,8 @@ from functools import partial
 from typing import Any, Literal
 
 from framekit.codec.codec import compile_protocol
+from framekit.definition.expression import Expression
+from framekit.definition.model.services import Packing
 from framekit.definition.times import NEVER, format_time
 from framekit.link.addresses import Address
 from framekit.link.packing import reader_of
@@ -28,7 +30,7 @@ from framekit.link.values import EVALUATION_ERRORS, Names
 from framekit.memory.memory import DeviceMemory, unit_bits
 from framekit.memory.views import NumberView
 from framekit.run.block_state import Failure
-from framekit.run.model import POINTS_AREA, POINTS_SET, Block, Channel, Merge, OwnPlace, Point
+from framekit.run.model import POINTS_AREA, POINTS_SET, Block, Channel, Merge, OwnPlace, Point, ResultPlace, block_id
 from framekit.run.own_memory import piece_reader
 from framekit.run.transfer import Read, neighbours
 from framekit.run.triggers import Every
@@ -128,29 +130,49 @@ def _within(point: Point, number: float, value: Any) -> None:
 # ---- planning ---------------------------------------------------------------------------------------------------
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PointCall:
+    """The call of a service whose reply brings a point."""
+
+    service: str
+    arguments: Mapping[str, Any]
+    packing: Packing
+    result: Expression
+    """The path of the result that is the value."""
+    scale: int
+    """Nanoseconds for each count of a result that is a time, else 1."""
+
+
 @dataclass(frozen=True, slots=True)
 class PointRead:
-    """A point of a channel before its place is known: where it is read, and how often (ns)."""
+    """A point of a channel before its place in memory is known."""
 
     point: Point
     address: Address
+    """The address on the channel; of no use with `call`."""
     every: int
+    """The period of its reading (ns)."""
+    call: PointCall | None = None
 
 
 def planned(asked: Sequence[PointRead], channels: Mapping[int, Channel]) -> tuple[list[Block], dict[str, Point], int]:
-    """The blocks that read and write the points, these by name with their places, and the words that all take.
+    """Return the blocks that read and write the points, the points by name with their places, and the words they take.
 
-    Points of one channel and station with one period come together where one request can bring them: neighbours, and
-    what stands no further apart than the channel's `merge: {gap}`.
+    Points of one channel and station with one period share a request where one can bring them: results of the same
+    call, neighbours, and addresses no further apart than the channel's `merge: {gap}`.
     """
     groups: dict[tuple[Any, ...], list[PointRead]] = {}
     for one in asked:
         assert one.point.channel is not None
-        groups.setdefault((one.point.channel, one.every, repr(one.point.station)), []).append(one)
+        call = one.call and (one.call.service, repr(sorted(one.call.arguments.items())))
+        groups.setdefault((one.point.channel, one.every, repr(one.point.station), call), []).append(one)
     blocks: list[Block] = []
     points: list[Point] = []
     words = 0
-    for (channel, _, _), members in groups.items():
+    for (channel, *_, call), members in groups.items():
+        if call is not None:
+            words += _place_call(members, len(blocks), words, blocks, points)
+            continue
         for run in _Planning(channels[channel]).runs(members):
             words += run.place(len(blocks), words, blocks, points)
     for at, point in enumerate(points):
@@ -170,6 +192,40 @@ def _writing(point: Point, number: int, first_word: int) -> Block:
         targets=(point.address,), units=(point.form.carrier,), unit=point.form.unit,
         count=point.form.units, places=(place,), station=point.station, at=point.at,
     )  # fmt: skip
+
+
+def _place_call(
+    members: Sequence[PointRead], number: int, first_word: int, blocks: list[Block], points: list[Point]
+) -> int:
+    """Add the block of one call and the points that its reply brings; return the words they take."""
+    first, results, words = members[0], [], first_word
+    assert first.call is not None and first.point.channel is not None
+    names = ", ".join([one.point.name for one in members[:3]] + ["…"] * (len(members) > 3))
+    for one in members:
+        assert one.call is not None
+        form = one.point.form
+        is_text = form.view is not None and not isinstance(form.view, NumberView)
+        type_ = None if is_text or form.view is None else form.type
+        unit = "byte" if is_text else form.carrier
+        place = OwnPlace(address=Address(POINTS_AREA, unit, 0, "", {}, type_, 16 * words), text=one.point.name)
+        results.append(
+            ResultPlace(
+                result=one.call.result, place=place, bits=form.bits, size=form.count if is_text else None,
+                scale=one.call.scale, float_bits=form.bits if form.is_float else 0, is_required=True,
+            )
+        )  # fmt: skip
+        own = OwnPlace(address=Address(POINTS_AREA, "bit", 16 * words, "", {}), text=one.point.name)
+        points.append(replace(one.point, place=own, blocks=(block_id(POINTS_SET, number),)))
+        words += -(-form.bits // 16)
+    blocks.append(
+        Block(
+            number=number, set=POINTS_SET, name=names, instruction="call", channel=first.point.channel,
+            service=first.call.service, arguments=first.call.arguments, packing=first.call.packing,
+            results=tuple(results), station=first.point.station, triggers=(Every(period=first.every),),
+            at=first.point.at,
+        )
+    )  # fmt: skip
+    return words - first_word
 
 
 @dataclass(slots=True)

@@ -614,7 +614,9 @@ def result_pieces(block: Block, result: TransferResult) -> Iterator[Piece]:
         except EVALUATION_ERRORS:
             raise ValueError(f"the call gave no '{place.result}'") from None
         if value is None:
-            continue  # what the reply does not have leaves its place as it is, as in a frame that is received
+            if place.is_required:
+                raise ValueError(f"the reply has no '{place.result}'")
+            continue  # the place stays as it is, as after a received frame without the field
         bits, data = _stored(place, value, block.packing or Packing())
         yield place.place, bits, data
 

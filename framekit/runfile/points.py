@@ -14,6 +14,7 @@ from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any
 
+from framekit.definition.expression import Expression
 from framekit.definition.load.documents import load_file
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.services import UNIT_BITS
@@ -23,19 +24,24 @@ from framekit.definition.schema import validate
 from framekit.definition.sources import INSIDE, leaves_folder
 from framekit.definition.times import NEVER
 from framekit.link.addresses import Address, AddressError, AddressGrammar
-from framekit.link.packing import typed_at
-from framekit.memory.views import ORDERS, VIEWS
-from framekit.run.model import Block, Channel, OwnPlace, Point, Scaling
+from framekit.link.packing import Typed, typed_at
+from framekit.link.services.rows import wants_address
+from framekit.memory.views import ORDERS, VIEWS, NumberView, TextView, view_of
+from framekit.run.model import POINTS_AREA, Block, Channel, OwnPlace, Point, Scaling
 from framekit.run.own_memory import stored_by
-from framekit.run.points import PointRead, planned
+from framekit.run.points import PointCall, PointRead, planned
+from framekit.run.transfer import Shape, is_path, shapes_of
 from framekit.run.triggers import Every
 from framekit.runfile.channels import Attempts, needs_station, read_station
+from framekit.runfile.transfers import CallLoader, OwnPlaces, packing_of
 from framekit.runfile.vendor_tables import numbered_rows
 
 EVERY = 1_000_000_000
 """How often a point is read that does not say (ns)."""
 
 NOT_READ = "without a channel nothing is read"
+NO_BYTES = "a result has no order of bytes"
+NOT_WRITTEN = "the result of a call cannot be written"
 PERIODS_TO_STALE = 3
 MOST_DECIMALS = 15
 
@@ -225,34 +231,13 @@ class PointsLoader:
         reader, keys = self.reader, self.reader.mapping(entry.value)
         self.attempts.spoilt = False
         channel = self._channel(keys, group)
-        address_node = keys.get("address")
-        text = reader.text(address_node)
-        type_ = self.attempts.maybe(reader.text, keys.get("type"))
-        order = self.attempts.maybe(reader.text, keys.get("order"))
-        size = self.attempts.maybe(reader.number, keys.get("size"))
-        if type_ == "string" and (size is None or size < 1):
-            what = "nothing says how many characters the string has" if size is None else f"a string of {size} is none"
-            raise reader.broken(self._at(keys, "type" if size is None else "size"), what, "give size: with 1 or more")
-        if size is not None and type_ != "string":
-            raise reader.broken(
-                self._at(keys, "size"), "only a string has a size", "leave it out, or give type: string"
-            )
-        if type_ is not None and type_ not in TYPES:
-            raise Broken("the schema has told what is wrong with the type")
-        if order is not None and order not in ORDERS:
-            raise Broken("the schema has reported the order")
-        if order is not None and type_ not in VIEWS:
-            what = f"{type_ or 'what the address says'} has no order of bytes"
-            raise reader.broken(self._at(keys, "order"), what, "give a type such as float32, or leave order out")
-        grammar = self.grammar if channel is None else self._grammar(channel)
-        with reader.refusing(keys.at if address_node is None else address_node.at):
-            try:
-                address = grammar.parse(text)
-            except AddressError as error:
-                hint = "; or add channel: where a device has it" if channel is None and self.channels else ""
-                raise ValueError(f"{error}{hint}") from None
-            form = typed_at(grammar, text, type_, order, size or 1)
-            grammar.check(address, -(-form.bits // address.unit_bits))
+        call = None
+        if "call" in keys:
+            call, form = self._call(keys, channel, entry)
+            text = f"{call.service} {call.result}"
+            address = Address(POINTS_AREA, form.carrier, 0, text, {})
+        else:
+            text, address, form = self._addressed(keys, channel, entry)
         every = self._time(keys, group, "every") or EVERY
         stale = self._time(keys, group, "stale")
         numeric = form.type != "string"
@@ -271,7 +256,7 @@ class PointsLoader:
             names=self._names(keys),
             deadband=float(self._number_of(keys, "deadband", numeric, self._exact) or 0),
             stale=stale or min(NEVER, PERIODS_TO_STALE * (every if channel is not None else self._period(sources))),
-            is_writable=self._writable(keys, channel, address),
+            is_writable=call is None and self._writable(keys, channel, address),
             limits=self._limits(keys),
             about=self.attempts.maybe(reader.text, keys.get("about")) or "",
             at=entry.key.at,
@@ -279,7 +264,105 @@ class PointsLoader:
         self._effects(keys, channel, point, every)
         if self.attempts.spoilt:
             raise Broken(name)
-        return point if channel is None else PointRead(point, address, every)
+        return point if channel is None else PointRead(point, address, every, call)
+
+    def _typed(self, keys: Mapping) -> tuple[str | None, str | None, int | None]:
+        """Return `type`, `order` and `size` of a point. Raises Broken."""
+        reader = self.reader
+        type_ = self.attempts.maybe(reader.text, keys.get("type"))
+        order = self.attempts.maybe(reader.text, keys.get("order"))
+        size = self.attempts.maybe(reader.number, keys.get("size"))
+        if type_ == "string" and (size is None or size < 1):
+            what = "nothing says how many characters the string has" if size is None else f"a string of {size} is none"
+            raise reader.broken(self._at(keys, "type" if size is None else "size"), what, "give size: with 1 or more")
+        if size is not None and type_ != "string":
+            raise reader.broken(
+                self._at(keys, "size"), "only a string has a size", "leave it out, or give type: string"
+            )
+        if type_ is not None and type_ not in TYPES:
+            raise Broken("the schema has reported the type")
+        if order is not None and order not in ORDERS:
+            raise Broken("the schema has reported the order")
+        return type_, order, size
+
+    def _addressed(self, keys: Mapping, channel: Channel | None, entry: Entry) -> tuple[str, Address, Typed]:
+        """Return the address of a point as written and parsed, and the form of its value. Raises Broken."""
+        reader, address_node = self.reader, keys.get("address")
+        if address_node is None:
+            what = f"missing key 'address' in point '{entry.key.text}'"
+            raise reader.broken(keys.at, what, "add it, or call: with the service that brings the value")
+        if channel is not None and "read" not in channel.protocol.services:
+            what = f"'{channel.protocol.name}' has no service read"
+            todo = "write call: SERVICE, or store its frames by a RECEIVE block and name that place"
+            raise reader.broken(address_node.at, what, todo)
+        text = reader.text(address_node)
+        type_, order, size = self._typed(keys)
+        if order is not None and type_ not in VIEWS:
+            what = f"{type_ or 'what the address says'} has no order of bytes"
+            raise reader.broken(self._at(keys, "order"), what, "give a type such as float32, or leave order out")
+        grammar = self.grammar if channel is None else self._grammar(channel)
+        with reader.refusing(address_node.at):
+            try:
+                address = grammar.parse(text)
+            except AddressError as error:
+                hint = "; or add channel: where a device has it" if channel is None and self.channels else ""
+                raise ValueError(f"{error}{hint}") from None
+            form = typed_at(grammar, text, type_, order, size or 1)
+            grammar.check(address, -(-form.bits // address.unit_bits))
+        return text, address, form
+
+    def _call(self, keys: Mapping, channel: Channel | None, entry: Entry) -> tuple[PointCall, Typed]:
+        """Return the call that brings a point, and the form of its value. Raises Broken."""
+        reader, at = self.reader, self._at(keys, "call")
+        if channel is None:
+            raise reader.broken(at, "a service is called on a channel", "add channel: NUMBER")
+        for key, why in (("address", "the point is a result of a call"), ("order", NO_BYTES), ("access", NOT_WRITTEN)):
+            if key in keys:
+                reader.note(self._at(keys, key), f"'{key}' has no effect: {why}", "remove it")
+                self.attempts.spoilt = True
+        calls = CallLoader(reader, self.attempts, OwnPlaces(reader, self.grammar))
+        service, rows = calls.service(keys, channel)
+        if any(wants_address(row) for row in rows):
+            raise reader.broken(at, f"'{service}' is about addresses of the device", "call it by a block")
+        node = keys.get("result")
+        result = reader.expression(node) if node is not None else reader.expression_text(entry.key.text, entry.key.at)
+        where = entry.key.at if node is None else node.at
+        if not is_path(result.root):
+            raise reader.broken(where, f"'{result}' names no result", "write names with dots, such as time.hour")
+        shape = calls.shape(service, [shapes_of(channel.protocol, row) for row in rows], result, where)
+        call = PointCall(
+            service=service, arguments=calls.constants(keys, service, rows), packing=packing_of(rows), result=result,
+            scale=shape.scale,
+        )  # fmt: skip
+        return call, self._form_of_result(keys, shape, result, where)
+
+    def _form_of_result(self, keys: Mapping, shape: Shape, result: Expression, at: Position) -> Typed:
+        """Return the form of a result in memory: `type`, else that of the shape. Raises Broken."""
+        type_, _, size = self._typed(keys)
+        if shape.kind in ("record", "list", "bytes"):
+            named = f" such as {result}.{next(iter(shape.parts))}" if shape.parts else ""
+            raise self.reader.broken(at, f"'{result}' is no single number or text", f"name one of its values{named}")
+        if shape.kind == "text" and type_ not in (None, "string"):
+            raise self.reader.broken(self._at(keys, "type"), f"'{result}' is a text", "write type: string")
+        if shape.kind == "number" and type_ == "string":
+            raise self.reader.broken(self._at(keys, "type"), f"'{result}' is a number", "leave the type out")
+        if type_ is None and shape.kind == "any":
+            raise self.reader.broken(at, f"the type of '{result}' is not known", "add type:, such as int32 or float64")
+        if type_ == "string" or shape.kind == "text":
+            size = size or shape.size
+            if size is None:
+                raise self.reader.broken(
+                    at, f"the size of the text '{result}' is not known", "add type: string, size: N"
+                )
+            view = view_of("string")
+            assert isinstance(view, TextView)
+            return Typed("string", view, view.unit("byte"), view.units(size, "byte"), size, "byte")
+        name = type_ or ("float64" if shape.is_real else "int64")
+        if name not in VIEWS:
+            return Typed(name, None, name, 1, 1, name)
+        number = view_of(name)
+        assert isinstance(number, NumberView)
+        return Typed(name, number, number.unit, 1, 1, "word")
 
     def _at(self, keys: Mapping, key: str) -> Position:
         node = keys.value(key)
@@ -303,9 +386,6 @@ class PointsLoader:
         channel = self.channels[number]
         if channel.listens or not channel.asks:
             raise self.reader.broken(node.at, f"channel {number} only answers, nothing is read on it", "name another")
-        if "read" not in channel.protocol.services:
-            what = f"'{channel.protocol.name}' has no service read"
-            raise self.reader.broken(node.at, what, "store its frames by a RECEIVE block, and name that place")
         return channel
 
     def _grammar(self, channel: Channel) -> AddressGrammar:
@@ -420,6 +500,8 @@ class PointsLoader:
         useless = []
         if channel is None:
             useless = [(key, NOT_READ) for key in ("every", "station") if key in keys]
+        if "call" not in keys:
+            useless += [(key, "the point is not the result of a call") for key in ("result", "with") if key in keys]
         if point.limits is not None and not point.is_writable:
             useless.append(("range", "the point is not written; access: rw allows it"))
         if point.names and point.form.type == "string":

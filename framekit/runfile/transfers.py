@@ -387,8 +387,8 @@ class CallLoader:
         self.attempts = attempts
         self.places = places
 
-    def read(self, keys: Mapping, channel: Channel) -> dict[str, Any]:
-        """A service, its arguments and its results. Raises Broken."""
+    def service(self, keys: Mapping, channel: Channel) -> tuple[str, tuple[ServiceRow, ...]]:
+        """Return the name of the called service and its rows. Raises Broken."""
         reader, protocol = self.reader, channel.protocol
         node = keys.get("call")
         name = reader.text(node)
@@ -399,13 +399,29 @@ class CallLoader:
             raise reader.broken(at, f"'{protocol.name}' has no service '{name}'", hint)
         if name in ("read", "write"):
             raise reader.broken(at, f"{name} is an instruction of its own", f"write {name}: ADDRESS")
-        constants, places = reader.entries(keys.get("with")), self._named(keys.get("from"), name, "ARGUMENT")
+        return name, rows
+
+    def constants(
+        self, keys: Mapping, name: str, rows: tuple[ServiceRow, ...], places: tuple[Entry, ...] = ()
+    ) -> dict[str, Any]:
+        """Return the constant arguments of a call; `places`: the arguments that come from the memory."""
+        node, entries = keys.get("call"), self.reader.entries(keys.get("with"))
+        self._arguments(name, rows, (*entries, *places), keys.at if node is None else node.at)
+        found: dict[str, Any] = {}
+        for entry in entries:
+            with self.reader.going_on():
+                found[entry.key.text] = self._value(rows, entry)
+        return found
+
+    def read(self, keys: Mapping, channel: Channel) -> dict[str, Any]:
+        """Return the attributes of a block that calls a service: arguments and results. Raises Broken."""
+        reader, protocol = self.reader, channel.protocol
+        name, rows = self.service(keys, channel)
+        node = keys.get("call")
+        at = keys.at if node is None else node.at
+        places = self._named(keys.get("from"), name, "ARGUMENT")
         sizes = {entry.key.text: entry for entry in reader.entries(keys.get("size"))}
-        self._arguments(name, rows, (*constants, *places), at)
-        arguments: dict[str, Any] = {}
-        for entry in constants:
-            with reader.going_on():
-                arguments[entry.key.text] = self._value(rows, entry)
+        arguments = self.constants(keys, name, rows, places)
         argument_places = {}
         for entry in places:
             if entry.key.text in arguments:
@@ -423,13 +439,12 @@ class CallLoader:
         for entry in sizes.values():
             hint = did_you_mean(entry.key.text, [*argument_places, *(str(one.result) for one in results)])
             self.reader.note(entry.key.at, f"'{entry.key.text}' stands neither in from: nor in into:", hint)
-        packings = {row.packing for row in rows}
         return {
             "service": name,
             "arguments": arguments,
             "argument_places": argument_places,
             "results": tuple(results),
-            "packing": packings.pop() if len(packings) == 1 else Packing(),
+            "packing": packing_of(rows),
             **self._about(keys, channel, rows, name, at),
         }
 
@@ -534,7 +549,7 @@ class CallLoader:
         if not is_path(result.root):
             what = f"'{entry.key.text}' names no result"
             raise reader.broken(entry.key.at, what, "write names with dots, such as time.hour")
-        shape = self._shape(service, known, result, entry)
+        shape = self.shape(service, known, result, entry.key.at)
         place = self.places.written(entry.value)
         node = sizes.pop(entry.key.text, None)
         size = shape.size if node is None else self._size(node)
@@ -562,8 +577,8 @@ class CallLoader:
         scale = max(shape.scale, item.scale)
         return ResultPlace(result=result, place=place, size=size, scale=scale, bits=bits, float_bits=float_bits)
 
-    def _shape(self, service: str, known: list[dict[str, Shape]], result: Expression, entry: Entry) -> Shape:
-        """What kind of value the rows give under this name. Raises Broken when none does."""
+    def shape(self, service: str, known: list[dict[str, Shape]], result: Expression, at: Position) -> Shape:
+        """Return the kind of the value that the rows give under a name. Raises Broken if none gives it."""
         found: list[Shape] = []
         problem: NoResultError | None = None
         for shapes in known:
@@ -574,13 +589,19 @@ class CallLoader:
         if found:
             return found[0] if all(one == found[0] for one in found) else ANY
         assert problem is not None
-        raise self.reader.broken(entry.key.at, f"'{service}' gives {problem}", problem.hint)
+        raise self.reader.broken(at, f"'{service}' gives {problem}", problem.hint)
 
     def _size(self, entry: Entry) -> int:
         size = self.reader.number(entry.value)
         if not 1 <= size <= LONGEST:
             raise self.reader.broken(entry.value.at, f"a size of {size} cannot be", f"give 1 to {LONGEST}")
         return size
+
+
+def packing_of(rows: tuple[ServiceRow, ...]) -> Packing:
+    """Return how the rows of a service pack elements into data, if all do it alike, else the plain way."""
+    packings = {row.packing for row in rows}
+    return packings.pop() if len(packings) == 1 else Packing()
 
 
 def _refusal(argument: Argument, value: Any) -> ParameterError | None:

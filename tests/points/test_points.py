@@ -125,6 +125,95 @@ def reads_of(run: VirtualRun) -> list[tuple[str, int]]:
     return [(block.targets[0], block.count) for block in run.run.blocks if block.instruction == "read"]
 
 
+TANK = """protocol: tank
+extends: standard
+groups:
+  request: {from: client, head: [{const: STX}], tail: [{const: ETX}]}
+  reply: {from: server, head: [{const: ACK}], tail: [{const: ETX}]}
+frames:
+  ASK: {group: request, body: [{text: A}, {field: page, type: u8}]}
+  STATE:
+    group: reply
+    body:
+      - {field: page, type: u8}
+      - {field: level, type: i32}
+      - {field: total, type: u64}
+      - {field: temperature, type: f64}
+      - {field: mode, type: ascii, size: 3}
+      - {field: extra, type: u8, when: page == 2}
+station: {type: none}
+state: {level: {scope: device, type: i32, initial: -7}}
+services:
+  state:
+    - takes: {page: {type: number, range: 0..9}}
+      request: {ASK: {page: page}}
+      reply:
+        STATE:
+          page: page
+          level: -70000 + page
+          total: 0xFFFFFFFFFFFFFFFF
+          temperature: 0.1
+          mode: "'RUN'"
+          extra: 5 if page == 2 else none()
+      gives:
+        level: reply.level
+        total: reply.total
+        temperature: reply.temperature
+        mode: reply.mode
+        extra: either(reply.extra, none())
+"""
+
+
+def tank_of(folder: Path, points: str) -> VirtualRun:
+    """A run with these points, at a device that answers one service."""
+    (folder / "tank.yaml").write_text(TANK, "utf-8")
+    (folder / "tank.device.yaml").write_text("device: one\nprotocol: tank.yaml\n", "utf-8")
+    lines = "\n".join(f"  {line}" for line in points.strip().splitlines())
+    text = f'run: plant\nchannels:\n  1: {{port: "sim:tank.device.yaml", protocol: tank.yaml}}\npoints:\n{lines}\n'
+    (folder / "plant.run.yaml").write_text(text, "utf-8")
+    return VirtualRun(folder / "plant.run.yaml")
+
+
+def test_results_of_one_call_come_in_one_request(tmp_path: Path) -> None:
+    run = tank_of(tmp_path, """
+level: {channel: 1, call: state, with: {page: 1}, type: int32, scale: 0.5}
+mode: {channel: 1, call: state, with: {page: 1}}
+total: {channel: 1, call: state, with: {page: 1}, type: uint64}
+warm: {channel: 1, call: state, with: {page: 1}, result: temperature}
+short: {channel: 1, call: state, with: {page: 1}, result: temperature, type: float32, decimals: 3}
+other: {channel: 1, call: state, with: {page: 2}, result: level}
+extra: {channel: 1, call: state, with: {page: 2}, type: uint8}
+slow: {channel: 1, call: state, with: {page: 1}, result: level, every: 2 s}
+""")  # fmt: skip
+    blocks = [(block.instruction, block.name, dict(block.arguments)) for block in run.run.blocks]
+    assert blocks == [
+        ("call", "level, mode, total, …", {"page": "1"}),
+        ("call", "other, extra", {"page": "2"}),
+        ("call", "slow", {"page": "1"}),
+    ]
+    assert values_after(run) == {
+        "level": -34999.5, "mode": "RUN", "total": 0xFFFF_FFFF_FFFF_FFFF, "warm": 0.1, "short": 0.1,
+        "other": -69998, "extra": 5, "slow": -69999,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("keys", "reason"),
+    [
+        ("result: extra, type: uint8", "the reply has no 'extra'"),
+        ("result: total", "'total' cannot be stored"),  # more than an int64
+        ("result: level, type: uint32", "'level' cannot be stored"),
+        ("result: mode, type: string, size: 2", "'mode' has 3 characters, and there is room for 2"),
+    ],
+)
+def test_a_result_that_no_place_holds_fails(tmp_path: Path, keys: str, reason: str) -> None:
+    run = tank_of(tmp_path, f"one: {{channel: 1, call: state, with: {{page: 1}}, {keys}}}")
+    run.run_for("1500 ms")
+    now = run.points["one"].now
+    assert (now.value, now.quality) == (None, "failed") and reason in now.reason, now
+    run.stop()
+
+
 def test_neighbours_come_in_one_request(tmp_path: Path) -> None:
     points = """
 a: {channel: 1, address: "40001"}
