@@ -24,6 +24,7 @@ from framekit.link.values import EVALUATION_ERRORS
 from framekit.link.variables import ParameterError
 from framekit.run.block_state import BlockStatus
 from framekit.run.status import USER_DEFINED
+from framekit.run.trouble import TroubleReport
 from framekit.service.capture import Capture, CaptureDecoder, CaptureReader, file_of_channel
 from framekit.service.driver import Driver, LineLoad
 from framekit.transport.clock import AsyncioClock, Clock, VirtualClock
@@ -273,6 +274,11 @@ class LineMonitor:
     def load(self) -> LineLoad:
         """How busy the line is."""
         return self._driver.load
+
+    def watch_troubles(self, listener: Callable[[TroubleReport], None]) -> None:
+        """Call `listener` when the capture cannot be written, at once."""
+        if self._capture is not None:
+            self._capture.troubles.listen(listener)
 
     def start(self) -> None:
         """Opens the port."""

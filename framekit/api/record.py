@@ -14,6 +14,7 @@ from framekit.api.rows import ascii_of, spaced
 from framekit.definition.problems import plural
 from framekit.definition.times import NEVER, LineFormat, readable_time
 from framekit.link.events import CharacterFault, Command, LineFault
+from framekit.run.trouble import TroubleReport
 from framekit.service.behind import Behind
 from framekit.service.capture import Capture
 from framekit.service.driver import Driver, LineLoad
@@ -201,6 +202,11 @@ class Recorder:
     def loads(self) -> list[LineLoad]:
         """How busy each wire is."""
         return [driver.load for driver in self._drivers]
+
+    def watch_troubles(self, listener: Callable[[TroubleReport], None]) -> None:
+        """Call `listener` when the file cannot be written, at once, in the thread that writes it."""
+        if self._capture is not None:
+            self._capture.troubles.listen(listener)
 
     def start(self) -> None:
         """Opens the ports."""

@@ -1,7 +1,7 @@
-"""A file that is replaced on trial: it is the old one or the new one, whole, and can be put back until the new one has
-proved itself, also after a kill.
+"""A file that is replaced on trial: it always has the complete old or new content, and the old content can be restored
+until the trial has ended well, also after a kill.
 
-While the new content is on trial, `NAME.trial` holds its digest and the old content; then the old one is `NAME.before`.
+During the trial `NAME.trial` holds the digest of the new content and the old content; later `NAME.before` has the old.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from framekit.sinks.base import open_alone
 log = logging.getLogger(__name__)
 
 MODE = 0o777
-"""What a new file has of the old one's rights."""
+"""The permission bits that a new file takes over."""
 
 
 def digest_of(content: bytes) -> str:
-    """What tells one content of a file from another: 12 hex digits."""
+    """Return a digest of a content: 12 hex digits."""
     return hashlib.sha256(content).hexdigest()[:12]
 
 
 class ReplacedFile:
-    """The file at `path`, which may be a link: what it leads to is replaced. Raises OSError."""
+    """The file at `path`; of a symbolic link the target is replaced. Raises OSError."""
 
     def __init__(self, path: Path) -> None:
         self.path = path.resolve()
@@ -37,25 +37,24 @@ class ReplacedFile:
 
     @property
     def companions(self) -> tuple[Path, ...]:
-        """The file and those beside it that belong to it."""
+        """The file and its companions in the same folder."""
         whole = (self.path, self.before, self._trial)
         return *whole, *map(_part_of, whole), self._lock
 
     def hold(self) -> None:
-        """This process is the one that replaces the file. Raises OSError while another one is."""
+        """Reserve the file for this process. Raises OSError while another process holds it."""
         self._held = open_alone(self._lock)
 
     def let_go(self) -> None:
-        """Others may."""
+        """Release the file for other processes."""
         held, self._held = self._held, None
         if held is not None:
-            try:
+            with suppress(OSError):  # a lock file that stays reserves no file
                 self._lock.unlink(missing_ok=True)
-            finally:
-                os.close(held)
+            os.close(held)
 
     def put(self, content: bytes) -> None:
-        """The file has this content, on trial. Where that fails nothing is changed."""
+        """Replace the content, on trial. A failure leaves the old content."""
         replace_whole(self._trial, digest_of(content).encode() + b"\n" + self.path.read_bytes(), self.path)
         try:
             replace_whole(self.path, content, self.path)
@@ -64,21 +63,21 @@ class ReplacedFile:
             raise
 
     def put_back(self) -> None:
-        """The file has the content of before the trial."""
+        """Restore the content of before the trial."""
         _, _, content = self._trial.read_bytes().partition(b"\n")
         replace_whole(self.path, content, self.path)
         self._end_trial()
 
     def keep(self) -> None:
-        """The new content has proved itself: the old one is that of before."""
+        """End the trial well: the old content goes to `NAME.before`."""
         _, _, content = self._trial.read_bytes().partition(b"\n")
         replace_whole(self.before, content, self.path)
         self._end_trial()
 
     def settle(self) -> bool:
-        """At a start: puts a file back whose trial was cut off, and tells whether there was one.
+        """Restore the old content after an interrupted trial; return whether it was restored.
 
-        Nothing is done while another process is at work with the file.
+        The file stays as it is while another process holds it.
         """
         if not self._trial.exists():
             return False
@@ -103,7 +102,7 @@ class ReplacedFile:
 
 
 def replace_whole(path: Path, content: bytes, like: Path | None = None) -> None:
-    """A file has this content from one moment to the next, whatever happens, and the rights of another one, if given.
+    """Replace the content of a file atomically, with the permissions of the file `like`.
 
     Raises OSError.
     """

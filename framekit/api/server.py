@@ -21,6 +21,7 @@ from framekit.api.settings import checked_station
 from framekit.definition.times import LineFormat
 from framekit.link.events import Seen
 from framekit.run.model import DEFAULT_LIMITS, ConnectionLimits, Network, in_both, network_of
+from framekit.run.trouble import TroubleReport
 from framekit.runfile.channels import line_of
 from framekit.runfile.devices import Device as Device
 from framekit.runfile.devices import DeviceSettings, load_devices, with_faults
@@ -63,6 +64,8 @@ class AsyncServer:
         self.watch: ServingMonitor | None = None
         self.capture: Path | None = None
         self.lost: list[str] = []
+        self.on_trouble: Callable[[TroubleReport], None] = lambda report: None
+        """Called at once when the capture cannot be written; to be set before `open`."""
         self._initial = initial
         self._monitor = monitor
         self._limits = limits
@@ -82,6 +85,7 @@ class AsyncServer:
         wrap = None
         if self.capture is not None:
             self._capturing = Capture(self.capture, (1,), clock)
+            self._capturing.troubles.listen(self.on_trouble)
             wrap = self._capturing.around_next
         watch = None if self._monitor is None and self.watch is None else self._seen
         self._serving = serving = Serving(self.devices, clock, self.line, watch, wrap=wrap, limits=self._limits)

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from framekit import Seen
     from framekit.api.monitor import FrameFilter
+    from framekit.api.run import TroubleReport
     from framekit.api.settings import Names
     from framekit.codec.cache import CachedCodec
     from framekit.codec.plain import PlainValues
@@ -152,6 +153,14 @@ def tell_error(arguments: argparse.Namespace, kind: str, message: str, **more: o
     if getattr(arguments, "json", False):
         print_json({"error": kind, "message": message, **more})
     print(f"{painted(f'framekit {arguments.verb}', 'red', sys.stderr)}: {message}", file=sys.stderr)
+
+
+def print_trouble(report: TroubleReport) -> None:
+    """Print a trouble of a file or a server on standard error at once, as a whole line; any thread."""
+    from framekit.definition.problems import printable
+
+    sys.stderr.write(f"{printable(report.text)}\n")
+    sys.stderr.flush()
 
 
 def tell_problems(arguments: argparse.Namespace, problems: Sequence[Problem]) -> int:

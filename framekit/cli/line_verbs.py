@@ -26,6 +26,7 @@ from framekit.cli.common import (
     load,
     on_stop,
     print_json,
+    print_trouble,
     seen_data,
     seen_text,
     table,
@@ -116,6 +117,7 @@ async def _listen(protocol: Protocol, arguments: argparse.Namespace, printer: _P
             ended.set()
 
     monitor = monitor_of(protocol, arguments, printer.show, state)
+    monitor.watch_troubles(print_trouble)
     printer.began = time.monotonic_ns()
     monitor.start()
     try:

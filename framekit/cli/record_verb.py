@@ -19,6 +19,7 @@ from framekit.cli.common import (
     in_words,
     on_stop,
     print_json,
+    print_trouble,
     table,
     time_of,
     until,
@@ -148,6 +149,7 @@ async def _record(arguments: argparse.Namespace, line: LineFormat, duration: int
         at = f" at {line}" if recorder.wires[0].port.settings is not None else ""
         what = "showing" if arguments.output is None else "recording"
         _say(f"{what} {' and '.join(arguments.ports)}{at} – Ctrl-C ends it; {LEGEND}")
+    recorder.watch_troubles(print_trouble)
     recorder.start()
     try:
         await until(duration, stopped)

@@ -27,8 +27,8 @@ from framekit.api.rows import (
     sink_row,
     trouble_row,
 )
-from framekit.cli.common import ARROWS, json_line, plain, seen_data, seen_text, table, tables, told
-from framekit.definition.problems import plural, printable
+from framekit.cli.common import ARROWS, json_line, plain, print_trouble, seen_data, seen_text, table, tables, told
+from framekit.definition.problems import plural
 from framekit.definition.times import format_time, milliseconds
 
 if TYPE_CHECKING:
@@ -233,8 +233,7 @@ class RunOutput:
 
     def trouble(self, report: TroubleReport) -> None:
         """Print a trouble at once, as a whole line; any thread."""
-        sys.stderr.write(f"{printable(report.text)}\n")
-        sys.stderr.flush()
+        print_trouble(report)
 
     def _begins(self) -> None:
         """Print the records soon."""

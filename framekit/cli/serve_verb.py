@@ -23,6 +23,7 @@ from framekit.cli.common import (
     on_stop,
     period_of,
     plain,
+    print_trouble,
     seen_data,
     seen_text,
     tables,
@@ -150,6 +151,7 @@ async def _serve(
         output.warning(text)
     if not arguments.quiet:
         server.watch = output.seen
+    server.on_trouble = print_trouble
     page.watch(server)
     try:
         await _open(server)

@@ -12,19 +12,19 @@ from framekit.run.job_table import Event, JobStatus, TableCounters
 from framekit.run.trouble import Trouble
 
 USER_DEFINED = "user-defined"
-"""What is shown of a protocol that has frames only."""
+"""The displayed driver of a protocol that has frames only."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChannelStatus:
-    """A channel: what it is (module information), and what it has done (service status).
+    """A channel: its module information and its service status.
 
     `driver`: protocol and role, or user-defined; `line`: speed and format, '' on connections; `line_type`:
-    kind of interface and half duplex, '' where nothing is said of it; `mode`: run or stop;
+    kind of interface and half duplex, '' if not given; `mode`: run or stop;
     `state`: open, or why not. `services` and `errors` count exchanges that ended, of blocks and of jobs, and requests
     that were served here; `reasons` the errors by outcome.
-    `frames_in` are good frames by themselves, `bad` and `noise_bytes` what was none. `load`: the part of the time that
-    the line was busy, None without a speed.
+    `frames_in` counts good frames, `bad` damaged ones, `noise_bytes` bytes outside of frames. `load`: the part of the
+    time that the line was busy, None without a speed.
     """
 
     number: int
@@ -79,7 +79,7 @@ class JobsStatus:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SinkStatus:
-    """A sink: its kind and target, the samples it has taken, that wait, that were dropped, and what is wrong now."""
+    """A sink: its kind and target, the numbers of taken, waiting and dropped samples, and its present problem."""
 
     kind: str
     target: str

@@ -39,7 +39,7 @@ class Count(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trouble:
-    """The trouble of one part of a run, or what it has lost."""
+    """The trouble of one part of a run, or its losses."""
 
     name: str
     """The part: its kind and its target, such as `sink csv r.csv`."""
@@ -54,11 +54,11 @@ class Trouble:
     points: Mapping[str, int] = field(default_factory=dict)
     """Lost values by point."""
     unit: str = "sample"
-    """The noun for a lost item; empty where the number says nothing."""
+    """The noun for a lost item; empty if losses are not counted."""
 
     @property
     def loss(self) -> str:
-        """Say what was lost, such as `3 samples were lost (level 2, state 1)`; empty if nothing was."""
+        """Describe the losses, such as `3 samples were lost (level 2, state 1)`; empty without losses."""
         return _loss(self.lost, self.unit, self.points)
 
     def __str__(self) -> str:
@@ -136,7 +136,7 @@ class Dropped:
 class TroubleSource:
     """The trouble of one part of a run. Its methods may be called from any thread.
 
-    `effect` says what the trouble means for the data, for the first report; `count` gives the samples of the part.
+    `effect` describes the consequence for the data, for the first report; `count` gives the samples of the part.
     """
 
     def __init__(
@@ -242,7 +242,7 @@ class Troubles:
         self._deliver()
 
     def _deliver(self) -> None:
-        """Never waits: a report that comes while another thread delivers is delivered by that thread."""
+        """Deliver the pending reports, unless another thread delivers now: it delivers these, too. Never waits."""
         while self._listener is not None and self._pending and self._delivering.acquire(blocking=False):
             try:
                 while self._pending:

@@ -1,4 +1,4 @@
-"""Writing that makes its caller wait for nothing: a thread writes, and only so much may wait for it."""
+"""Writing in a thread, so that the caller does not wait; the waiting bytes are bounded."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Callable
 class Behind:
     """Hands records to `write`, in order, in a thread of its own; at most about `most` bytes wait.
 
-    `error`: the OSError that `write` has raised; nothing is written from then on, and `on_error` is told in the thread.
+    `error`: the OSError that `write` has raised; `on_error` is called in the thread, and later records are discarded.
     """
 
     def __init__(
@@ -27,7 +27,7 @@ class Behind:
         self._thread.start()
 
     def write(self, record: bytes, *, wait: bool = False) -> bool:
-        """Whether it is taken: not while too much waits. `wait`: until there is room."""
+        """Add a record; False if too much waits. `wait`: wait for room instead."""
         with self._change:
             while wait and self._waiting >= self._most and not self._ended:
                 self._change.wait()
@@ -39,7 +39,7 @@ class Behind:
         return True
 
     def close(self) -> None:
-        """Returns when everything that was taken is written."""
+        """Return when all accepted records are written."""
         with self._change:
             self._ended = True
             self._change.notify_all()

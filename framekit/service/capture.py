@@ -1,4 +1,4 @@
-"""Captures: what goes over lines, kept in files and read again – pcap, or JSON lines – and the frames in them."""
+"""Captures: the events of lines in files (pcap, or JSON lines), written and read, and the frames in them."""
 
 from __future__ import annotations
 
@@ -110,13 +110,13 @@ SECOND = 1_000_000_000
 
 _GLOBAL = "IHHiIII"
 GLOBAL_HEADER = struct.pack("<" + _GLOBAL, MAGIC_NANOSECONDS, 2, 4, 0, 0, 0xFFFF, LINK_TYPE)
-"""What a file begins with: nanosecond times, link type 250."""
+"""The header of a file: nanosecond times, link type 250."""
 _RECORD = "IIII"
 _SERIAL = struct.Struct(">IIBBH")
 
 
 class EventType(enum.IntEnum):
-    """What a record stands for; the payload of an error is the damaged character."""
+    """The event of a record; the payload of an error is the damaged character."""
 
     STATUS_CHANGE = 0
     DATA_TX_START = 1
@@ -176,7 +176,7 @@ class PcapRecords:
         return self._record(at, EventType.STATUS_CHANGE)
 
     def end(self, at: int) -> bytes:
-        """The record that says that nothing is missing behind it."""
+        """Return the record for the regular end of a capture."""
         return self._record(at + self._epoch, EventType.CAPTURE_COMPLETE)
 
     def _record(self, at: int, kind: EventType, data: bytes = b"") -> bytes:
@@ -190,7 +190,7 @@ def _pieces(event: LineEvent) -> Iterator[tuple[EventType, bytes]]:
     """Sent bytes begin at their time, received ones are complete then; damaged characters stand by themselves."""
     kind = EventType.DATA_TX_START if event.direction == "out" else EventType.DATA_RX_END
     place = 0
-    damaged = [fault for fault in event.faults if fault.fault in _FAULTS]  # the format has no word for a mark
+    damaged = [fault for fault in event.faults if fault.fault in _FAULTS]  # the format cannot express a mark
     for fault in sorted(damaged, key=lambda fault: fault.index):
         if place <= fault.index < len(event.data):
             yield from _cut(kind, event.data[place : fault.index])
@@ -345,7 +345,7 @@ MOST_WAITING = 8 << 20
 
 
 class _LaterSink:
-    """As the sink in it, but a thread writes: a slow disk makes nothing wait, until too much of it waits itself."""
+    """A `_Sink` that a thread writes: the caller waits for a slow disk only when too many records wait."""
 
     def __init__(self, path: Path, head: bytes, troubles: Troubles) -> None:
         """Raises OSError."""
@@ -370,8 +370,8 @@ class Capture:
     """A capture being written. A name ending in .json or .jsonl makes JSON lines, any other pcap.
 
     A pcap file holds one line: with several channels each has its own, `NAME-1.pcap`, `NAME-2.pcap`. Times in the file
-    are those of the wall clock; on a virtual clock they count from 1970. `later`: a thread writes, so that a slow disk
-    makes nothing wait. Raises OSError.
+    are those of the wall clock; on a virtual clock they count from 1970. `later`: a thread writes, so that the caller
+    does not wait for a slow disk. Raises OSError.
     """
 
     def __init__(
@@ -414,9 +414,9 @@ class Capture:
         return TappedPort(port, self._clock, partial(self._keep, channel))
 
     def around_next(self, port: Port) -> Port:
-        """As `around`, for one port of a server with many: where the format tells channels apart each is the next one.
+        """As `around`, for a port of a server with many ports: in JSON lines each port is a new channel.
 
-        A pcap file has no room for that: all of them are its one line.
+        In a pcap file all ports share its only line.
         """
         first = next(iter(self._sinks))
         self._ports += 1
@@ -571,7 +571,7 @@ class CaptureDecoder:
         )
 
     def seen(self) -> Iterator[tuple[int, Seen]]:
-        """Channel and what was seen, in the order of time (ns since 1970) on each channel. Raises CaptureError."""
+        """Return channels and events, in the order of time (ns since 1970) on each channel. Raises CaptureError."""
         with CaptureReader(self._path) as reader:
             for channel, event in reader.events():
                 self._take(channel, event)

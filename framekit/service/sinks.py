@@ -1,8 +1,7 @@
 """Sinks at work: each takes values in a thread of its own, so that a slow or dead one never holds a line up.
 
-What a sink cannot take waits in memory, or for a server in a file (`Waiting`). The oldest is dropped when too much
-waits, and what is dropped is counted.
-On simulated time there are no threads: a sink is called at once.
+Samples that a sink cannot take wait in memory, or for a server in a file (`Waiting`). The oldest sample is dropped and
+counted when too many wait. On simulated time a sink is called at once, without threads.
 """
 
 from __future__ import annotations
@@ -36,10 +35,10 @@ log = logging.getLogger(__name__)
 T = TypeVar("T")
 
 LONGEST_ANSWER = 2.0
-"""Seconds in which a run says how it is doing."""
+"""Seconds within which a run answers a sink."""
 
 MOST_COMMANDS = 1_000
-"""So many values that sinks want written are under way at most."""
+"""Values of sinks that wait to be written at most."""
 
 LONGEST_WAIT = 30.0
 AT_END = 5.0
@@ -66,7 +65,7 @@ class SinkHost:
         self._under_way = 0
 
     def _soon(self, action: Callable[[], object]) -> None:
-        """Does something in the run's thread. Raises TimeoutError when the run has ended."""
+        """Call a function in the run's thread. Raises TimeoutError after the end of the run."""
         if not isinstance(self._clock, AsyncioClock):
             action()
             return
@@ -76,7 +75,7 @@ class SinkHost:
             raise TimeoutError("the run has ended") from None
 
     def status(self) -> RunStatus:
-        """How the run is doing now. Raises TimeoutError."""
+        """Return the present status of the run. Raises TimeoutError."""
         assert self._status is not None
         return self._asked(self._status)
 
@@ -85,13 +84,13 @@ class SinkHost:
         return self._clock.now()
 
     def values(self) -> Sequence[PointValue]:
-        """What all points are now. Raises TimeoutError."""
+        """Return the present values of all points. Raises TimeoutError."""
         assert self._points is not None
         table = self._points.table
         return self._asked(lambda: list(table))
 
     def _asked(self, ask: Callable[[], T]) -> T:
-        """What a function gives in the run's thread. Raises TimeoutError."""
+        """Call a function in the run's thread, and return its result. Raises TimeoutError."""
         found: Future[T] = Future()
 
         def answer() -> None:
@@ -103,12 +102,12 @@ class SinkHost:
         self._soon(answer)
         return found.result(LONGEST_ANSWER)
 
-    def write(self, point: str, value: Any, who: str, told: Callable[[str], None]) -> None:
-        """Has a point written; `told` hears why not, or ''."""
+    def write(self, point: str, value: Any, who: str, answer: Callable[[str], None]) -> None:
+        """Write a point; `answer` is called with the reason of a refusal, or ''."""
 
         def tell(why: str) -> None:
             try:
-                told(why)
+                answer(why)
             except Exception as error:  # a sink may raise anything; what was done stays so
                 log.warning("point %s: the answer to %s is lost: %s", point, who, _in_words(error))
 
@@ -373,12 +372,12 @@ class _Meeting:
     def now(self) -> int:
         return self.host.now()
 
-    def write(self, point: str, value: Any, who: str, told: Callable[[str], None]) -> None:
-        self.host.write(point, value, who, told)
+    def write(self, point: str, value: Any, who: str, answer: Callable[[str], None]) -> None:
+        self.host.write(point, value, who, answer)
 
 
 def _in_words(error: Exception) -> str:
-    """What went wrong, as the system or the library says it."""
+    """Return the message of the system or the library for an error."""
     words = error.strerror if isinstance(error, OSError) else ""
     return words or str(error) or type(error).__name__
 

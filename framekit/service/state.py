@@ -1,4 +1,4 @@
-"""What a run keeps over its end: its memory and counters in a file, written in time and read at the start."""
+"""The state of a run over its end: memory and counters in a file, written periodically and read at the start."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from framekit.sinks.database import bound_log, transaction, write_once
 from framekit.transport.clock import Clock
 
 APPLICATION = 0x464B5354
-"""What SQLite calls the application's number; it tells our files from others."""
+"""The application id in the SQLite header; it identifies state files of framekit."""
 
 VERSION = 1
 PAGE = 1024
@@ -71,7 +71,7 @@ _COLUMNS = ", ".join(f'"{column.name}"' for column in fields(KeptBlock))
 
 @dataclass(frozen=True, slots=True)
 class KeptRun:
-    """What a state file holds: the bytes of areas, and blocks."""
+    """The content of a state file: the bytes of areas, and blocks."""
 
     areas: Mapping[str, bytes] = field(default_factory=dict)
     blocks: Mapping[Key, KeptBlock] = field(default_factory=dict)
@@ -80,8 +80,8 @@ class KeptRun:
 class StateFile:
     """The state of the run `run`, whose kept areas have this `shape`.
 
-    Opening creates the file if there is none, locks it and reads it: `kept` is what it held, all blocks and those areas
-    of `shape` that were in it. Every method raises StateError.
+    Opening creates the file if it is missing, locks it and reads it: `kept` has all its blocks, and those of its areas
+    that `shape` names. Every method raises StateError.
     """
 
     def __init__(self, path: Path, run: str, shape: Shape) -> None:
@@ -112,15 +112,15 @@ class StateFile:
             raise
 
     def close(self) -> None:
-        """Lets go of the file; what was written stays."""
+        """Close the file, which keeps the last written state."""
         self._base.close()
 
     # ---- opening ------------------------------------------------------------------------------------------
 
     def _create(self, place: Path) -> None:
-        """Makes the file beside its place and puts it there whole, so that no half file is ever found.
+        """Write the file under another name and rename it, so that it appears complete.
 
-        `place` is behind all symlinks, so that a link stays one.
+        `place` has all symbolic links resolved, so that a link remains a link.
         """
         beside = place.with_name(f".{place.name}.{secrets.token_hex(4)}")
         try:
@@ -134,7 +134,7 @@ class StateFile:
                 name.unlink(missing_ok=True)
 
     def _check_head(self) -> None:
-        """Looks at the first bytes: SQLite itself would take a file of another kind for a damaged one."""
+        """Check the first bytes: SQLite itself would report a file of another kind as damaged."""
         with self.path.open("rb") as file:
             head = file.read(100)
         if not head.startswith(b"SQLite format 3\0") or head[68:72] != APPLICATION.to_bytes(4, "big"):
@@ -217,7 +217,7 @@ class StateFile:
     # ---- writing ------------------------------------------------------------------------------------------
 
     def save(self, kept: KeptRun) -> int:
-        """Writes what has changed since the last time, all or nothing; how many pages that were."""
+        """Write the changed pages and all blocks in one transaction; return the number of pages."""
         pages = [
             (name, at // PAGE, content[at : at + PAGE])
             for name, content in kept.areas.items()
@@ -235,7 +235,7 @@ class StateFile:
 
 
 def _changed(before: bytes | None, now: bytes) -> Iterable[int]:
-    """Where the pages begin that differ; of an area that was never kept, those that are not all 0."""
+    """Return the offsets of the pages that differ; of a new area, those that are not all 0."""
     before = bytes(len(now)) if before is None else before
     return [at for at in range(0, len(now), PAGE) if before[at : at + PAGE] != now[at : at + PAGE]]
 
@@ -276,7 +276,7 @@ class StateKeeper:
     # ---- putting back -------------------------------------------------------------------------------------
 
     def restore(self, words_of_blocks: Iterable[Words]) -> None:
-        """Puts memory back, except these words, and the counters of blocks that are what they were.
+        """Restore memory, except these words, and the counters of unchanged blocks.
 
         An exchange that was under way when the file was written counts as failed, `interrupted`.
         """
@@ -301,14 +301,11 @@ class StateKeeper:
     # ---- writing ------------------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Writes from now on; only at the end, if `every` says never."""
+        """Begin to write; if `every` is never, only the end writes."""
         self._alarm.set(min(self.clock.now() + self.every, NEVER))
 
     def stop(self) -> None:
-        """Writes a last time, waits for that, and lets go of the file; `problem` says whether it went well.
-
-        A second call does nothing.
-        """
+        """Write a last time, wait for the result, and close the file. A second call has no effect."""
         if self._stopped:
             return
         self._stopped = True
@@ -325,7 +322,7 @@ class StateKeeper:
             self._write()
 
     def _see(self, wait: bool = False) -> bool:
-        """How the last write went, if it has ended: whether the next may begin."""
+        """Take the result of the last write, if it has ended; return whether the next may begin."""
         writing = self._writing
         if writing is None:
             return True
@@ -353,7 +350,7 @@ class StateKeeper:
         return True
 
     def kept(self) -> KeptRun:
-        """What there is to keep now."""
+        """Return the present state."""
         areas = {name: self.memory.read_bytes(name, 0, self.memory.area(name).size_bytes) for name in self.names()}
         states = self.states()
         blocks = [kept_of(state, self._content(state)) for state in states]

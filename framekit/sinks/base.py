@@ -1,4 +1,4 @@
-"""What a sink is: its keys in a run file, and the object that takes values.
+"""The interface of sinks: their keys in a run file, and the object that takes values.
 
 A kind is a class whose attributes, made by `key`, are its keys; the first names the kind and says where values go.
 `make` gives the sink itself, which is used by one thread.
@@ -45,19 +45,19 @@ class Sampled(NamedTuple):
 
 
 def good_value(value: PointValue) -> Any:
-    """The value; None where it is not good."""
+    """Return the value; None if its quality is not good."""
     return value.value if value.quality == "good" else None
 
 
 def as_record(time: str, value: PointValue, unit: str) -> dict[str, Any]:
-    """A value for JSON: `time`, `point`, `value`, `unit` if any, `quality` and, where it is not good, `reason`."""
+    """Return a value for JSON: `time`, `point`, `value`, `unit` if any, `quality`, and the `reason` of a bad one."""
     data = {"time": time, "point": value.name, "value": good_value(value)}
     data |= {"unit": unit} if unit else {}
     return data | {"quality": value.quality, **({"reason": value.reason} if value.reason else {})}
 
 
 def value_type(point: Point) -> str:
-    """What a point's values are for who wants types: string, bool, int64, uint64, decimal128(38, 0) or double."""
+    """Return the type of a point's values: string, bool, int64, uint64, decimal128(38, 0) or double."""
     form = point.form
     if point.names or form.type == "string":
         return "string"
@@ -82,7 +82,7 @@ READ_FILE = Form(ref("text"), lambda r, node: str(r.loader.folder / r.reader.tex
 
 
 def read_listening(reading: KeyReading, node: Node) -> tuple[str, int]:
-    """`PORT`, or `ADDRESS:PORT` with the address in brackets where it has colons. Raises Broken."""
+    """Read `PORT`, or `ADDRESS:PORT` (an IPv6 address in brackets). Raises Broken."""
     try:
         return listening_at(reading.reader.text(node).strip())
     except ValueError as error:
@@ -96,7 +96,7 @@ LISTENING = Form(ref("text"), read_listening)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SinkKind(ABC):
-    """What a run file says of one sink.
+    """The keys of a sink in a run file.
 
     `points`: names of points, where `*` stands for any text; `every` (ns): all of them so often, else each change.
     """
@@ -118,11 +118,11 @@ class SinkKind(ABC):
 
     @abstractmethod
     def make(self) -> Sink:
-        """The sink itself; nothing is opened yet."""
+        """Return the sink, not opened yet."""
 
     @property
     def target(self) -> str:
-        """Where the values go, for people: what stands behind the word of the kind."""
+        """The destination of the values, for people: the value of the key that names the kind."""
         return str(getattr(self, self.word))
 
     @property
@@ -136,17 +136,17 @@ class SinkKind(ABC):
         return None
 
     def mistakes(self, points: Sequence[Point]) -> Iterator[tuple[str, str, str]]:
-        """What is wrong with it in a run with these points: the key ('' for all of it), what it is, what to do."""
+        """Return the mistakes of a sink in a run with these points: key ('' for the whole sink), fault, remedy."""
         yield from ()
 
 
 def as_glob(pattern: str) -> str:
-    """A pattern of names in which only `*` is special, for what else has `?` and `[`."""
+    """Return a glob of which only `*` is special: `?` and `[` are escaped."""
     return pattern.replace("[", "[[]").replace("?", "[?]")
 
 
 def fits(pattern: str, name: str) -> bool:
-    """Whether a name is one that a pattern means."""
+    """Return whether a name matches a pattern."""
     return fnmatchcase(name, as_glob(pattern))
 
 
@@ -165,12 +165,12 @@ class Host(Interface):
         """How channels, blocks and sinks are doing now. Raises TimeoutError while the run is busy or ends."""
 
     def values(self) -> Sequence[PointValue]:
-        """What all points are now. Raises TimeoutError."""
+        """Return the present values of all points. Raises TimeoutError."""
 
-    def write(self, point: str, value: Any, who: str, told: Callable[[str], None]) -> None:
-        """Has a value written, in the point's own scale; `who` wants it, and from where, for the log.
+    def write(self, point: str, value: Any, who: str, answer: Callable[[str], None]) -> None:
+        """Write a value, in the point's own scale; `who` names the sender and its origin, for the log.
 
-        `told` hears once, in another thread, why it was not written; '' when it was.
+        `answer` is called once, in another thread, with the reason of a refusal, or '' after the write.
         """
 
     def lost(self, problem: str) -> None:
@@ -184,7 +184,7 @@ class Host(Interface):
 
 
 class Sink(ABC):
-    """Takes values. What a method raises is told, kept apart from the lines, and tried again a little later."""
+    """Takes values. An exception of a method is reported, does not affect the lines, and the call is repeated later."""
 
     def meet(self, host: Host) -> None:  # noqa: B027 – most sinks ask nothing of the run
         """Comes once, before everything else."""
@@ -197,7 +197,7 @@ class Sink(ABC):
     def write(self, samples: Sequence[Sampled]) -> int:
         """Takes samples, oldest first; how many: the others come again. When it raises, it has taken none.
 
-        Raises NeverTakenError for a sample that will never be taken, so that those behind it come through.
+        Raises NeverTakenError for a first sample that will never be taken, so that the following ones are.
         """
 
     @abstractmethod
@@ -225,7 +225,7 @@ def open_alone(path: Path) -> int:
 
 
 def not_installed(library: str, module: str) -> Iterator[tuple[str, str, str]]:
-    """That a library is not there which a kind needs, as `mistakes` tells it; nothing if it is."""
+    """Return the mistake that a library of a kind is not installed, for `mistakes`; empty if it is installed."""
     try:
         there = find_spec(module) is not None
     except ModuleNotFoundError:  # a package above it is not there

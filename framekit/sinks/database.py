@@ -17,7 +17,7 @@ def connected(path: Path) -> sqlite3.Connection:
 
 
 def bound_log(database: sqlite3.Connection) -> None:
-    """Use a log, and bound it. A commit outlasts a kill of the program; a loss of power may cost the last ones."""
+    """Use a log, and bound it. A commit survives a kill of the program; a loss of power may cost the last commits."""
     database.execute("PRAGMA journal_mode = WAL")
     database.execute("PRAGMA synchronous = NORMAL")
     database.execute(f"PRAGMA wal_autocheckpoint = {LOG_PAGES}")
@@ -25,7 +25,7 @@ def bound_log(database: sqlite3.Connection) -> None:
 
 
 def write_once(database: sqlite3.Connection, setting: str, value: int) -> None:
-    """Write a setting again: it fails where nothing can be written. Raises sqlite3.Error."""
+    """Write a setting again, as a test whether the file can be written. Raises sqlite3.Error."""
     with transaction(database):
         database.execute(f"PRAGMA {setting} = {value}")
 

@@ -22,7 +22,7 @@ from framekit.sinks.base import FILE, Sampled, Sink, SinkKind, as_record, good_v
 _SIZES = {"KB": 1_000, "MB": 1_000_000, "GB": 1_000_000_000}
 _ROTATE = re.compile(r"\s*([0-9]+)\s*(KB|MB|GB)\s*")
 _COMMON = {"day": len("2026-03-01"), "hour": len("2026-03-01T12")}
-"""What the times of one day, or one hour, have in common."""
+"""The length of the common prefix of all times of a day, or an hour."""
 
 ROOM = 4096
 """Bytes for which there has to be room when a file is opened."""
@@ -108,7 +108,7 @@ class JsonLines(FileSink):
 
 
 class LinesFile(Sink):
-    """A file of lines, whole ones only: what a crash has cut is taken away when the file is opened again.
+    """A file of whole lines: opening removes the part of a line that a crash has cut.
 
     Raises OSError.
     """
@@ -197,7 +197,7 @@ class LinesFile(Sink):
         return time > self._began or nanoseconds_of(self._began) - nanoseconds_of(time) > SET_BACK
 
     def _put(self, data: bytes | bytearray) -> None:
-        """Whole, or not at all: what was written of it before a disk was full is taken away."""
+        """Append data completely, or not at all: a partial write on a full disk is undone."""
         if self._file is None or not data:
             return
         try:
@@ -288,7 +288,7 @@ def _cell(point: Point, value: PointValue) -> str | None:
 
 
 class CsvRows(LinesFile):
-    """`time,point,value,unit,quality,reason`, a line for each value; what is not good has none."""
+    """`time,point,value,unit,quality,reason`, a line for each value; the cell of a bad value is empty."""
 
     def head(self) -> bytes:
         return _csv_line("time", "point", "value", "unit", "quality", "reason")
@@ -321,7 +321,7 @@ class CsvColumns(LinesFile):
 
 
 class JsonFile(LinesFile):
-    """`{"time", "point", "value", "unit", "quality"}` and, where it is not good, `reason`."""
+    """`{"time", "point", "value", "unit", "quality"}`, and the `reason` of a bad value."""
 
     def head(self) -> bytes:
         return b""

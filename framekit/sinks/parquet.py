@@ -1,7 +1,7 @@
 """Files of columns for analysis: Parquet, a file for each hour or day, with a column for each point.
 
-Rows are lines of JSON in a file beside them, `NAME.parquet.part`, until the hour is over: a Parquet file can be read
-only when it is whole. What a crash leaves there goes on with the next start.
+Rows are lines of JSON in another file, `NAME.parquet.part`, until the hour is over: a Parquet file can be read
+only when it is complete. After a crash the next start continues that file.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class ParquetFiles(SinkKind):
 
 
 class ParquetSink(LinesFile):
-    """Rows wait as lines; each is the time and what has changed. A finished file is never written again."""
+    """Rows wait as lines; each has the time and the changed values. A finished file is never written again."""
 
     def __init__(self, path: Path, rotate: Literal["hour", "day"], keep: int | None) -> None:
         super().__init__(path.with_name(f"{path.name}.part"), rotate, None)
@@ -76,14 +76,14 @@ class ParquetSink(LinesFile):
         keep_newest(self.finished, self._most, self._aside)
 
     def close(self) -> None:
-        """What has come so far is a file too when the run ends, and readable."""
+        """Make a readable file of the rows of the last hour."""
         if self._file is not None and self._began:
             self._finish()
         super().close()
 
 
 def write_parquet(lines: Path, target: Path) -> None:
-    """Makes a Parquet file of lines, without what a crash has cut. Raises OSError and ValueError."""
+    """Convert lines to a Parquet file, without a line that a crash has cut. Raises OSError and ValueError."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 

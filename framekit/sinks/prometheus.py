@@ -53,7 +53,7 @@ class Prometheus(SinkKind):
 
 
 class PrometheusServer(Sink):
-    """Answers with what is so at that moment. Raises OSError for a port that cannot be had."""
+    """Answers with the metrics of the moment. Raises OSError for a port that cannot be had."""
 
     def __init__(self, host: str, port: int) -> None:
         self.host, self.port = host, port
@@ -91,7 +91,7 @@ class PrometheusServer(Sink):
             server.server_close()
 
     def describe(self) -> Iterator[Metric]:
-        """Nothing is said of the metrics before they are fetched."""
+        """Return no descriptions: the metrics depend on the run."""
         return iter(())
 
     def collect(self) -> Iterator[Metric]:

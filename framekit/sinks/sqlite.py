@@ -19,7 +19,7 @@ from framekit.sinks.base import FILE, PERIOD, Host, Sampled, Sink, SinkKind, as_
 from framekit.sinks.database import bound_log, connected, transaction
 
 APPLICATION = 0x464B4856
-"""What SQLite calls the application's number; it tells our files from others."""
+"""The application id in the SQLite header; it identifies histories of framekit."""
 
 VERSION = 1
 CLEANING = 600_000_000_000
@@ -148,7 +148,7 @@ class SqliteSink(Sink):
 
 
 class RowAges:
-    """How old the rows of a history are, whatever the wall clock does.
+    """The ages of the rows of a history, independent of jumps of the wall clock.
 
     Rows of this run age by the run's clock, which does not jump. Rows of earlier runs have their times only: they are
     compared with the earliest clock of this run, that is, with the least difference between wall clock and run's clock

@@ -1,7 +1,7 @@
-"""What waits for a server is kept in SQLite: it outlasts servers, networks and the program, and is sent in order.
+"""The store of samples that wait for a server: an SQLite file that survives the server, the network and the program.
 
-Every sample goes there before it is sent, and leaves it when the server has confirmed it. So a program that is killed
-sends anew what was not confirmed, and nothing else.
+Every sample is stored before it is sent, and removed when the server has confirmed it. After a kill the program sends
+only the unconfirmed samples again.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from framekit.sinks.base import Sampled, SinkKind, open_alone
 from framekit.sinks.database import bound_log, connected, transaction, write_once
 
 APPLICATION = 0x464B5746
-"""What SQLite calls the application's number; it tells our files from others."""
+"""The application id in the SQLite header; it identifies stores of framekit."""
 
 MOST_WAITING = 100_000
 """Samples that wait for a sink at most."""
@@ -45,7 +45,7 @@ class StoreError(ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NetworkSink(SinkKind):
-    """A sink that sends values to a server. What it cannot send waits in the file `store`, `most` samples at most."""
+    """A sink that sends values to a server. Unsent samples wait in the file `store`, at most `most`."""
 
     store: str = key(
         "store", STORE, "The file in which values wait for the server, also over a restart; default: one beside the "
@@ -57,14 +57,14 @@ class NetworkSink(SinkKind):
     )  # fmt: skip
 
     def mistakes_of_store(self) -> tuple[tuple[str, str, str], ...]:
-        """What the keys of the store say wrongly."""
+        """Return the mistakes in the keys of the store."""
         return () if self.most > 0 else (("most", "nothing could wait", "give 1 or more, or leave most out"),)
 
 
 class Store:
     """Samples that wait, in a file; the oldest first. Any thread may use it. Raises sqlite3.Error, OSError, StoreError.
 
-    Once a method has returned, what it did outlasts a kill of the program. A loss of power may cost the last moments.
+    The effect of a method survives a kill of the program after its return. A loss of power may cost the last moments.
     """
 
     def __init__(self, path: Path, most: int) -> None:
@@ -88,7 +88,7 @@ class Store:
         return self._database is not None
 
     def open(self) -> None:
-        """Goes on with what waits there."""
+        """Open the file with the samples of earlier runs."""
         with self._lock:
             self._file = open_alone(self.path.with_name(f"{self.path.name}.lock"))
             try:
@@ -117,7 +117,7 @@ class Store:
             database.executescript(_TABLE)
 
     def add(self, samples: Sequence[Sampled]) -> None:
-        """Takes samples, the oldest first, all or none; those that are too many then are dropped, and counted."""
+        """Add samples, oldest first, all or none; the oldest of too many are dropped and counted."""
         with self._lock:
             database = self._opened()
             first, following = self._first, self._next + len(samples)
@@ -165,7 +165,7 @@ class Store:
             self._kept_from = self._first
 
     def close(self) -> None:
-        """The end; what waits stays in the file. A disk that hangs is not waited for."""
+        """Close the file, which keeps its samples; does not wait long for a disk that hangs."""
         if self._lock.acquire(timeout=LONGEST_CLOSE):
             try:
                 self._close()

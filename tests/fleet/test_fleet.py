@@ -241,6 +241,11 @@ def test_a_run_that_cannot_begin_is_the_one_of_before_again(tmp_path: Path) -> N
             assert not answer.ok and "kept.state is no state file" in answer.problems[0], answer
             assert path.read_bytes() == old and path.with_name("meter.run.yaml.before").read_bytes() == before == wrong
             watcher.wait("one", is_well)
+            lost = old.replace(b"sinks:\n", b"sinks:\n  - {csv: meter.device.yaml/lost.csv}\n")
+            (answer,) = watcher.fleet.roll(["one"], lost, TOKEN)
+            assert not answer.ok and "meter.device.yaml/lost.csv cannot be opened" in answer.problems[0], answer
+            assert path.read_bytes() == old
+            watcher.wait("one", is_well)
             part = path.with_name(".meter.run.yaml.part")
             part.mkdir()
             other, before = old.replace(b"run: meter", b"run: other"), len(rows(path.with_name("rows.jsonl")))

@@ -100,7 +100,7 @@ Scenario = Callable[[Path, Faults], None]
 
 
 def fed(kind: SinkKind, numbers: Sequence[int], faults: Faults | None) -> tuple[SinkFeeder, list[str]]:
-    """Feed samples to a sink; what it reports. Raises OpenError."""
+    """Feed samples to a sink; return its feeder and the reports. Raises OpenError."""
     feeder = SinkFeeder(kind, POINTS, threaded=False)
     reports: list[str] = []
     feeder._troubles.listen(lambda report: reports.append(report.event))

@@ -76,7 +76,7 @@ def test_a_file_of_something_else_and_one_that_is_taken(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")
 def test_what_was_added_outlasts_a_kill(tmp_path: Path) -> None:
-    """A process adds and tells how much it has added, until it is killed; what it told is there."""
+    """A process adds samples and reports their number until it is killed; the reported samples are in the file."""
     path = tmp_path / "a.db"
     told = 0
     for most in (30, 400):

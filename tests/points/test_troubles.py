@@ -6,13 +6,16 @@ import errno
 import json
 import os
 from pathlib import Path
+from typing import Any, cast
 
 import pytest
 from points.test_sinks import run_file
 
 from framekit.api.rows import trouble_row
+from framekit.api.run import VirtualRun
 from framekit.cli.main import main
 from framekit.run.trouble import Count, Dropped, Trouble, TroubleReport, Troubles, lasted
+from framekit.service.capture import _Sink
 
 SECOND = 1_000_000_000
 
@@ -178,3 +181,36 @@ def test_an_empty_state_file_is_told(tmp_path: Path, capsys: pytest.CaptureFixtu
     for told in (f"state {tmp_path}/kept.state: the file was empty, memory and counters begin anew\n", ""):
         assert main(["run", str(path), "--virtual", "--for", "1s"]) == 0
         assert capsys.readouterr().err == told
+
+
+def test_a_capture_ends_with_a_whole_record_and_counts_the_missing_ones(tmp_path: Path) -> None:
+    class FullFile:
+        closed = False
+
+        def write(self, data: bytes) -> int:
+            return len(data) // 2
+
+        def truncate(self, size: int) -> None:
+            sizes.append(size)
+
+        def close(self) -> None: ...
+
+    sizes: list[int] = []
+    reports: list[str] = []
+    path = tmp_path / "line.pcap"
+    run = VirtualRun(run_file(tmp_path, "{csv: a.csv}"), capture=path)
+    run.watch_troubles(lambda report: reports.append(report.text))
+    run.run_for("100 ms")
+    capture = run._capture
+    assert capture is not None
+    (sink,) = capture._sinks.values()
+    assert isinstance(sink, _Sink)
+    sink._file.close()
+    size = path.stat().st_size
+    sink._file = cast(Any, FullFile())
+    run.run_for("2 s")
+    run.stop()
+    assert reports == [f"capture {path}: No space left on device – the capture ends here"]
+    assert sizes == [size]
+    (problem,) = run.problems
+    assert problem.startswith(f"capture {path}: No space left on device, ") and problem.endswith(" records were lost")
