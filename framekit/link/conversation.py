@@ -342,11 +342,11 @@ class Player:
             protocol, codec, role_of(case, protocol), params=case.params, line=line, own=station_of(protocol, case.own),
             server=self.side.server, memory=self.side.memory, monitor=self.side.monitor,
         )  # fmt: skip
-        self.engine.machine.on_fault = self._seen
+        self.engine.on_fault = self._seen
         self.random = _Random(case.random)
         self.engine.scope["functions"].make_random = self.random.take
         if self.side.ask is not None:
-            self.engine.machine.ask_service = self.side.ask(self.engine)
+            self.engine.ask_service = self.side.ask(self.engine)
         set_state(self.engine.scope, case.state)
         self.station = station_of(protocol, case.station)
         self.line = _Line()
@@ -736,7 +736,7 @@ class Starter:
         exchange = Exchange(
             run=given.get("run"),
             station=station,
-            request=engine.machine.table.made(frame, values, engine.scope),
+            request=engine.table.made(frame, values, engine.scope),
             expected=tuple(expected if isinstance(expected, list) else [expected]),
             on_done=ended,
         )

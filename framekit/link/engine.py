@@ -153,18 +153,9 @@ class Engine(Lanes):
         """No byte was left to be looked at after the last event."""
         self.is_busy = False
         self._keeps_times = self.session.keep_alive is not None
+        """Effects depend on other times than those of runs: keep-alive, lanes held back, the end of the session."""
         self.deadline = NEVER
         self._circle_at = -1
-
-    @property
-    def machine(self) -> Engine:
-        """What `service` and the tests still call so."""
-        return self
-
-    @property
-    def reception(self) -> Engine:
-        """What `service` still calls so."""
-        return self
 
     # ---- events -------------------------------------------------------------------------------------------
 
@@ -261,14 +252,9 @@ class Engine(Lanes):
             for other in joined:
                 self._has_left(other, now)
             return self._finish()
-        if self.is_busy or item.run is None or not self._is_settled:
+        if self.is_busy or item.run is None or self.ready or self._keeps_times or not self.is_idle:
             return self._finish()
         return self._only_clocks(item.run)
-
-    @property
-    def _is_settled(self) -> bool:
-        """Whether the only effect of an event is that a clock begins."""
-        return self.is_idle and not (self.ready or self._keeps_times) and self.on_shut is None
 
     def _only_clocks(self, run: Run) -> list[Command]:
         """Do as `_finish` where the only effect of an event is that the clock of a run begins."""
@@ -335,7 +321,7 @@ class Engine(Lanes):
                 self.begin_exchange(lane, exchange)
             finally:
                 self.is_busy = False
-            if self._is_settled:
+            if self.is_idle and not self.ready and not self._keeps_times:
                 return self._only_clocks(lane.running[-1])
         return self._finish()
 
@@ -398,6 +384,7 @@ class Engine(Lanes):
         """Closes an open session as soon as no exchange runs or waits; `on_done` is called once, when all is sent."""
         self.scope.now = max(self.scope.now, now)
         self.on_shut = on_done
+        self._keeps_times = True
         return self._finish()
 
     @property

@@ -139,7 +139,7 @@ class ChannelService:
             on_send=self.counters.served.count if answers else None,
             is_stream=port.is_stream,
         )
-        self.engine.reception.on_bad = self._bad
+        self.engine.on_bad = self._bad
         self.engine.late.slow.on_change = partial(owner.slow, channel.number)
         self.receive_for(receiving)
         self.client = client = Client(protocol, codec, self.engine) if protocol.services else None
@@ -173,7 +173,7 @@ class ChannelService:
         self.receiving.clear()
         for block in blocks:
             self.receiving.setdefault(block.frame or "", []).append(block)
-        self.engine.reception.await_frames(self.receiving)
+        self.engine.await_frames(self.receiving)
 
     def _server(self, codec: Codec, access: AddressedMemory) -> RequestHandler | None:
         protocol = self.channel.protocol

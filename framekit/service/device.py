@@ -217,7 +217,7 @@ class DeviceService:
             if seen.kind == "trouble":
                 told(f"simulated device '{name}': {seen.reason}")
 
-        self.engine.machine.on_fault = tell
+        self.engine.on_fault = tell
         self.store.troubles.append(lambda what: told(f"simulated device '{name}': {what}"))
 
     def start(self) -> None:

@@ -316,7 +316,7 @@ def test_an_item_that_does_not_fit_stays_in_the_queue() -> None:
     side = Side(PEER, "peer")
     side.gets(b"\x01\x09")
     side.run(SECOND)
-    assert side.engine.machine.queues.items["jobs"][0] == {"x": 9}
+    assert side.engine.queues.items["jobs"][0] == {"x": 9}
 
 
 # ---- sessions -------------------------------------------------------------------------------------------------------
@@ -421,7 +421,7 @@ def test_a_failure_ends_it() -> None:
     side = opened()
     side.ask(work(2), station=9)
     side.run(SECOND // 2)
-    assert side.outcomes[1].outcome == "no_reply" and not side.engine.machine.session.is_open
+    assert side.outcomes[1].outcome == "no_reply" and not side.engine.session.is_open
     side.taken()
     side.ask(work(3), station=9)
     side.run(SECOND // 2)
@@ -439,7 +439,7 @@ def test_it_is_kept_alive() -> None:
     side.gets(b"\x08")
     assert side.engine.deadline == side.now + SECOND
     side.run(3 * SECOND)
-    assert not side.engine.machine.session.is_open, "nobody answered"
+    assert not side.engine.session.is_open, "nobody answered"
     assert side.engine.deadline == NEVER
 
 
@@ -447,14 +447,14 @@ def test_outside_a_session() -> None:
     side = opened()
     side.ask(run="plain", outside_session=True)
     side.run(50 * MS)
-    assert side.taken() == [b"\x03", b"\x04\x00\x07"] and not side.engine.machine.session.is_open
+    assert side.taken() == [b"\x03", b"\x04\x00\x07"] and not side.engine.session.is_open
 
 
 def test_closing() -> None:
     side = opened()
     side.do(side.engine.close_session(side.now))
     side.run(10 * MS)
-    assert side.taken() == [b"\x03"] and not side.engine.machine.session.is_open
+    assert side.taken() == [b"\x03"] and not side.engine.session.is_open
     assert side.engine.deadline == NEVER
 
 

@@ -182,7 +182,7 @@ def test_a_reply_of_another_station_is_a_sign() -> None:
     side = Side()
     side.read("R1", 11)
     other = FrameValue("values", {"station": 4, "code": 1, "data": bytes(2)})
-    side.come(side.engine.machine.table.encode(other, side.engine.scope))
+    side.come(side.engine.table.encode(other, side.engine.scope))
     side.reply(0)
     side.read("R2", 22)
     assert side.values == [[11]] and len(side.sent) == 1
@@ -461,7 +461,7 @@ def test_where_nothing_is_late_nothing_is_held_back() -> None:
     for number in range(5):
         side.read("40001", number)
         side.reply(number)
-    assert side.values == [[number] for number in range(5)] and side.engine.machine.late.until == 0
+    assert side.values == [[number] for number in range(5)] and side.engine.late.until == 0
 
 
 @pytest.mark.parametrize(
