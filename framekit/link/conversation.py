@@ -47,7 +47,7 @@ from framekit.link.variables import same_number
 
 
 def run_frame_vector(vector: FrameVector, protocol: Protocol, codec: ProtocolCodec) -> list[str]:
-    """What does not agree, one sentence each; nothing when the case holds."""
+    """The differences, a sentence each; empty if the case holds."""
     try:
         return _Case(vector, protocol, codec).run()
     except EVALUATION_ERRORS as error:
@@ -59,7 +59,7 @@ def _title(vector: FrameVector) -> str:
 
 
 def default_line(protocol: Protocol) -> LineFormat | None:
-    """The line a definition has when nothing else is said; a stream has none."""
+    """The line of a definition without line settings; a stream has no line settings."""
     return None if protocol.line.kind == "stream" else parse_format(protocol.line.format, protocol.line.speed)
 
 
@@ -105,7 +105,7 @@ class _Case:
         return problems
 
     def _built(self, name: str, values: dict[str, Any]) -> bytes:
-        """Building a reply copies what it echoes of the request."""
+        """Fill the fields of a reply that repeat the request."""
         value = FrameValue(name, dict(values))
         self.table.fill_echo(value, self.names["request"])
         return self.table.encode(value, self.names)
@@ -148,7 +148,7 @@ class _Case:
         return [f"expected {kind} {wanted}, found {_told(arrivals)}"]
 
     def _arrivals(self, data: bytes) -> list[Arrival]:
-        """Everything that the bytes, and the silence behind them, bring."""
+        """Return all arrivals of the bytes, and of the silence after them."""
         receiver = Receiver(self.codec, self.protocol, self.names, self.table)
         wanted = (self.vector.frame,) if self.vector.frame else self._looked_for()
         found: list[Arrival] = []
@@ -235,7 +235,7 @@ def state_value(type_: str, value: Any) -> Any:
 
 
 def result_agrees(found: Any, wanted: Any) -> bool:
-    """Whether a value is what a case says in plain text; of a record only the fields that the case names."""
+    """Return whether a value is that of the case in plain text; of a record only the fields of the case count."""
     if isinstance(wanted, Mapping):
         return isinstance(found, Mapping) and all(
             name in found and result_agrees(found[name], value) for name, value in wanted.items()
@@ -246,7 +246,7 @@ def result_agrees(found: Any, wanted: Any) -> bool:
 
 
 def _kind_of(value: Any) -> str:
-    """The type of variable that holds a value like this one."""
+    """Return the type of variable that holds a value of this kind."""
     return "bytes" if isinstance(value, (bytes, bytearray)) else "text" if isinstance(value, str) else "number"
 
 
@@ -261,12 +261,12 @@ Asked = Callable[[Any], None]
 
 @dataclass(slots=True)
 class SideUnderTest:
-    """What the tested side consists of besides its engine.
+    """The parts of the tested side besides its engine.
 
-    `start` begins what the case asks for: engine, the case's `do`, its station, the time, what to call with the result;
-    it returns commands. The result has `ok`, `values`, `outcome`, `code`. `read_memory` gives
-    elements from an address on, `typed` what these usually hold.
-    `monitor` is shown what happens; `troubles` collects what could not be worked out.
+    `start` begins the call of the case: engine, the case's `do`, its station, the time, the callback for the result;
+    it returns commands. The result has `ok`, `values`, `outcome`, `code`. `read_memory` returns
+    elements from an address on, `typed` their usual type.
+    `monitor` gets the records; `troubles` collects failed expressions.
     """
 
     server: RequestHandler | None = None
@@ -292,9 +292,9 @@ class _Sent:
 
 @dataclass(slots=True)
 class _Line:
-    """What is on the wire: what has been sent and not yet compared, and what waits to be sent.
+    """The state of the wire: transmissions that are not yet compared, and commands that wait.
 
-    `closed_at`: when the tested side has closed its connection, until the script says so.
+    `closed_at`: when the tested side has closed its connection, until the script mentions it.
     """
 
     sent: deque[_Sent] = field(default_factory=deque)
@@ -306,7 +306,7 @@ class _Line:
 def run_conversation(
     case: Conversation, protocol: Protocol, codec: ProtocolCodec, make_side: MakeSide, line: LineFormat | None = None
 ) -> list[str]:
-    """What does not agree, one sentence each with its place in the file; nothing when the case holds."""
+    """Return the differences, a sentence each with its place in the file; empty if the case holds."""
     try:
         return Player(case, protocol, codec, make_side, line or default_line(protocol)).run()
     except EVALUATION_ERRORS as error:
@@ -410,7 +410,7 @@ class Player:
                 self._disconnected(command.reason)
 
     def _disconnected(self, reason: str) -> None:
-        """What was on its way is gone, and the engine is told."""
+        """Drop transmissions under way, and report to the engine that the connection is closed."""
         self.line.waiting.clear()
         self.line.outgoing = None
         self._do(self.engine.closed(self.now, reason))
@@ -425,7 +425,7 @@ class Player:
         return max(self.now, min(times))
 
     def _go_to(self, end: int, stop: Callable[[], bool] = lambda: False) -> None:
-        """Lets time pass to `end`, with everything due before that (not what is due then), or until `stop` says so."""
+        """Let time pass to `end`, with all events before it (not at it), or until `stop` returns true."""
         while not stop():
             at = self._next_time()
             if at >= end:
@@ -474,7 +474,7 @@ class Player:
             self._note(script, f"{what} after {readable_time(after)}, not within {readable_time(most)}")
 
     def _receive(self, script: ScriptLine) -> None:
-        """The bytes arrive one by one, as on a wire; on a stream all at once."""
+        """Let bytes arrive singly, as on a wire; on a stream all at once."""
         assert script.wire is not None
         data = self.with_check(script.wire)
         if data is None:
@@ -565,7 +565,7 @@ class Player:
         self.before = self.now
 
     def _something_sent(self, script: ScriptLine | None) -> bool:
-        """Notes what was sent although the script says nothing of it."""
+        """Note transmissions that the script does not mention."""
         for sent in self.line.sent:
             data = sent.data.hex(" ").upper()
             self._note(script, f"sent {data} at {readable_time(sent.started)}, which was not expected")
@@ -606,7 +606,7 @@ class Player:
                 self._note(None, f"values {list(result.values)}, expected {numbers}")
 
     def _elements_read(self, values: list[Any]) -> list[int]:
-        """What a read gives for these values: as the addresses hold them, unless the case reads another unit."""
+        """Return the values of a read: in the unit of the addresses, unless the case reads another unit."""
         do = self.case.do or {}
         read = do.get("read")
         if read is None or "unit" in do:
@@ -668,7 +668,7 @@ def station_of(protocol: Protocol, value: Any) -> Any:
 
 
 class Starter:
-    """Begins what a case asks for: `read`, `write`, another service, or `send: {FRAME: {…}}` for a frame by itself."""
+    """Begin the call of a case: `read`, `write`, another service, or `send: {FRAME: {…}}` for a frame by itself."""
 
     def __init__(self, protocol: Protocol, codec: ProtocolCodec) -> None:
         self.protocol = protocol

@@ -1,8 +1,8 @@
 """Devices that answer: an engine in its serving role with a memory of its own, on a port; and lines of `sim:` ports.
-`Serving` has devices on a line, or on every connection that a listener accepts.
+`Serving` serves devices on a line, or on every connection that a listener accepts.
 
-What a device keeps lies in a store, so that it can serve several connections at once. Over UDP each sender has what a
-connection has over TCP. Nothing here prints; what watches gives `monitor`.
+The data of a device are kept in a store, so that it can serve several connections at once. Over UDP each sender has a
+device service of its own, as each connection has over TCP. Output is left to the callers' monitors.
 """
 
 from __future__ import annotations
@@ -43,13 +43,13 @@ log = logging.getLogger(__name__)
 
 
 class DeviceStore:
-    """What a device keeps over all connections: memory, variables, clock, counters, the plan of its faults.
+    """The data of a device for all connections: memory, variables, clock, counters, the plan of its faults.
 
-    `of_line` are the faults of its line, beside its own; what is done of them is counted in `faults.injected`.
+    `of_line` are the faults of its line, in addition to its own; injected faults are counted in `faults.injected`.
 
-    With `access` it has that memory and none of its own, with `server` others answer for it; frames, bytes and services
-    of all connections are counted in `link`, `load` and `counters`, where they are given. `writes`: the log of who
-    wrote what, where that is on.
+    With `access` it uses that memory and none of its own, with `server` another server answers; frames, bytes and
+    services of all connections are counted in `link`, `load` and `counters`, if they are given. `writes`: the log of
+    writes with their clients, if that log is on.
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class DeviceStore:
         self.access = access
         self._begun = False
         self.troubles: list[Callable[[str], None]] = []
-        """Who hears of what a behaviour cannot work out."""
+        """The callbacks for failed expressions of behaviours."""
         self.behaving: Behaving | None = None
         if device.behaviours:
             self.behaving = Behaving(device.behaviours, self.memory, device.name, self._cannot)
@@ -109,7 +109,7 @@ class DeviceStore:
         return FaultInjector(plan, self.clock, frames, name=device.name)
 
     def _system_bits(self) -> SystemBits | None:
-        """The bits that the device's memory sets by itself; nothing waits for them."""
+        """Return the bits that the device's memory sets by itself; they are computed when they are read."""
         profile = self.device.profile
         if profile is None or not (profile.clocks or profile.fixed or profile.calendar):
             return None
@@ -131,7 +131,7 @@ class DeviceStore:
         self._begun = True
 
     def end(self) -> None:
-        """Nothing in the memory moves by itself any more."""
+        """Stop behaviours: the memory changes only by requests."""
         if self.behaving is not None:
             self._alarm.cancel()
 
@@ -156,12 +156,12 @@ def stores_of(
 
 
 class DeviceService:
-    """A device at work on one port. Its memory can be read and written from outside at any time.
+    """A device on a port. Its memory can be read and written from outside at any time.
 
-    `store`: what it shares with the same device on other ports. `on_state` is told when the port opens or closes.
-    `who`: who asks now, for the log of writes. `on_fault` is shown all but frames, for instance what
-    could not be worked out; `watch_troubles` does the same in words. Where a protocol has no services, each frame that
-    goes out counts as one.
+    `store`: the data shared with the same device on other ports. `on_state` is called when the port opens or closes.
+    `who`: returns the present client, for the log of writes. `on_fault` gets all records but frames, for instance
+    failed expressions; `watch_troubles` gives the same in words. If a protocol has no services, each
+    frame that is sent counts as a service.
     """
 
     def __init__(
@@ -210,7 +210,7 @@ class DeviceService:
             self.driver.load = store.load
 
     def watch_troubles(self, told: Callable[[str], None]) -> None:
-        """From now on `told` hears why the device cannot do what it should; a request that has no reply is one case."""
+        """Call `told` with the reason of every failure of the device, for example of a request without a reply."""
         name = self.device.name
 
         def tell(seen: Seen) -> None:
@@ -225,7 +225,7 @@ class DeviceService:
         self.driver.start()
 
     def stop(self) -> None:
-        """Leaves its port; what it keeps may be at work on others."""
+        """Leave the port; the store may serve on other ports."""
         self.driver.stop()
 
     def end(self) -> None:
@@ -307,12 +307,12 @@ def port_for(channel: Channel, devices: list[Device], clock: Clock) -> tuple[Por
 
 
 def _echo(transmission: Transmission) -> None:
-    """The adapter of the channel hears what it sends."""
+    """Let the adapter of the channel hear its own transmissions."""
     transmission.echo = True
 
 
 def _asking(channel: Channel, faults: FaultPlan, clock: Clock) -> FaultInjector:
-    """The faults of what the channel itself sends."""
+    """Return the faults of the frames that the channel itself sends."""
     protocol = channel.protocol
     scope = Scope(protocol, role=channel.role, own=channel.own, line=channel.line, params=channel.params)
     frames = FrameFaults(protocol, compile_protocol(protocol), scope, answers=False)
@@ -323,7 +323,7 @@ def _asking(channel: Channel, faults: FaultPlan, clock: Clock) -> FaultInjector:
 
 
 ServingMonitor = Callable[[str, int, Seen], None]
-"""Gets everything seen: the port's name, which of the devices saw it, and what it saw."""
+"""Gets each record: the name of the port, the number of the device that made it, and the record."""
 
 MOST_CONNECTIONS = 256
 """At once; one more is closed as soon as it is made."""
@@ -333,10 +333,10 @@ MOST_STRANGERS = 256
 
 
 class Serving:
-    """Serves devices, all of which hear the same line. `wrap` may put something around every port, faults say.
+    """Serves devices that hear the same line. `wrap` may put another port around every port, to inject faults.
 
-    `line_errors` counts bad frames by their cause, bytes that were no frame, and connections closed here;
-    `turned_away` those that were refused, where it is given.
+    `line_errors` counts bad frames by their cause, bytes of noise, and connections closed here; `turned_away` counts
+    refused connections, if it is given.
     """
 
     def __init__(
@@ -376,9 +376,9 @@ class Serving:
         self._begin(port, lambda state: None)
 
     async def begin(self, url: str) -> tuple[str, str]:
-        """Listens at `url`, or opens that port. Raises ValueError for what is no port, OSError.
+        """Listen at `url`, or open that port. Raises ValueError for an unknown port, OSError.
 
-        Gives where it is served: the port as others have to name it, and the same for people, with the line's settings.
+        Return the address of the port as clients have to name it, and a description with the line's settings.
         """
         self._begin_stores()
         url = self.stores[0].device.protocol.line.port_of(url)
@@ -476,7 +476,7 @@ class Serving:
         self._idle_alarm.set(NEVER if oldest == NEVER else oldest + self.limits.idle)
 
     def _close_idle(self) -> None:
-        """Time is up for the connections over which nothing good went for too long."""
+        """Close the connections that had no good frame for too long."""
         since = self.clock.now() - self.limits.idle
         for port in sorted((port for port in self._hosts if self._last_frame(port) <= since), key=self._last_frame):
             self.line_errors["idle connections closed"] += 1
@@ -517,7 +517,7 @@ class Serving:
         return shown
 
     def _count_fault(self, number: int, seen: Seen) -> None:
-        """All devices hear the same: one of them counts what was wrong with it. What a bad frame left goes with it."""
+        """Count faults of the line once, although all devices hear them; bytes that a bad frame left belong to it."""
         if seen.kind == "trouble":
             self.line_errors["could not be worked out"] += 1
         elif number == 0 and seen.kind == "bad":
@@ -566,7 +566,7 @@ def check_line(devices: list[Device]) -> None:
 
 
 class ListeningPort(Port):
-    """Listens where `channel` says. Raises ValueError for what is no address, and on a clock that is not real."""
+    """Listens at the address of `channel`. Raises ValueError for an unknown address, and if the clock is not real."""
 
     def __init__(self, channel: Channel, clock: Clock) -> None:
         self.listener = make_listener(channel.port, clock, self._accept)
