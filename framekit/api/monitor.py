@@ -305,7 +305,7 @@ class LineOf:
 class LiveView:
     """What a display shows of `lines`. `now` tells the time, `blocks` how the blocks are doing, where there are any.
 
-    `points`: the values as they are now, as rows of text.
+    `points`: the values as they are now, as rows of text; `troubles`: the present troubles, as sentences.
     """
 
     def __init__(
@@ -315,12 +315,14 @@ class LiveView:
         lines: Mapping[int, LineOf],
         blocks: Callable[[], list[BlockStatus]] = list,
         points: Callable[[], list[tuple[str, ...]]] = list,
+        troubles: Callable[[], list[str]] = list,
     ) -> None:
         self.log = log
         self.now = now
         self.lines = lines
         self.blocks = blocks
         self.points = points
+        self.troubles = troubles
         self.began = now()
 
     @property

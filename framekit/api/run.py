@@ -497,7 +497,9 @@ def view_of(run: RunCalls, log: FrameLog) -> LiveView:
     for number in lines:
         know(number)
     run.on_channel = came
-    return LiveView(log, lambda: run.now, lines, lambda: run.blocks, lambda: point_rows(run.points))
+    return LiveView(
+        log, lambda: run.now, lines, lambda: run.blocks, lambda: point_rows(run.points), lambda: run.problems
+    )
 
 
 async def leave(service: RunService) -> None:

@@ -179,7 +179,7 @@ class SinkFeeder:
     def _count(self) -> Count:
         """How many samples wait, and which are lost."""
         count, refused = self._waiting.count, self._refused
-        points = Counter(count.points) + refused.points
+        points = Counter(count.points) + refused.points.copy()
         return Count(count.waiting, count.lost + refused.samples, points)
 
     @property

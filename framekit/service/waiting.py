@@ -116,7 +116,7 @@ class Waiting:
         dropped = [self._memory.dropped, *([] if self._store is None else [self._store.dropped])]
         points = dropped[0].points.copy()
         for other in dropped[1:]:
-            points.update(other.points)
+            points.update(other.points.copy())  # another thread may drop samples meanwhile
         return Count(len(self), sum(one.samples for one in dropped), points)
 
     def open(self) -> None:

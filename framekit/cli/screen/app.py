@@ -133,7 +133,7 @@ class MonitorApp(App[None]):
             self._add([entry for entry in newer if wanted.takes(entry.channel, entry.seen)])
 
     def draw_status(self) -> None:
-        """Channels and blocks as they are now."""
+        """Show channels, troubles and blocks as they are now."""
         if self.view is None:
             return
         now = self.view.now()
@@ -141,6 +141,7 @@ class MonitorApp(App[None]):
         counts = self.view.log.counts
         frames = plural(counts["frame"], "frame")
         lines.append(f"{frames}, {counts['bad']} bad, {counts['noise']} times noise{self._in_force()}")
+        lines += [f"! {trouble}" for trouble in self.view.troubles()]
         self.channels.update("\n".join(map(printable, lines)))
         self.blocks.clear()
         for block in self.view.blocks():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import errno
 import shutil
 import subprocess
 import sys
@@ -20,6 +21,7 @@ from framekit.cli.run_verb import RunSession, RunWatch
 from framekit.cli.serve_verb import ServeSession, server_of
 from framekit.link.events import Kind, Seen
 from framekit.runfile.run_file import load_run
+from framekit.sinks.files import LinesFile
 from framekit.transport.pty_port import PtyPair
 
 pytest.importorskip("textual")
@@ -131,6 +133,29 @@ def test_points_with_value_unit_and_quality(tmp_path: Path) -> None:
         assert int(after[0][1]) == int(before[0][1]) + 10
         assert after[0][2:] == ["[mm]", "good"]
         assert app.points.display
+
+    driven(test, run=tmp_path / "meter.run.yaml")
+
+
+def test_a_sink_that_cannot_write_is_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "meter.device.yaml").write_text(METER, "utf-8")
+    (tmp_path / "meter.run.yaml").write_text(f"{POINTS}sinks: [{{csv: a.csv, every: 1 s}}]\n", "utf-8")
+
+    def full(file: int, size: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    async def test(app: MonitorApp, session: Stepped, pilot: Pilot[None]) -> None:
+        session.forward(SECOND // 2)
+        monkeypatch.setattr(LinesFile, "_put", full)
+        session.forward(2 * SECOND)
+        app.draw_status()
+        await pilot.pause()
+        assert f"! sink csv {tmp_path}/a.csv: No space left on device" in text_of(app, "#channels")
+        monkeypatch.undo()
+        session.forward(2 * SECOND)
+        app.draw_status()
+        await pilot.pause()
+        assert "!" not in text_of(app, "#channels")
 
     driven(test, run=tmp_path / "meter.run.yaml")
 
