@@ -151,7 +151,7 @@ class ValueWriter:
         return f"number_of({known}, {source})"
 
     def is_plain(self, frame: str) -> bool:
-        """Return whether a frame needs nothing but constants before it is encoded, besides its fields."""
+        """Return whether a frame can be encoded from its fields and constants alone."""
         info = self.infos[frame]
         return not {name for name, *_ in info.computed} & {name for name, *_ in info.echo}
 
@@ -172,7 +172,7 @@ def _written(value: Any) -> str:
 
 
 def _is_settled(evaluate: Evaluate) -> bool:
-    """Return whether an expression has the same value whatever the names are."""
+    """Return whether an expression depends on no name."""
     try:
         evaluate(Names())
     except EVALUATION_ERRORS:

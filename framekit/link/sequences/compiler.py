@@ -227,8 +227,9 @@ class _SequenceWriter:
 
 
 _USED = (
-    "begin_part", "change_line", "count", "cut_parts", "decoded", "hold_break", "listens_again", "needs_names",
-    "own_line", "put", "send_built", "send_made", "send_value", "serve", "set_field", "trouble", "unclear",
+    "begin_part", "change_line", "count", "cut_parts", "decoded", "hold_break", "listens_again", "named",
+    "needs_names", "own_line", "put", "send_built", "send_made", "send_value", "serve", "set_field", "trouble",
+    "unclear",
 )  # fmt: skip
 _OF_RUNS = (
     "AGAIN", "BREAK", "BYTE", "Asking", "Bad", "CLOSED", "Call", "Changing", "CompiledSequence", "Failed", "GO", "Hold",

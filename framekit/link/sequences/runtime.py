@@ -846,6 +846,17 @@ def send_value(m: Runs, run: Run, x: Exchange, value: Any, names: Names) -> tupl
     return send_made(m, run, x, value, names)
 
 
+def named(x: Exchange, own: dict[str, Any], n: Names) -> Names:
+    """Return the names of an exchange (`OF_EXCHANGE`) with a sequence's `own` variables, which precede them."""
+    return Names(
+        {
+            **x.arguments, "buffer": x.buffer, "expected": x.expected, "refusal": x.refusal, "reply": x.reply,
+            "reply_buffer": x.reply_buffer, "request": x.request, "station": x.station, **own,
+        },
+        n,
+    )  # fmt: skip
+
+
 def send_made(m: Runs, run: Run, x: Exchange, value: FrameValue, names: Names) -> tuple[bytes, FrameValue]:
     """Sends a frame that has been made; its fields are worked out on `names`."""
     if not x.checks_echo:

@@ -301,10 +301,7 @@ class StepWriter:
     @property
     def names(self) -> str:
         """The source of names for the variables and the names of the exchange."""
-        shared = [name for name in sorted(OF_EXCHANGE) if name not in self.own]
-        fields = [f"{quoted(name)}: x.{name}" for name in shared]
-        fields += [f"{quoted(name)}: {self.slot(name)}" for name in self.own]
-        return f"Names({{**x.arguments, {', '.join(fields)}}}, n)"
+        return f"named(x, {{{', '.join(f'{quoted(name)}: {self.slot(name)}' for name in self.own)}}}, n)"
 
     def value(self, value: Value, row: tuple[str, ...] | None = None) -> str:
         return self.values.value(value, SequenceNames(self, row is not None, row or ()))

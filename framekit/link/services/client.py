@@ -1,9 +1,8 @@
 """The client of a protocol: READ and WRITE by address, and every other service, as exchanges of an engine.
 
-Requests are made and replies are read by the rows of the definition; the link procedure is the engine's. A transfer is
-its exchanges one after the other: it succeeds or fails as a whole, a part that fails fails the rest. A read that
-depends on nothing but its own arguments and settings is planned once. Nothing is retried here. Guide: services,
-errors.
+The rows of the definition make requests and read replies; the link procedure is the engine's. A transfer consists of
+exchanges, one after the other: it succeeds or fails as a whole, and a failed part fails the rest. A read that depends
+only on its arguments and settings is planned once. The client repeats no request. Guide: services, errors.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ MOST_KEPT = 1024
 
 
 class Starts(Protocol):
-    """What a client needs of an engine: its names, and exchanges started on it."""
+    """The part of an engine that a client needs: its names, and the start of exchanges."""
 
     @property
     def scope(self) -> Any: ...
@@ -44,12 +43,12 @@ class Starts(Protocol):
 
 @dataclass(slots=True)
 class TransferResult:
-    """How a transfer ended. `outcome` is '' or a word such as no_reply, refused, unfit_reply; `cause` says more.
+    """The end of a transfer. `outcome` is '' or a word such as no_reply, refused, unfit_reply; `cause` adds a reason.
 
-    `values` are the elements read, `data` the same in memory's form, both empty unless `ok`. `code` is the device's own
-    when it refused, `meaning` its name. `exchanges` counts those that were started, `written` the elements that are
-    known to be written, also when a later part failed. `gives` are a service's results, `reply` is the last reply,
-    `raw` its bytes and `buffer` those beside it.
+    `values` are the elements that were read, `data` the same as memory has them, both empty unless `ok`. `code` is the
+    device's own code of a refusal, `meaning` its name. `exchanges` counts started exchanges, `written` the elements
+    known to be written, also if a later part failed. `gives` are a service's results, `reply` is the last reply,
+    `raw` its bytes and `buffer` the bytes that came with it.
     """
 
     ok: bool
@@ -70,7 +69,7 @@ class TransferResult:
 Done = Callable[[TransferResult], None]
 
 ReadKey = tuple[str | Address, str | None, int, Any]
-"""What is read: a place, the unit (None: its own), how many of these, the station."""
+"""A read: address, unit, count and station."""
 
 
 class ClientRow:
@@ -96,7 +95,7 @@ class ClientRow:
         return self.facts.shared.values.all(tuple(self.facts.row.gives.values()))
 
     def made(self, offered: Names) -> Made:
-        """The request, the bytes beside it, and the sequence that carries it. Raises ServiceError."""
+        """Return the request, the bytes that go with it, and its sequence. Raises ServiceError."""
         try:
             request, buffer, run = self._make(offered)
         except EVALUATION_ERRORS as error:
@@ -117,14 +116,14 @@ class ClientRow:
 
 
 Made = tuple[FrameValue | None, bytes, Any]
-"""The request of an exchange, the bytes beside it, and the sequence that carries it."""
+"""The request of an exchange, the bytes that go with it, and the name of its sequence."""
 
 
 @dataclass(frozen=True, slots=True)
 class Prepared:
-    """One exchange of a row, as often as it is asked for: what it sends, and what its replies are read by.
+    """One exchange of a row, to be carried out any number of times: its request, and the readers of its replies.
 
-    `written`: how many elements it writes.
+    `written`: the number of elements that it writes.
     """
 
     row: ClientRow
@@ -189,13 +188,13 @@ class RefusedReplyError(Exception):
 
 
 Wanted = tuple[str, int, str]
-"""What is to be read: unit, count, and the order of bytes in its area."""
+"""A part of a read: unit, count, and the byte order of its area."""
 
 
 class TransferPlan:
-    """A whole transfer: its exchanges, and what is to be read.
+    """A whole transfer: its exchanges, and the elements that they read.
 
-    `sent`: what the exchanges send, unless `is_new_each_time`, so that it is made for every transfer.
+    `sent`: the requests, unless `is_new_each_time`, which makes them anew for every transfer.
     """
 
     __slots__ = (
@@ -229,11 +228,11 @@ class TransferPlan:
         """One exchange brings one place and no results."""
 
     def made(self) -> list[Made]:
-        """What the exchanges send, made for one transfer. Raises ServiceError."""
+        """Make the requests for one transfer. Raises ServiceError."""
         return [one.row.made(one.names) for one in self.exchanges]
 
     def result(self, data: Sequence[bytes]) -> TransferResult:
-        """What it comes to when all exchanges have brought these data."""
+        """Return the result for the data of all exchanges."""
         if self.numbers is not None:
             return TransferResult(True, list(self.numbers(data[0])), data[0])
         if not self.wanted:
@@ -263,7 +262,7 @@ class TransferPlan:
 
 
 class Read:
-    """A read by its arguments. Its plan is kept as long as no parameter changes, if nothing else decides on it."""
+    """A read by its arguments. Its plan is kept until a parameter changes, if only parameters decide on it."""
 
     __slots__ = ("_key", "_plan", "_settings")
 
@@ -287,7 +286,7 @@ class Read:
 
 
 class LastingPlans:
-    """Judges which plans of reads can be carried out again: plans that depend on nothing but parameters."""
+    """Judges which plans of reads can be carried out again: those that only parameters decide on."""
 
     def __init__(self, scope: Names, need_names: Collection[str] | None) -> None:
         self._scope = scope if isinstance(scope, Scope) else None
@@ -316,7 +315,7 @@ class LastingPlans:
         return True
 
     def _build(self, read: TransferPlan, table: FrameTable) -> None:
-        """The bytes of the requests are made once, where nothing of an exchange is in them."""
+        """Encode the requests whose bytes do not depend on an exchange."""
         for request, _, _ in read.sent:
             needing = self._need_names
             if request is None or needing is None or request.frame in needing:
@@ -329,14 +328,14 @@ class LastingPlans:
                     continue
 
     def _is_chosen_the_same(self, facts: RowFacts, scope: Scope) -> bool:
-        """Whether nothing that changes by itself decides on a row and its cuts."""
+        """Return whether parameters alone decide on a row and its cuts."""
         if facts not in self._chosen:
             row = facts.row
             self._chosen[facts] = not any(scope.changes(it) for it in expressions_of([row.when, row.limit, row.run]))
         return self._chosen[facts]
 
     def _lasts(self, facts: RowFacts, scope: Scope) -> bool:
-        """Whether nothing that changes by itself is in a row's request."""
+        """Return whether a row's request depends on parameters alone."""
         if facts not in self._lasting:
             protocol, sent = facts.shared.protocol, [facts.row.request, facts.row.buffer]
             made: Sequence[Any] = [
@@ -539,7 +538,7 @@ class Client:
         self, addresses: Sequence[str | Address], *, station: Any = None, unit: str | None = None,
         params: Mapping[str, Any] | None = None, now: int, on_done: Done,
     ) -> Transfer:  # fmt: skip
-        """Reads one element each; in lists where the protocol has them, else one by one. Values in the order asked."""
+        """Read one element each; in lists if the protocol has them. Values in the order of addresses."""
         names = self._names(station, params)
         pieces = [Piece(*self._place(address, unit, 1)) for address in addresses]
         plans = self.planner.plan_list("read", pieces, names)
@@ -562,7 +561,7 @@ class Client:
         return Transfer(self._planned(plans, [], names), self.engine, now, on_done)
 
     def _names(self, station: Any, params: Mapping[str, Any] | None) -> Names:
-        """What a request is made of. Raises ParameterError for a parameter that does not fit."""
+        """Return the names of a request. Raises ParameterError for a parameter that does not fit."""
         scope = self.engine.scope
         names = Names(scope.worked_out(params), scope, scope.formulas_for(params)) if params else Names(None, scope)
         names["station"] = self._default_station if station is None else station
@@ -577,7 +576,7 @@ class Client:
         return in_unit(memory_of(values, given), self._order(place), given, place.unit)
 
     def _planned(self, plans: Sequence[Plan], wanted: Sequence[Wanted], names: Names) -> TransferPlan:
-        """The exchanges of all plans; `wanted` is what is to be read. Raises ServiceError."""
+        """Return the exchanges of all plans; `wanted` are the parts of the read. Raises ServiceError."""
         given = given_in(names)
         exchanges = [self._prepared(plan, pieces, names, given) for plan in plans for pieces in plan.exchanges]
         return TransferPlan(plans, exchanges, wanted)
@@ -684,7 +683,7 @@ def given_in(names: Names) -> dict[str, Any]:
 
 
 def _may_hold(when: Evaluate | None, names: Names) -> bool:
-    """Whether a row's condition may hold: False only where that is sure without the arguments of the call."""
+    """Return whether a row's condition may hold: False only if no arguments of the call can change that."""
     try:
         return when is None or bool(when(names))
     except EVALUATION_ERRORS:

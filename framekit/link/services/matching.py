@@ -1,8 +1,8 @@
 """Request matching: a service row as a function of the request, from its fields to the place and data it asks for.
 
-Each row becomes one Python function, written when its frame is first served: fields are compared, names are local
-variables, what can be resolved is resolved. What names no place of its own, or works on state, goes on with a
-`MatchedRow`. What no name can be worked out of is passed over; `station` and `own` are not compared.
+Each row becomes one Python function, written when its frame is first served: it compares fields, names are local
+variables, and everything known before is resolved. A row without a place of its own, or with work on state, goes on
+with a `MatchedRow`. Values without a name to solve for are skipped; `station` and `own` are not compared.
 Guide: services, read backwards.
 """
 
@@ -47,7 +47,7 @@ WRONG_PLACE = (DeviceMemoryError, AddressError, PackingError)
 
 
 class MismatchError(Exception):
-    """The request is not what the row writes down."""
+    """The request differs from the row."""
 
 
 class ElsewhereError(Exception):
@@ -59,7 +59,7 @@ class ElsewhereError(Exception):
 
 
 class DamagedBufferError(Exception):
-    """Bytes of a request do not have the layout they should; `refuse` is the code for that, if there is one."""
+    """Bytes of a request do not have their layout; `refuse`: the code for it, if any."""
 
     def __init__(self, cause: ValueError) -> None:
         super().__init__(str(cause))
@@ -67,7 +67,7 @@ class DamagedBufferError(Exception):
 
 
 class DataError(MemoryRangeError):
-    """Data of a request are no values of what they are for: of another size, or a point that is neither on nor off."""
+    """Data of a request do not fit their elements: a wrong size, or a point that is neither on nor off."""
 
 
 class RefusedMatchError(Exception):
@@ -80,9 +80,9 @@ class RefusedMatchError(Exception):
 
 @dataclass(slots=True)
 class MatchTarget:
-    """Elements that a request asks for, and the data it brings for them, in memory's form. The names are its own.
+    """Elements that a request names, and its data for them, as memory has them, with their own names.
 
-    `type`: what such a place usually holds.
+    `type`: the usual type of the place.
     """
 
     unit: AreaUnit
@@ -95,7 +95,7 @@ class MatchTarget:
 
 @dataclass(slots=True)
 class MatchedRow:
-    """A row that fits a request. `problem` is what is wrong with the places it names, to be told in its turn."""
+    """A row that fits a request. `problem`: a fault of its places, which is reported after the row's conditions."""
 
     names: Names
     targets: list[MatchTarget] = field(default_factory=list)
@@ -103,9 +103,9 @@ class MatchedRow:
 
 
 Match = Callable[[FrameValue, bytes, Any, Names], "MatchedRow | None"]
-"""What a request means by a row; None: the row does not fit. Raises ElsewhereError and DamagedBufferError."""
+"""Reads a request by a row; None: the row does not fit. Raises ElsewhereError and DamagedBufferError."""
 Serve = Callable[[FrameValue, bytes, Any, Names], "Served | None"]
-"""Does what a request asks for; None: the row does not fit."""
+"""Serves a request; None: the row does not fit."""
 GoOn = Callable[[FrameValue, MatchedRow], Served]
 
 
@@ -132,9 +132,9 @@ class Matching:
     def read(
         self, request: FrameValue, buffer: bytes, station: Any, names: Names, with_buffer: bool
     ) -> MatchedRow | None:
-        """What a request means; None: the row does not fit. Without the buffer: what is beside it is not here yet.
+        """Return the meaning of a request; None: the row does not fit. Without the buffer: its bytes have not come yet.
 
-        Raises MismatchError as well where it does not fit, ElsewhereError and DamagedBufferError.
+        Raises MismatchError too if the row does not fit, ElsewhereError and DamagedBufferError.
         """
         function = self._read.get(with_buffer)
         if function is None:
@@ -142,12 +142,12 @@ class Matching:
         return function(request, buffer, station, names)
 
     def serving(self) -> Serve:
-        """What serves a request; it gives and raises as `read`, and RefusedMatchError and what the memory raises."""
+        """Return the function that serves a request; it raises as `read`, RefusedMatchError and errors of memory."""
         serve: Serve = RowWriter(self, True, True).function()
         return serve
 
     def holds(self, reading: MatchedRow) -> bool:
-        """Whether the row's condition holds; what cannot be told because the place is wrong is no objection."""
+        """Return whether the row's condition holds; a condition that fails because of a wrong place counts as true."""
         if self._holds is None:
             return True
         try:
@@ -196,7 +196,7 @@ class RowWriter:
         self.arguments = {argument.name for argument in self.row.takes}
         row = self.row
         self.judged = attributes_in([row.back, row.back_each, row.when, row.refuse])
-        """Fields that the row looks at itself: what they tell of a parameter leaves the device's own value as it is."""
+        """Fields that the row reads itself: they do not change the device's own value of a parameter."""
         params = self.shared.protocol.params.items()
         self.own = {name for name, one in params if one.is_compared or one.secret} - self.arguments
         replies = [(reply.frame, reply.buffer) for reply in row.reply]
@@ -241,7 +241,7 @@ class RowWriter:
         return variable
 
     def worked_out(self, text: str) -> str:
-        """A variable with the value of an expression; where that cannot be worked out the row does not fit."""
+        """Return a variable with the value of an expression; the row does not fit if evaluating it fails."""
         variable = self.variable()
         with self.out.block("try:"):
             self.out.add(f"{variable} = {text}")
@@ -293,7 +293,7 @@ class RowWriter:
         numbers: Mapping[str, int] | None = None,
         padded: bool = False,
     ) -> None:
-        """Writes the comparison of a value with what is there."""
+        """Write the comparison of a value with the request."""
         match value:
             case Expression():
                 self._compare(value, actual, level, numbers or {}, padded)
@@ -585,7 +585,7 @@ class RowWriter:
         return level.type or f"{place}.type"
 
     def _numbers_sent(self, level: WriterLevel) -> str | None:
-        """The list of the elements that a write brings as numbers, where it does."""
+        """Return the numbers of a write, if the request has numbers."""
         if "values" in level.values:
             return level.values["values"]
         return f"[{level.values['value']}]" if "value" in level.values else None
@@ -689,7 +689,7 @@ def item_of(before: dict[str, Any] | None, part: Any) -> dict[str, Any]:
 
 
 def layout_read(decode: Callable[..., dict[str, Any]], data: Any, names: Names, padded: bool) -> dict[str, Any]:
-    """Bytes that must be the layout, and nothing more unless they are `padded`."""
+    """Decode bytes as the layout; more bytes are an error unless they are `padded`."""
     try:
         return read_layout(decode, data, names) if padded else decode(data, names)
     except EVALUATION_ERRORS as error:
@@ -727,7 +727,7 @@ def wrong_place(
     variables: Mapping[str, Any],
     parts: str | None,
 ) -> MatchedRow:
-    """A request whose place is wrong: what is known of it by now, and what is wrong."""
+    """Return a request with a wrong place: the names that are known before, and the fault."""
     known = dict(variables.get(parts) or {}) if parts is not None else {}
     known.update((name, variables[variable]) for name, variable in history if variable in variables)
     if isinstance(error, DeviceMemoryError):
@@ -744,7 +744,7 @@ def set_missing(names: Names, values: Mapping[str, Any]) -> None:
 
 
 def name_targets(reading: MatchedRow) -> None:
-    """What is said of the first place holds for the request as a whole; all places stand in a list."""
+    """Give the request the names of its first place, and list all places."""
     names, targets = reading.names, reading.targets
     if targets:
         first = targets[0].names

@@ -1,7 +1,7 @@
-"""What requests and replies between others say of a device's values: what can be learned by listening alone.
+"""Values of a device that requests and replies of others contain: all that listening alone can show.
 
-A request is read by the rows that would serve it, its reply by those that would ask for it; both may stand inside other
-frames. What neither a reply nor a write has told is not known.
+A request is read by the rows that would serve it, its reply by the rows that would request it; both may be inside other
+frames. A value is known only from a reply or a write.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits
 
 
 class KnownValue(NamedTuple):
-    """The value of one element: its station (None where nothing tells it), its address as text, and the number."""
+    """The value of one element: its station (None if no frame names it), its address as text, and the number."""
 
     station: Any
     address: str
@@ -51,9 +51,9 @@ class _OpenRequest(NamedTuple):
 
 
 class Overheard:
-    """Frames of one line, in their order. `memory`: one that has the areas of the protocol; nothing is stored there.
+    """Reads the frames of one line, in order. `memory`: a memory with the areas of the protocol; it is not written.
 
-    `names`: what expressions read beside the frames.
+    `names`: further names that expressions read.
     """
 
     def __init__(self, protocol: Protocol, codec: ProtocolCodec, memory: DeviceMemory, names: Names) -> None:
@@ -104,7 +104,7 @@ class Overheard:
         return found
 
     def _request(self, outer: FrameValue, value: FrameValue) -> _OpenRequest | None:
-        """What a frame asks for, if it is a request."""
+        """Return the request in a frame, if it is a request of a row."""
         station = self._station(outer)
         for matching in self._rows.get(value.frame, ()):
             try:
@@ -130,7 +130,7 @@ class Overheard:
         return None
 
     def _told(self, asked: _OpenRequest, reader: ReplyReader, reply: FrameValue) -> Iterator[KnownValue]:
-        """What a reply tells: values that were read, or that a good one confirms as written. Raises ValueError."""
+        """Yield the values of a reply: values that were read, or that it confirms as written. Raises ValueError."""
         if self._errors.refusal(reply, Names({"request": None, "reply": reply}, self._names)) is not None:
             return
         if asked.facts.row.service == "write":

@@ -1,4 +1,4 @@
-"""What a reply says: the data in it, or the error that a device answers with."""
+"""Replies: the data in them, or the error that a device reports."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Found = list[tuple[Any, bool]]
 
 
 Find = Callable[[FrameValue | None, bytes, Names], Found]
-"""Finds them in a reply and the bytes beside it. Raises UnfitReplyError and EVALUATION_ERRORS."""
+"""Finds data in a reply and the bytes that came with it. Raises UnfitReplyError and EVALUATION_ERRORS."""
 
 
 ReadPieces = Callable[[FrameValue | None, bytes, FrameValue | None], list[bytes]]
@@ -39,11 +39,11 @@ ReadPieces = Callable[[FrameValue | None, bytes, FrameValue | None], list[bytes]
 
 
 class UnfitReplyError(ValueError):
-    """A reply that does not fit what was asked; the message says where."""
+    """A reply does not fit its request; the message names the place."""
 
 
 class ReplyRefusal(NamedTuple):
-    """`outcome`: what an exchange is that ended so and has no other word for it."""
+    """`outcome`: the outcome of the exchange, unless the exchange has its own."""
 
     code: int
     meaning: str
@@ -51,7 +51,7 @@ class ReplyRefusal(NamedTuple):
 
 
 class ErrorReader:
-    """Tells when a device says no, and how."""
+    """Reads refusals in replies."""
 
     def __init__(self, shared: ServiceRows) -> None:
         errors = shared.protocol.errors
@@ -73,7 +73,7 @@ class ErrorReader:
             self.unanswered = None if errors.unanswered is None else compile_expression(errors.unanswered)
 
     def refusal(self, reply: FrameValue, names: Names) -> ReplyRefusal | None:
-        """What the reply says when it is an error frame. Raises EVALUATION_ERRORS."""
+        """Return the refusal if the reply is an error frame. Raises EVALUATION_ERRORS."""
         if reply.frame not in self.frames:
             return None
         fields = Names(reply.complete(), names)
@@ -181,7 +181,7 @@ class FindWriter:
         self.writer = FunctionWriter(shared.table, given)
         self.out = self.writer.body
         self.of_some = any(each.when is not None for each in parts_of([row.frame, row.buffer], EachOf))
-        """Whether lists are for some of the variables each: what is found is put in the order of the variables."""
+        """Lists are for some of the variables each: their data are sorted by the order of the variables."""
         self.place = "len(found)"
         self._variables = 0
 
@@ -270,7 +270,7 @@ def _of_numbers(numbers: list[Any], piece: Piece) -> bytes:
 
 
 def listed(actual: Any, count: int | None) -> list[Any]:
-    """A list of that many items; one with an item a piece is counted when all are found."""
+    """Return the list if it has that many items; lists with an item a piece are counted after reading."""
     if isinstance(actual, list) and (count is None or len(actual) == count):
         return actual
     if count is None:

@@ -1,6 +1,6 @@
-"""A service row prepared for both sides: what it mentions, which units it can carry, how its data are packed.
+"""A service row prepared for both sides: its names, the units that it can carry, the packing of its data.
 
-Clients and servers read the same rows; neither's work is done here. Guide: services.
+Clients and servers read the same rows; this module does the work of neither. Guide: services.
 """
 
 from __future__ import annotations
@@ -39,16 +39,16 @@ NATIVE = frozenset({"start", "count", "first"})
 """Names that count elements: a row that sends them, and no text, speaks of the area's own units only."""
 
 FROM_START = frozenset({"start", "first"})
-"""Names that say nothing of a place between two elements of its unit."""
+"""Names that cannot express a place between two elements of its unit."""
 
 Rule = tuple[Evaluate, Evaluate, bool]
-"""When, code, and whether it looks at the bytes beside the request."""
+"""Condition, code, and whether the condition reads the bytes that come with the request."""
 
 
 class ServiceRows:
-    """Everything the services of one protocol share; `rows` ask, `served` are answered, in the order of the file.
+    """Everything that the services of one protocol share; `rows` ask, `served` are answered, in the order of the file.
 
-    `refuse`: what a server refuses whatever row a request is for.
+    `refuse`: refusals of a server that hold for requests of every row.
     """
 
     def __init__(self, protocol: Protocol, codec: ProtocolCodec) -> None:
@@ -77,10 +77,10 @@ def rows_of(protocol: Protocol, codec: ProtocolCodec) -> ServiceRows:
 
 
 class RowFacts:
-    """One row. `mentions` are the names its request and the bytes beside it read; `single`: it carries one element.
+    """One row. `mentions`: names in its request and in the bytes with it; `single`: it carries one element.
 
-    `lists`: what holds of the variables in each list of a request, where every list is for some of them. `packers`: how
-    elements of a unit stand in its data. `defaults`: of its arguments, those that rest on others last.
+    `lists`: conditions of the variables in each list of a request, if every list is for some of them. `packers`: the
+    form of elements in its data, by unit. `defaults`: of its arguments; those that depend on others are last.
     """
 
     __slots__ = (
@@ -179,7 +179,7 @@ class ServiceError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """`count` elements at an address, `done` elements behind the whole's start; `data` to write, in memory's form."""
+    """`count` elements at an address, `done` elements after the start of the whole; `data` to write."""
 
     address: Address
     count: int
@@ -213,7 +213,7 @@ class Plan:
 
 
 class Planner:
-    """Chooses rows and cuts transfers. `names` are what rows may read beside what is offered for them."""
+    """Chooses rows and cuts transfers. `names`: further names that rows may read."""
 
     def __init__(self, shared: ServiceRows) -> None:
         self.shared = shared
@@ -354,7 +354,7 @@ class Planner:
     # ---- lists of variables -------------------------------------------------------------------------------
 
     def plan_list(self, service: str, pieces: Sequence[Piece], names: Names) -> list[Plan]:
-        """The exchanges for single variables, in their order: as lists where a row carries lists, else one by one."""
+        """Return the exchanges for single variables, in their order: as lists if a row carries lists, else one each."""
         plans: list[Plan] = []
         waiting: list[Plan] = []
         for piece in pieces:

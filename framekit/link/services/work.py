@@ -1,5 +1,5 @@
-"""The work of a row, compiled: what a request changes and reads beside a plain transfer, and the block or job that it
-asks a run to do. Commands of a run are the same blocks. Guide: serving, commands.
+"""The work of a row, compiled: changes and reads of a request in addition to a transfer, and the block or job that it
+starts in a run. Commands of a run are the same blocks. Guide: serving, commands.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class CompiledPlace:
 
 @dataclass(frozen=True, slots=True)
 class CompiledAfter:
-    """What is done when an exchange has ended, if `when` holds."""
+    """A change after an exchange, if `when` holds."""
 
     when: Evaluate | None
     set: Sequence[tuple[SetTarget, Evaluate | None, Evaluate]]
@@ -57,7 +57,7 @@ class CompiledAfter:
 
 @dataclass(frozen=True, slots=True)
 class CompiledJob:
-    """A `JobWork` ready to be worked out; what it does not say is None."""
+    """A `JobWork` compiled; missing parts are None."""
 
     kind: str
     slot: Evaluate
@@ -117,7 +117,7 @@ def compile_block(work: BlockWork, compile_value: Callable[[Value], Evaluate], p
 def compile_afters(
     rows: Sequence[After], compile_value: Callable[[Value], Evaluate], part: CompilePart
 ) -> list[CompiledAfter]:
-    """Compiles what is done afterwards."""
+    """Compile the changes after an exchange."""
     return [
         CompiledAfter(
             when=compile_optional(row.when),
@@ -161,7 +161,7 @@ class Work:
         self._drop = None if work.drop is None else (_word(work.drop["from"]), self._values.compile(work.drop["when"]))
         kept = {name for name, item in shared.protocol.state.items() if item.scope == "device"} | {"clock"}
         self._of_device = frozenset() if work.no_write else frozenset(kept)
-        """What the device keeps, where changing it is a write."""
+        """Names of variables that the device keeps, if changing them is a write."""
         self._read = work.read
         self._read_fields = self._fields(work.read) if isinstance(work.read, Mapping) else None
         self._read_spans = compile_expression(work.read) if isinstance(work.read, Expression) else None
@@ -187,7 +187,7 @@ class Work:
         return part
 
     def _kept(self, target: SetTarget, value: Value) -> Evaluate:
-        """A layout's record put into a variable of that layout stays a record."""
+        """Compile a value for a variable: a record of the variable's own layout remains a record."""
         if isinstance(value, LayoutOf) and value.layout in self._holds.get(target.name, ()):
             return self._values.fields(value.fields)
         return self._values.compile(value)
@@ -195,9 +195,9 @@ class Work:
     # ---- doing it -----------------------------------------------------------------------------------------
 
     def do(self, reading: MatchedRow, start_block: Callable[[CompiledBlock, Names], None]) -> list[bytes] | None:
-        """Does everything; the data that were read, as they stand in the frame, None if nothing was to be read.
+        """Carry out the work; return the data that were read, in the form of the frame, None if the work reads none.
 
-        Raises DeviceMemoryError, BlockRefusedError, and EVALUATION_ERRORS for what cannot be worked out.
+        Raises DeviceMemoryError, BlockRefusedError, and EVALUATION_ERRORS for values that cannot be worked out.
         """
         names = reading.names
         scope = scope_of(names)
@@ -315,7 +315,7 @@ NOT_HELD = object()
 
 
 def held(scope: Scope, target: SetTarget, key: Any) -> Any:
-    """What stands where `assign` puts a value; NOT_HELD where nothing does."""
+    """Return the value that `assign` would replace; NOT_HELD if there is no value."""
     try:
         value = scope[target.name]
         if target.key is not None:
