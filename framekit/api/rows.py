@@ -125,14 +125,14 @@ def channel_row(one: ChannelStatus) -> tuple[str, ...]:
 
 
 def block_state(one: BlockStatus) -> str:
-    """One word: off, dead, runs, waits, ready."""
+    """Return a word for the state of a block: off, runs, dead (its station does not answer), waits, ready."""
     if not one.enabled:
         return "off"
     if one.running:
         return "runs"
-    if one.waiting:
-        return "waits"
-    return "dead" if one.dead else "ready"
+    if one.dead:
+        return "dead"
+    return "waits" if one.waiting else "ready"
 
 
 def block_row(one: BlockStatus) -> tuple[str, ...]:

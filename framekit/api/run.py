@@ -28,7 +28,8 @@ from framekit.run.block_words import status_of
 from framekit.run.edit import Edit as Edit
 from framekit.run.edit import RemovedBlocks as RemovedBlocks
 from framekit.run.job_table import JobStatus as JobStatus
-from framekit.run.model import BLOCKS_IN_SET, POINTS_SET, OwnPlace
+from framekit.run.model import BLOCKS_IN_SET, OwnPlace
+from framekit.run.model import POINTS_SET as POINTS_SET
 from framekit.run.model import Block as Block
 from framekit.run.model import Channel as Channel
 from framekit.run.model import RunModel as RunModel

@@ -28,6 +28,7 @@ from framekit.api.rows import (
     trouble_row,
 )
 from framekit.cli.common import ARROWS, json_line, plain, print_trouble, seen_data, seen_text, table, tables, told
+from framekit.codec.shown import shown
 from framekit.definition.problems import plural
 from framekit.definition.times import format_time, milliseconds
 
@@ -273,8 +274,24 @@ class RunOutput:
             found.append((models[one.id], one, "" if failure is None or failure.at != one.last_end else str(failure)))
         return found
 
+    def described(self, block: Block) -> str:
+        """Return what a block does, with the points that it reads and, if its channel has several, the station."""
+        from framekit.api.run import POINTS_SET
+
+        text = f"{block.what} ({block.name})" if block.set == POINTS_SET else block.what
+        stations = {_station_of(other) for other in self.run.blocks if other.channel == block.channel} - {None}
+        station = _station_of(block)
+        return text if station is None or len(stations) < 2 else f"{text}, station {station}"
+
     def summary(self, run: RunCalls) -> None:
         raise NotImplementedError
+
+
+def _station_of(block: Block) -> str | None:
+    """Return the station of a block as text, the place in memory that names it, or None."""
+    if block.station_from is not None:
+        return f"in {block.station_from.text}"
+    return None if block.station is None or block.job is not None else str(shown(block.station))
 
 
 def put(text: str) -> None:
@@ -317,7 +334,7 @@ class TextOutput(RunOutput):
             last = last or "-"
             counts = (one.started, one.done, one.failed, int(one.running), one.overruns)
             last = f"{last}, station is dead" if one.dead else last
-            rows.append((block.label, block.what, *map(str, counts), last))
+            rows.append((block.label, self.described(block), *map(str, counts), last))
         for gone in status.removed:
             what = f"{plural(gone.blocks, 'removed block')} of channel {gone.channel}"
             rows.append(("-", what, *map(str, (gone.started, gone.done, gone.failed, 0, gone.overruns)), "-"))
@@ -371,8 +388,8 @@ class JsonOutput(RunOutput):
         for block, one, last in self.blocks(status):
             self.data(
                 event="block", set=block.set, block=block.number, name=block.name, instruction=block.instruction,
-                channel=block.channel, started=one.started, done=one.done, failed=one.failed,
-                running=int(one.running), overruns=one.overruns, dead=one.dead, last=last,
+                channel=block.channel, station=plain(block.station), started=one.started, done=one.done,
+                failed=one.failed, running=int(one.running), overruns=one.overruns, dead=one.dead, last=last,
             )  # fmt: skip
         for gone in status.removed:
             self.data(event="removed", **removed_data(gone))

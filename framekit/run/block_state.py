@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, TypeAlias
 from framekit.codec.shown import code_text
 from framekit.link.services.client import TransferResult
 from framekit.run.model import STATIONED, Block, block_id, block_label
-from framekit.run.triggers import ArmedTriggers
+from framekit.run.triggers import ArmedTriggers, Every
 
 if TYPE_CHECKING:
     from framekit.run.block_words import Given
@@ -231,8 +231,9 @@ class BlockState:
 
     __slots__ = (
         "armed", "at_station", "block", "chain", "companions", "dead", "done", "effective", "failed", "given",
-        "has_station", "id", "key", "lane", "last_end", "last_failure", "overruns", "probing", "queue", "reasons",
-        "round", "running", "set_on", "started", "started_at", "starts", "starts_left", "switched_on", "waiting",
+        "has_station", "id", "key", "lane", "last_end", "last_failure", "overruns", "period", "probing", "queue",
+        "reasons", "round", "running", "set_on", "started", "started_at", "starts", "starts_left", "switched_on",
+        "waiting",
     )  # fmt: skip
 
     def __init__(self, block: Block) -> None:
@@ -241,6 +242,8 @@ class BlockState:
         self.key = block.set, block.number
         self.has_station = block.instruction in STATIONED
         self.lane = block.lane
+        self.period = min((trigger.period for trigger in block.triggers if isinstance(trigger, Every)), default=0)
+        """Shortest period of its `every` triggers (ns); 0 without such a trigger."""
         self.chain: tuple[int, ...] = ()
         self.given: Sequence[Given] = ()
         self.effective: Block | None = None

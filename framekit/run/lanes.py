@@ -1,7 +1,9 @@
 """The blocks of one channel that wait: one exchange at a time, silences between them, stations that do not answer.
 
-A station that has failed often enough for long enough is dead: its blocks stand aside, and one of them asks now and
-then until it answers. It knows neither triggers nor what an exchange is.
+A station that shares its channel is suspected after its first failed exchange: its blocks are parked, and one of them
+asks at most once in each period, without retries, after the blocks of other stations. A station that has failed often
+enough for long enough is dead: one of its blocks asks now and then until it answers. A lane knows neither triggers nor
+exchanges.
 """
 
 from __future__ import annotations
@@ -36,6 +38,10 @@ OWN = frozenset(
 """Failures that say nothing about the station."""
 
 
+MOST_DOUBLED = 16
+"""Failures after which the pause of a suspected station grows no more."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LaneRules:
     """How a channel treats the line and its stations. `stations`: rules of single ones, None for never dead."""
@@ -50,38 +56,63 @@ class LaneRules:
 
 @dataclass(slots=True)
 class _Failing:
-    """A station that does not answer: how often and since when, and once it is dead, when it is asked next."""
+    """A station that does not answer."""
 
     failures: int = 0
+    """Failed exchanges since its last answer."""
     since: int = 0
-    probe_at: int | None = None
+    """Time of the first of them (ns)."""
+    is_dead: bool = False
+    ask_at: int | None = None
+    """Time of the next exchange while the station is suspected or dead (ns); None: its blocks wait as usual."""
+    pressing_from: int = NEVER
+    """From this time on blocks of other stations no longer go first."""
+    period: int = NEVER
+    """Shortest period of the blocks that have failed (ns)."""
     parked: list[Entry] = field(default_factory=list)
+    """Its blocks that wait, a heap."""
 
 
 class BlockLane:
-    """One channel. `station_of` says which station a block talks to; None counts as no station.
+    """One channel. `station_of` returns the station of a block; None counts as no station.
 
-    `order`: its place among the lanes. `asked_for`: when it is to be looked at, and `noted`: soon, as `ReadyQueue` has
-    it. `waiting`: the blocks whose turn comes, a heap. `changed`:
-    stations that have died (True) or come back (False).
+    `held_until` returns the time before which no request to a station is sent, because a late reply may come (ns).
     """
 
-    def __init__(self, rules: LaneRules, station_of: Callable[[BlockState], Hashable], order: int = 0) -> None:
+    def __init__(
+        self,
+        rules: LaneRules,
+        station_of: Callable[[BlockState], Hashable],
+        order: int = 0,
+        held_until: Callable[[Hashable], int] = lambda station: 0,
+    ) -> None:
         self.order = order
+        """Its place among the lanes."""
         self.asked_for = NEVER
+        """Time of its entry in the heap of `ReadyQueue`."""
         self.noted = False
+        """Whether `ReadyQueue` looks at it soon."""
         self.rules = rules
         self.station_of = station_of
+        self._held_until = held_until
+        self.stations: set[str] = set()
+        """Stations of its blocks, as the run file names them."""
         self.waiting: list[Entry] = []
+        """The blocks whose turn comes, a heap."""
         self.running: dict[int, Hashable] = {}
+        """Ids of the blocks that run, each with its station."""
         self.open = True
         self.held = False
         self.free_from = 0
+        """Nothing starts before this time (ns)."""
         self.failing: dict[Hashable, _Failing] = {}
         """Stations that do not answer."""
         self._probed = False
+        """Whether the last block asked a station that is suspected or dead."""
         self._last: tuple[Hashable, int] | None = None
+        """Station and end of the last exchange."""
         self.changed: list[tuple[Hashable, bool]] = []
+        """Stations that have died (True) or come back (False)."""
 
     @property
     def busy(self) -> bool:
@@ -116,8 +147,8 @@ class BlockLane:
             return self.free_from
         if not self.failing:
             return NEVER
-        probes = [one.probe_at for one in self.failing.values() if one.parked and one.probe_at is not None]
-        return max(self.free_from, min(probes, default=NEVER))
+        asks = [one.ask_at for one in self.failing.values() if one.parked and one.ask_at is not None]
+        return max(self.free_from, min(asks, default=NEVER))
 
     def take(self, now: int) -> BlockState | None:
         """Return the block that starts now, and count it as running; None if no block may start."""
@@ -139,10 +170,12 @@ class BlockLane:
         return state
 
     def _take_besides_failing(self, now: int) -> BlockState | None:
-        if self._probed:
-            taken = self._next(now) or (self._probe(now) if now >= self.free_from else None)
-        else:
-            taken = self._probe(now) or (self._next(now) if now >= self.free_from else None)
+        """Return the next block, which may ask a station that does not answer; such turns and others alternate."""
+        taken = None if self._probed else self._probe(now, pressing=True)
+        if taken is None and now >= self.free_from:
+            taken = self._next(now)
+        if taken is None and now >= self.free_from:
+            taken = self._probe(now, pressing=False)
         if taken is None:
             return None
         state, station = taken
@@ -150,11 +183,17 @@ class BlockLane:
         self.running[state.id] = station
         return state
 
-    def _probe(self, now: int) -> Taken | None:
-        """A dead station whose time has come is asked once. A block that talks to another one now just waits again."""
+    def _probe(self, now: int, pressing: bool) -> Taken | None:
+        """Return a block that asks a suspected or dead station whose time has come.
+
+        `pressing`: only a dead station, or a suspected station that other stations have kept waiting for a period. A
+        parked block that talks to another station now waits as usual again.
+        """
         for station, failing in self.failing.items():
             rule = self.rules.dead_rule(station)
-            if rule is None or failing.probe_at is None or failing.probe_at > now:
+            if rule is None or failing.ask_at is None or failing.ask_at > now:
+                continue
+            if pressing and not failing.is_dead and failing.pressing_from > now:
                 continue
             while failing.parked:
                 entry = heapq.heappop(failing.parked)
@@ -165,7 +204,7 @@ class BlockLane:
                 if not self._silent_for(station, now):
                     heapq.heappush(failing.parked, entry)
                     return None
-                failing.probe_at = now + rule.every
+                failing.ask_at = now + rule.every
                 state.probing = True
                 return state, station
         return None
@@ -185,8 +224,9 @@ class BlockLane:
             entry = heapq.heappop(waiting)
             state = entry[3]
             station = self.station_of(state) if state.has_station else None
-            if self.is_dead(station):
-                heapq.heappush(self.failing[station].parked, entry)
+            failing = self.failing.get(station)
+            if failing is not None and failing.ask_at is not None:
+                heapq.heappush(failing.parked, entry)
                 continue
             if last is not None and station != last[0] and not self._silent_for(station, now):
                 heapq.heappush(waiting, entry)
@@ -208,17 +248,18 @@ class BlockLane:
     # ---- what became of it --------------------------------------------------------------------------------
 
     def ended(self, state: BlockState, failure: Failure | None, now: int, least: int) -> None:
-        """An exchange has ended; the channel is free after the silence, and after `least` at the earliest."""
+        """Count the end of an exchange; the channel is free after the silence, and after `least` at the earliest."""
         station = self.running.pop(state.id)
         state.probing = False
         self._last = station, now
         between = self.rules.silence.between
         self.free_from = now + (least if least > between else between)
         if station is not None and (failure is not None or self.failing):
-            self._count_failure(station, failure, now)
+            self._count_failure(state, station, failure, now)
 
-    def _count_failure(self, station: Hashable, failure: Failure | None, now: int) -> None:
+    def _count_failure(self, state: BlockState, station: Hashable, failure: Failure | None, now: int) -> None:
         if failure is not None and failure.outcome in OWN:
+            self._ask_again(state, station, now)
             return
         failing = self.failing.get(station)
         if failure is None or failure.outcome in ALIVE or failure.device_code is not None:
@@ -226,7 +267,7 @@ class BlockLane:
                 del self.failing[station]
                 for entry in failing.parked:
                     heapq.heappush(self.waiting, entry)
-                if failing.probe_at is not None:
+                if failing.is_dead:
                     self.changed.append((station, False))
             return
         rule = self.rules.dead_rule(station)
@@ -235,13 +276,31 @@ class BlockLane:
         if failing is None:
             failing = self.failing[station] = _Failing(since=now)
         failing.failures += 1
-        if failing.probe_at is None and failing.failures >= rule.failures and now - failing.since >= rule.after:
-            failing.probe_at = now + rule.every
+        if failing.is_dead:
+            return
+        if failing.failures >= rule.failures and now - failing.since >= rule.after:
+            failing.is_dead, failing.ask_at = True, now + rule.every
             self.changed.append((station, True))
+        elif len(self.stations) > 1:
+            failing.period = min(failing.period, state.period or 2 * (now - state.started_at))
+            failing.ask_at = now
+            self._ask_again(state, station, now)
+
+    def _ask_again(self, state: BlockState, station: Hashable, now: int) -> None:
+        """Set when a suspected station is asked again: a period after it was asked, and later after each failure more.
+
+        The pauses are 1, 3, 7 … periods from the second failure on, but not longer than those of a dead station.
+        """
+        failing, rule = self.failing.get(station), self.rules.dead_rule(station)
+        if failing is None or failing.ask_at is None or failing.is_dead or rule is None:
+            return
+        pause = min(failing.period * ((1 << min(failing.failures, MOST_DOUBLED) - 1) - 1), rule.every)
+        failing.ask_at = max(now + pause, state.started_at + failing.period, self._held_until(station))
+        failing.pressing_from = failing.ask_at + failing.period
 
     def is_dead(self, station: Hashable) -> bool:
         failing = self.failing.get(station)
-        return failing is not None and failing.probe_at is not None
+        return failing is not None and failing.is_dead
 
     def changes(self) -> list[tuple[Hashable, bool]]:
         """What has `changed` since this was asked last."""
@@ -258,6 +317,6 @@ class BlockLane:
         for station, failing in self.failing.items():
             for entry in failing.parked:
                 heapq.heappush(self.waiting, entry)
-            if failing.probe_at is not None:
+            if failing.is_dead:
                 self.changed.append((station, False))
         self.failing.clear()

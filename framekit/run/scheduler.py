@@ -111,9 +111,11 @@ class TriggerRegistry:
 class ReadyQueue:
     """Lanes by number. What changes a lane says so by `note` or `postpone`; `due` names it when its time has come."""
 
-    def __init__(self, station_of: Callable[[BlockState], Hashable]) -> None:
+    def __init__(
+        self, station_of: Callable[[BlockState], Hashable], held_until: Callable[[int, Hashable], int]
+    ) -> None:
         self.lanes: dict[int, BlockLane] = {}
-        self._station_of = station_of
+        self._station_of, self._held_until = station_of, held_until
         self._number = itertools.count()
         self.noted: list[BlockLane] = []
         """Lanes that may have something to do now."""
@@ -125,7 +127,8 @@ class ReadyQueue:
         """The lane of this number, which is made if there is none."""
         lane = self.lanes.get(number)
         if lane is None:
-            lane = self.lanes[number] = BlockLane(rules, self._station_of, next(self._number))
+            held_until = partial(self._held_until, number)
+            lane = self.lanes[number] = BlockLane(rules, self._station_of, next(self._number), held_until)
         return lane
 
     def remove(self, number: int) -> None:
@@ -218,7 +221,8 @@ class Scheduler:
     been counted and before anything that waits for it comes due. `station_of` tells which station a block talks to,
     `joins` which waiting blocks may come with another one's exchange, `sets` which parameter sets are enabled,
     `died(channel, station, dead)` hears of stations that are given up or back. `look()`: nothing came due by the end of
-    an exchange, but `deadline` may be another one.
+    an exchange, but `deadline` may be another one. `held_until(channel, station)`: no request to the station is sent
+    before this time.
     """
 
     def __init__(
@@ -236,11 +240,12 @@ class Scheduler:
         sets: Mapping[int, bool] | None = None,
         died: Callable[[int, Hashable, bool], None] = lambda channel, station, dead: None,
         look: Callable[[], None] | None = None,
+        held_until: Callable[[int, Hashable], int] = lambda channel, station: 0,
     ) -> None:
         self.states = {block.id: BlockState(block) for block in blocks}
         self.sets = dict(sets or {})
         self._registry = TriggerRegistry(memory, resolve, wake)
-        self._ready = ReadyQueue(station_of)
+        self._ready = ReadyQueue(station_of, held_until)
         self.lanes = self._ready.lanes
         self._start = start
         self._wake = wake
@@ -259,7 +264,10 @@ class Scheduler:
         """A block without a channel waits for nothing: it has a lane of its own."""
         state.set_on = self.sets.get(state.block.set, True)
         self._registry.await_ends(state)
-        state.queue = self._ready.add(state.lane, LaneRules())
+        state.queue = lane = self._ready.add(state.lane, LaneRules())
+        if state.has_station:
+            place = state.block.station_from
+            lane.stations.add(repr(state.block.station) if place is None else place.text)
 
     # ---- life ---------------------------------------------------------------------------------------------
 

@@ -480,6 +480,14 @@ class Exchanges:
             state.at_station = (found,)
         return found
 
+    def held_until(self, number: int, station: Hashable) -> int:
+        """Return the time before which a channel sends no request to a station, because a late reply may come (ns)."""
+        channel = self._channels.get(number)
+        if channel is None:
+            return 0
+        late = channel.engine.late
+        return late.until if late.concerns(station) else 0
+
     def prepare(self, number: int, blocks: Iterable[Block]) -> None:
         """A channel is open: its blocks get ready."""
         for block in blocks:

@@ -152,7 +152,7 @@ class RunService(ChannelOwner):
             {number: rules_of(channel) for number, channel in run.channels.items()},
             self.exchanges.start, self.loop.wake, self._ended,
             station_of=self.exchanges.station_of, joins=self.exchanges.joins, sets=run.sets, died=self._died,
-            look=self._look,
+            look=self._look, held_until=self.exchanges.held_until,
         )  # fmt: skip
         for state in self.states.values():
             self.block_memory.add(state, protocol_of(run, state.block))

@@ -110,7 +110,8 @@ def test_a_station_is_dead_after_failures_and_time_and_comes_back() -> None:
     bench = Bench(block(0, 100), block(1, 100, station=2), duration=30, dead=DEAD)
     bench.outcomes[2] = "no_reply"
     bench.run_until(20_000)
-    assert len([time for time in bench.of(1) if time < 2000]) in (11, 12), "after 1 s, not after 3 failures"
+    asks = [time for time in bench.of(1) if time < 2000]
+    assert len(asks) == 5 and bench.died[0][0] >= 1030, "after 1 s, not after 3 failures"
     probes = [time for time in bench.of(1) if time > 2000]
     assert [later - earlier for earlier, later in pairwise(probes)] == [5000] * (len(probes) - 1)
     assert [(station, dead) for _, station, dead in bench.died] == [(2, True)]
@@ -119,6 +120,58 @@ def test_a_station_is_dead_after_failures_and_time_and_comes_back() -> None:
     assert [(station, dead) for _, station, dead in bench.died] == [(2, True), (2, False)]
     assert bench.of(1)[-1] >= 29_900
     assert len(bench.of(0)) == 301, "nothing of the other station is lost"
+
+
+def test_a_suspected_station_lets_the_others_go_first_and_is_asked_ever_more_rarely() -> None:
+    """From its first failure on its exchanges are single tries; each pause is longer, up to that of a dead station."""
+    rule = DeadRule(failures=99, after=0, every=2000 * MS)
+    bench = Bench(block(0, 100), block(1, 100, station=2), block(2, 100), duration=30, dead=rule)
+    bench.outcomes[2] = "no_reply"
+    tried: list[tuple[int, bool]] = []
+    start = bench._start
+    bench.scheduler._start = lambda state, now: (  # type: ignore[method-assign]
+        tried.append((now // MS, state.probing)) if state.block.number == 1 else None,
+        start(state, now),
+    )[1]
+    bench.run_until(10_000)
+    assert tried[:2] == [(30, False), (160, True)], "the second time after both others"
+    pauses = [later[0] - earlier[0] - 30 for earlier, later in pairwise(tried)]
+    wanted = [100, 300, 700, 1500, 2000, 2000]
+    assert all(0 <= pause - least <= 60 for pause, least in zip(pauses[1:], wanted, strict=False)), pauses
+    assert len(bench.of(0)) >= 100 and len(bench.of(2)) >= 100, "the others miss nothing"
+    assert bench.died == []
+    bench.outcomes.clear()
+    bench.run_until(20_000)
+    assert len([time for time in bench.of(1) if time >= 12_100]) >= 78, "the first answer ends it"
+
+
+def test_a_station_alone_on_its_channel_is_not_suspected() -> None:
+    bench = Bench(block(0, 100), duration=30, dead=DeadRule(failures=99, after=0))
+    bench.outcomes[1] = "no_reply"
+    bench.run_until(2_050)
+    assert bench.of(0) == list(range(0, 2_001, 100))
+
+
+def test_a_suspected_station_has_its_turn_on_a_line_without_a_pause() -> None:
+    """Others that are always due keep it waiting for a period, not for ever."""
+    bench = Bench(always(0), block(1, 100, station=2), duration=30, dead=DeadRule(failures=4, after=0))
+    bench.outcomes[2] = "no_reply"
+    bench.run_until(5_000)
+    assert len(bench.of(1)) == 4 and [dead for _, _, dead in bench.died] == [True]
+
+
+def test_several_blocks_of_a_suspected_station_ask_once_in_a_period_together() -> None:
+    others = [block(number, 500, station=2) for number in range(1, 6)]
+    bench = Bench(block(0, 100), *others, duration=30, dead=DeadRule(failures=99, after=0))
+    bench.outcomes[2] = "no_reply"
+    bench.run_until(1_400)
+    asks = [time for time, number in bench.starts if number > 0]
+    assert asks == [30, 530, 1060], "the five blocks together once in 500 ms"
+    bench.outcomes.clear()
+    bench.run_until(5_000)
+    assert all(len([time for time in bench.of(number) if time > 2_000]) >= 5 for number in range(1, 6)), (
+        "back at once, all of them"
+    )
 
 
 @pytest.mark.parametrize("outcome", ["refused", "cannot_send", "bad_setting", "unfit_reply", "not_allowed"])

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
+from framekit.link.events import Seen
+from framekit.run.block_state import BlockState
 from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock
@@ -99,3 +102,67 @@ def test_it_comes_back_by_itself(tmp_path: Path) -> None:
     assert not service.status()[1].dead
     clock.run_for(10 * SECOND)
     assert service.states[1].done - before >= 50
+
+
+THREE = """run: three
+memory: masterlogic
+channels:
+  1: {port: "sim:d1.device.yaml,d2.device.yaml,d3.device.yaml", protocol: modbus-rtu}
+blocks:
+  0: {read: "40001", into: D00000, station: 1, every: 1 s}
+  1: {read: "40001", into: D00001, station: 2, every: 1 s}
+  2: {read: "40001", into: D00002, station: 3, every: 1 s}
+"""
+
+
+def three(folder: Path) -> Path:
+    for station in (1, 2, 3):
+        text = (
+            f"device: d{station}\nprotocol: modbus-rtu\nstation: {station}\nmemory: {{set: {{40001: [{station}]}}}}\n"
+        )
+        (folder / f"d{station}.device.yaml").write_text(text, encoding="utf-8")
+    path = folder / "three.run.yaml"
+    path.write_text(THREE, encoding="utf-8")
+    return path
+
+
+def test_with_the_defaults_a_dead_station_costs_its_neighbours_little(tmp_path: Path) -> None:
+    """A time-out takes 1 s, the wait for late replies up to 2 s; the blocks of the others are due every second."""
+    clock = VirtualClock()
+    ends: dict[int, list[int]] = {0: [], 1: [], 2: []}
+    tries: list[int] = []
+
+    def ended(state: BlockState, ok: bool) -> None:
+        ends[state.block.number].append(clock.now())
+
+    def seen(channel: int, what: Seen) -> None:
+        if what.direction == "out" and what.raw[:1] == b"\2":
+            tries.append(what.at)
+
+    service = RunService(load_run(three(tmp_path)), clock, seen, ended)
+    service.devices[1].start = lambda: None  # type: ignore[method-assign]
+    service.start()
+    clock.run_for(25 * SECOND)
+    asked = len(tries)
+    assert 4 <= service.states[1].failed == asked - 2 <= 6, "three tries at first, then one each"
+    assert [one.block for one in service.status() if one.dead] == [1]
+    for number in (0, 2):
+        assert len(ends[number]) >= 15, ends[number]
+        gaps = [later - earlier for earlier, later in pairwise(ends[number])]
+        assert max(gaps) < 3.2 * SECOND, "one time-out and one wait for late replies at most"
+    clock.run_for(60 * SECOND)
+    assert all(len(ends[number]) >= 15 + 56 for number in (0, 2))
+    assert len(tries) == asked + 1, "once a minute"
+
+
+def test_a_station_that_comes_back_while_it_is_suspected(tmp_path: Path) -> None:
+    clock = VirtualClock()
+    service = RunService(load_run(three(tmp_path)), clock)
+    start = service.devices[1].start
+    service.devices[1].start = lambda: None  # type: ignore[method-assign]
+    service.start()
+    clock.run_for(5 * SECOND)
+    assert service.states[1].failed == 1
+    start()
+    clock.run_for(10 * SECOND)
+    assert not service.status()[1].dead and service.states[1].done >= 8
