@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from framekit.codec.shown import code_text, shown
-from framekit.definition.problems import plural
+from framekit.definition.problems import plural, printable
 from framekit.definition.times import format_time
 from framekit.run.trouble import lasted
 
@@ -69,6 +71,24 @@ def shown_bytes(data: bytes, as_ascii: bool = False, longest: int = LONGEST_SHOW
     if len(data) > longest:
         return f"{shown_bytes(data[:longest], as_ascii)} …"
     return ascii_of(data) if as_ascii else spaced(data)
+
+
+LONGEST_VALUE = 40
+"""Characters of a list or of bytes that a line of fields shows."""
+
+
+def fields_text(fields: Mapping[str, Any]) -> str:
+    """Return the fields of a frame in one line, `station=1 read_holding address=0 count=2`; inner frames by name."""
+    words = []
+    for name, value in fields.items():
+        inner = next(iter(value.items())) if isinstance(value, dict) and len(value) == 1 else None
+        if inner is not None and isinstance(inner[1], dict):
+            words.append(f"{inner[0]} {fields_text(inner[1])}".rstrip())
+            continue
+        text = json.dumps(value, ensure_ascii=False) if isinstance(value, (dict, list)) else str(value)
+        text = text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]} …"
+        words.append(f"{name}={text!r}" if " " in text and not isinstance(value, (dict, list)) else f"{name}={text}")
+    return printable(" ".join(words))
 
 
 def what_was_seen(seen: Seen) -> str:

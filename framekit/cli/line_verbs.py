@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from framekit.cli.common import (
+    ARROWS,
     PortError,
     ProgressLine,
     VerbError,
@@ -47,7 +48,9 @@ if TYPE_CHECKING:
 def add_monitor_arguments(parser: argparse.ArgumentParser) -> None:
     add(parser, "protocol")
     parser.add_argument("--port", required=True, metavar="PORT", help=help_on_ports())
-    add(parser, "--speed", "--format", "--param", "--filter", "--frame-name", "--bad", "--ascii")
+    add(parser, "--speed", "--format", "--param", "--filter", "--frame-name", "--bad")
+    parser.add_argument("--bytes", action="store_true", help="show the bytes of frames instead of their fields")
+    add(parser, "--ascii", help="show bytes, as ASCII")
     add(parser, "--screen", "--capture", "--log", "--for", "--json")
 
 
@@ -65,7 +68,7 @@ def run_monitor(arguments: argparse.Namespace) -> int:
 
 
 class _Printer:
-    """Prints what is seen, as far as the filter wants it."""
+    """Print the events that pass the filter: frames with the side that sends them and their fields, or their bytes."""
 
     def __init__(self, protocol: Protocol, arguments: argparse.Namespace) -> None:
         from framekit.codec.plain import PlainValues
@@ -73,6 +76,7 @@ class _Printer:
         self.protocol = protocol
         self.began = 0
         self._json, self._ascii = arguments.json, arguments.ascii
+        self._shows_fields = not (arguments.bytes or arguments.ascii)
         self._plain = PlainValues(protocol)
         self._wanted = filter_of(arguments)
 
@@ -84,9 +88,25 @@ class _Printer:
         seconds = (seen.at - self.began) / 1e9
         if self._json:
             print_json(seen_data(seen, seconds, self._plain, result=result_of(self.protocol, seen)))
+        elif seen.kind == "frame" and self._shows_fields:
+            print(self._fields_line(seen, seconds))
         else:
             print(seen_text(seen, seconds, "", self._ascii))
         sys.stdout.flush()
+
+    def _fields_line(self, seen: Seen, seconds: float) -> str:
+        """Return the line of a frame: time, an arrow from the client or from the server, name and fields."""
+        from framekit.api.rows import fields_text
+
+        frame = self.protocol.frames.get(seen.frame)
+        side = "" if frame is None else frame.side
+        arrow = {"client": "→", "server": "←"}.get(side, ARROWS[seen.direction])
+        place = f"{seen.client} {arrow}" if seen.client else arrow
+        fields = {
+            name: self._plain.named(seen.frame, name, value)
+            for name, value in self._plain.to_plain(seen.frame, seen.fields).items()
+        }
+        return f"{seconds:10.3f}  {place} {seen.frame} {fields_text(fields)}".rstrip()
 
     def summary(self, monitor: LineMonitor) -> None:
         counters, share = monitor.listener.counters, monitor.load.share(time.monotonic_ns())

@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 
 from framekit.api.monitor import LineMonitor
+from framekit.api.rows import fields_text
 from framekit.cli.common import seen_data, seen_text
 from framekit.cli.main import main
 from framekit.codec.plain import PlainValues
@@ -191,6 +192,33 @@ def test_monitor_hears_both_sides_and_captures(tmp_path: Path) -> None:
     with CaptureReader(path) as reader:
         heard = b"".join(event.data for _, event in reader.events())
     assert heard == ASK + ANSWER + BAD
+
+
+@pytest.mark.parametrize("options", [(), ("--bytes",)])
+def test_monitor_names_sides_and_fields_or_shows_bytes(options: tuple[str, ...]) -> None:
+    words = ("monitor", "--port", "{}", "modbus-rtu", *options)
+    with PtyPair() as pair, process(*(word.format(pair.first) for word in words)) as one:
+        assert one.stdout is not None
+        assert one.stdout.readline().split()[1:] == ["open"]
+        other = os.open(pair.second, os.O_RDWR | os.O_NOCTTY)
+        lines = []
+        for data in (ASK, ANSWER, BAD):
+            os.write(other, data)
+            lines.append(one.stdout.readline().rstrip().split(maxsplit=1)[1])
+        os.close(other)
+    if options:
+        assert lines[0].split() == ["←", "request_adu", str(len(ASK)), *ASK.hex(" ").upper().split()]
+        assert lines[1].split() == ["←", "reply_adu", str(len(ANSWER)), *ANSWER.hex(" ").upper().split()]
+    else:
+        assert lines[0] == "→ request_adu station=17 read_holding function=3 address=107 count=3"
+        assert lines[1].startswith("← reply_adu station=17 read_holding_reply function=3 bytes=6 values='")
+    assert "bad request_adu (check at byte" in lines[2] and BAD.hex(" ").upper() in lines[2]
+
+
+def test_fields_in_one_line() -> None:
+    data = "00 " * 30
+    fields = {"level": 512, "name": "a b", "list": [1, 2], "pdu": {"read": {"at": 1, "data": data}}, "esc": "\x1b"}
+    assert fields_text(fields) == f"level=512 name='a b' list=[1, 2] read at=1 data='{data[:40]} …' esc=\\x1b"
 
 
 def test_a_monitor_of_datagrams_says_who_sent_them() -> None:
