@@ -150,11 +150,12 @@ def as_json(codec: CachedCodec, fits: list[Fit], data: bytes, names: Mapping[str
 
 def as_text(codec: CachedCodec, fit: Fit, data: bytes, names: Mapping[str, Any]) -> str:
     """Return the frame's name and a table of its fields."""
-    _, spans, _ = codec.trace(fit.frame, data, names)
+    _, spans, fault = codec.trace(fit.frame, data, names)
     rows, named = [], codec.catalogue[fit.frame].names
     for path, start, end, value in spans:
         text = "" if value is None else f"{with_name(named, path, shown(value))}"
         rows.append((path, str(start), shown(data[start:end]), text))
-    refused = "" if fit.refusal is None else f"  (a server refuses it with {code_text(fit.refusal)})"
+    why = "" if fault is None else f": {fault}"
+    refused = "" if fit.refusal is None else f"  (a server refuses it with {code_text(fit.refusal)}{why})"
     warned = "".join(f"\nwarning: {text}" for text in codec.check_warnings(fit.frame, data, names))
     return f"{fit.frame}{refused}{warned}\n" + table(rows, ("field", "offset", "bytes", "value"))

@@ -99,8 +99,10 @@ class FrameFunctions:
         return found.fields, found.spans, None if found.fault is None else found.error(frame)
 
     def check_warnings(self, frame: str, data: bytes, ctx: Context | None = None) -> list[str]:
-        """Wrong check codes of a frame that only warn."""
-        return list(self.frames[frame].diagnose(data, self.defaults if ctx is None else ctx).notes.warnings)
+        """Return the wrong check codes that only warn, and why bytes inside are none of the frames of their place."""
+        notes = self.frames[frame].diagnose(data, self.defaults if ctx is None else ctx).notes
+        unknown = (f"{path} is none of its frames; nearest: {fault}" for path, fault in notes.unknown)
+        return [*notes.warnings, *unknown]
 
 
 class FrameFacts(typing.Protocol):

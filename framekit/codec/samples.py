@@ -30,6 +30,7 @@ from framekit.definition.expression import (
     Text,
     Unary,
     names_in,
+    walk,
 )
 from framekit.definition.model import segments as model
 from framekit.definition.model.frames import expressions_of, flat
@@ -404,8 +405,30 @@ class _Record:
                 return self._inner((frame,))[frame]
             case model.Value(build=None, name=name) if name in self.inputs:
                 allowed = (hints_of(self.all, self.known).get(name) or Hints()).allowed
-                return self.random.choice(allowed) if allowed else self.random.randrange(32)
+                return self.random.choice(allowed) if allowed else self._as_read(segment)
         return _LEFT_OUT
+
+    def _as_read(self, value: model.Value) -> Any:
+        """Return a value as it would be read: worked out of free values of the fields that it follows from."""
+        keys: dict[str, list[int]] = {}
+        tables = self.sampler.codec.protocol.tables
+        for node in walk(value.read.root):
+            match node:
+                case Index(value=Name(name=table), index=Name(name=name)) if table in tables:
+                    keys[name] = [key for key in tables[table].entries if isinstance(key, int)]
+        before = self.given
+        self.given = {**before}
+        try:
+            for name in sorted(names_in(value.read.root) & self.by_name.keys() - before.keys()):
+                field = self.by_name[name]
+                if keys.get(name):
+                    self.given[name] = self.random.choice(keys[name])
+                elif isinstance(field, model.Field):
+                    self.given[name] = self._free(field)
+            found = self.known(value.read.root)
+        finally:
+            self.given = before
+        return self.random.randrange(32) if found is None else found
 
     def _inside(self, segments: tuple[Segment, ...]) -> dict[str, Any]:
         return _Record(self.sampler, self.random, segments, self).make()
@@ -423,9 +446,17 @@ class _Record:
             return _LEFT_OUT
         if part.constants:
             return self.random.choice(part.constants)
-        if part.values:
-            return self.random.choice(list(part.values))
-        return self.random.randrange(1 << min(part.high - part.low + 1, 32))
+        hints = hints_of(self.all, self.known).get(part.name) or Hints()
+        least, most = hints.least or 0, (1 << min(part.high - part.low + 1, 32)) - 1
+        most = most if hints.most is None else min(most, hints.most)
+        choice = list(part.values or ()) if hints.allowed is None else hints.allowed
+        choice = [one for one in choice if one not in hints.denied]
+        if choice:
+            return self.random.choice(choice)
+        number = self.random.randint(min(least, most), most)
+        while number in hints.denied and number < most:
+            number += 1
+        return number
 
     # ---- fields -------------------------------------------------------------------------------------------
 

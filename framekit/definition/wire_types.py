@@ -171,6 +171,20 @@ class FieldType:
             return self.inside.contents
         return TYPE_KINDS[self.kind].contents - frozenset(stop[0] for stop in self.stops if len(stop) == 1)
 
+    def plain_bytes(self, value: int | str | bytes) -> bytes | None:
+        """Return a value as it stands on the wire; None for types where that is not plain."""
+        size = self.fixed_size or 0
+        if isinstance(value, bytes):
+            return value if len(value) == size else None
+        if isinstance(value, str):
+            return value.encode("latin-1") if self.kind == "ascii" and len(value) == size else None
+        if self.kind != "int" or self.order not in ("big", "little"):
+            return None
+        try:
+            return value.to_bytes(size, "little" if self.order == "little" else "big", signed=self.signed)
+        except OverflowError:
+            return None
+
     @property
     def bounds(self) -> tuple[int, int] | None:
         """Least and greatest number; None when it holds no whole numbers or its size is computed."""

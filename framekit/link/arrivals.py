@@ -56,6 +56,8 @@ class Fault(NamedTuple):
     expected: str = ""
     found: str = ""
     message: str = ""
+    reach: int = 0
+    """How far the bytes are right: up to the first fault but a check code; beyond all of them if only that is wrong."""
 
 
 class BadFrame:
@@ -69,8 +71,8 @@ class BadFrame:
     """
 
     __slots__ = (
-        "_explain", "cause", "ended_at", "expected", "found", "frame", "message", "offset", "place", "raw", "segment",
-        "started_at",
+        "_explain", "cause", "ended_at", "expected", "found", "frame", "message", "offset", "place", "raw", "reach",
+        "segment", "started_at",
     )  # fmt: skip
 
     cause: str
@@ -79,6 +81,7 @@ class BadFrame:
     expected: str
     found: str
     message: str
+    reach: int
 
     def __init__(
         self, frame: str, raw: bytes, offset: int, started_at: int, ended_at: int, explain: Callable[[], Fault]
@@ -102,7 +105,8 @@ class BadFrame:
 class EitherBad(BadFrame):
     """Bytes that may have been either of two frames: the one that got further, of two that got equally far the first.
 
-    How far they got is found out on demand, as all that is wrong with them. None gets further than a wrong check code.
+    How far they got is found out on demand, as all that is wrong with them. None gets further than a frame of which
+    only the check code is wrong.
     """
 
     __slots__ = ("_both",)
@@ -117,7 +121,7 @@ class EitherBad(BadFrame):
         if name not in _FOUND_OUT:
             raise AttributeError(name)
         first, second = self._both
-        further = second if first.cause != "check" and second.place > first.place else first
+        further = second if second.reach > first.reach else first
         for field in _FOUND_OUT:
             setattr(self, field, getattr(further, field))
         return object.__getattribute__(self, name)

@@ -8,6 +8,7 @@ one. What it said is remembered, so that it is measured again only when the byte
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import partial
 from operator import itemgetter
@@ -271,7 +272,8 @@ class Candidates:
         if fault is None and wrong is not None and self.marks is not None:
             return self._wrongly_marked(info, raw, wrong)
         what = "a pause" if self.marks is None or self.marks.next(end) != end else "the first byte of another frame"
-        found = Fault("cut" if fault is None else fault.value, place=len(raw), expected="more bytes", found=what)
+        cause = "cut" if fault is None else fault.value
+        found = Fault(cause, place=len(raw), expected="more bytes", found=what, reach=len(raw))
         return self._bad(info, raw, partial(self._broken_off, info, raw, found), False)
 
     def _broken_off(self, info: FrameInfo, raw: bytes, found: Fault) -> Fault:
@@ -324,7 +326,7 @@ class Candidates:
         expected, found = "no mark", "a mark"
         if wrong == marked_in(info, len(raw)):
             expected, found = found, expected
-        return self._bad(info, raw, lambda: Fault("mark", place=wrong, expected=expected, found=found), True)
+        return self._bad(info, raw, lambda: Fault("mark", "", wrong, expected, found, reach=wrong), True)
 
     def _bad(self, info: FrameInfo, raw: bytes, explain: Callable[[], Fault], known_end: bool) -> Bad:
         return Bad(partial(self._report, info, raw, explain), len(raw), known_end)
@@ -379,9 +381,15 @@ class Candidates:
         return self._bad(info, raw, lambda: Fault("length", expected="a findable end", found="none"), False)
 
 
+ONLY_CHECK = sys.maxsize
+"""How far a frame was right of which nothing but the check code is wrong."""
+
+
 def fault_of(error: FrameError) -> Fault:
-    """What is wrong, as decoding has found."""
-    return Fault(error.cause, error.segment, error.offset, error.expected, error.found, str(error))
+    """Return what is wrong, as decoding has found."""
+    other = error.also if error.cause == "check" else error
+    reach = ONLY_CHECK if other is None else other.offset
+    return Fault(error.cause, error.segment, error.offset, error.expected, error.found, str(error), reach)
 
 
 def worse(first: Bad, second: Bad) -> Bad:
@@ -397,9 +405,13 @@ def worse(first: Bad, second: Bad) -> Bad:
         return first
     if size == other and first.known_end == second.known_end:
         return Bad(lambda: EitherBad(first.bad, second.bad), size, first.known_end)
-    if other > size and second.bad.place > size:  # no place is behind a frame's end
+    reach = second.bad.reach
+    if other > size and reach > size:  # no place is behind a frame's end
         return second
-    return second if other > first.bad.place and second.bad.place > first.bad.place else first
+    reached = first.bad.reach
+    if reached < ONLY_CHECK == reach:
+        return second
+    return second if other > reached and reach > reached else first
 
 
 def first_of(first: Bad, second: Bad) -> Bad:

@@ -175,7 +175,7 @@ def _told(arrivals: list[Arrival]) -> str:
             refusal = "" if item.value.refusal is None else f" refused with {code_text(item.value.refusal)}"
             words.append(f"frame {item.value.frame}{refusal}")
         elif isinstance(item, BadFrame):
-            words.append(f"bad {item.frame} ({item.cause} at byte {item.place})")
+            words.append(f"bad {item.frame} ({item.message or f'{item.cause} at byte {item.place}'})")
         else:
             words.append(f"{len(item.data)} bytes of noise")
     return ", ".join(words) or "nothing"

@@ -175,3 +175,17 @@ def test_frames_that_vectors_build_are_not_told(tmp_path: Path) -> None:
     assert check_file(str(file)).problems == [] and check_file(str(vectors)).problems == []
     vectors.write_text("vectors: [hard\n")
     assert len(check_file(str(file)).problems) == 1
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "frames: {f: {body: [{bits: {e: 7, code: 0-6}, of: u8}, {require: code == 0}]}}",
+        "frames: {f: {body: [{bits: {e: 7, code: 0-6}, of: u8}, {require: 'code in [70, 71] and e != 1'}]}}",
+        "tables: {letters: {65: 'A', 66: 'B'}}\n"
+        "frames: {f: {body: [{const: C0}, {field: c, type: u8, build: 'find(letters, call[0])'},"
+        " {value: call, read: 'letters[c]'}]}}",
+    ],
+)
+def test_samples_meet_conditions_on_bits_and_values_as_they_are_read(text: str) -> None:
+    assert len(sampler_of(load_protocol_text(f"protocol: p\n{text}", "p")).samples("f")) > 1

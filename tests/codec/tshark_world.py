@@ -197,7 +197,8 @@ def compare(
         elif not fits:
             found.bad += 1
             best = nearest(faults)
-            differ += [f"{shown} {problem}" for problem in _told(packet, best)]
+            ends = best is not None and codec.measure(best[0], data, ctx=context) > 0
+            differ += [f"{shown} {problem}" for problem in _told(packet, best, ends)]
             found.checks += best is not None and best[1].cause == "check"
         elif fits[0].refusal is not None and number >= good > 0 and packet.frames != [fits[0].frame]:
             found.bad += 1  # in a stream a damaged one that would be refused alone may be something else
@@ -211,13 +212,16 @@ def compare(
             differ += [f"{shown} {one}" for one in _fields_differ(protocol, wanted, packet.fields)]
 
 
-def _told(packet: Packet, best: tuple[str, FrameError] | None) -> Iterator[str]:
-    """A bad frame is told, a wrong check code as such. A good one may stand in it."""
+def _told(packet: Packet, best: tuple[str, FrameError] | None, ends: bool) -> Iterator[str]:
+    """A bad frame is told, a wrong check code as such. A good one may stand in it.
+
+    `ends`: the end of the frame is found in a stream, which it is not if none of the frames inside it fits.
+    """
     if not packet.experts:
         yield f"is bad ({best}), tshark says nothing"
         return
     is_check = best is not None and best[1].cause == "check" and best[1].also is None
-    if is_check and not packet.frames and "check" not in packet.experts:
+    if is_check and ends and not packet.frames and "check" not in packet.experts:
         yield f"has a wrong check code, tshark says {packet.experts}"
 
 

@@ -92,6 +92,7 @@ class CFile:
         self.not_measured: dict[str, Problem] = {}
         self.not_built: dict[str, Problem] = {}
         self.firsts: dict[tuple[str, ...], str] = {}
+        self.nearest: dict[tuple[str, ...], str] = {}
         self.given_only: dict[tuple[str, str], Problem] = {}
 
     # ---- what the writers ask -----------------------------------------------------------------------------
@@ -339,6 +340,43 @@ class CFile:
             code.add("return quiet ? FK_QUIET : lost ? FK_LOST : 0;")
         self.functions[name] = code
         self.firsts[frames] = name
+        return name
+
+    def nearest_inside(self, segment: Inner) -> str:
+        """Return the function that finds the fault where no frame fits: that of the frame that is read furthest."""
+        frames = tuple(dict.fromkeys(segment.frames))
+        if frames in self.nearest:
+            return self.nearest[frames]
+        order = self.order_of(frames)
+        name = self.nearest[frames] = f"{self.prefix}_fk_nearest_{len(self.nearest)}"
+        self.helper("told")
+        code = CSource()
+        header = (
+            f"static void {name}(const uint8_t *data, size_t size{self.context}, struct framekit_fault *fault,"
+            " struct fk_notes *outer)"
+        )
+        with code.block(header):
+            code.add("struct framekit_fault one;", "size_t reach = 0, reached;", "int64_t found;")
+            with code.block("union", " scratch;"):
+                for place, frame in enumerate(order):
+                    code.add(f"struct {self.frame_enum(frame)} of{place};")
+            if self.context:
+                code.add("(void)context;")
+            for place, frame in enumerate(order):
+                suffix = identifier(frame)
+                with code.block(""):
+                    code.add("struct fk_notes notes;", "memset(&notes, 0, sizeof notes);")
+                    code.add(f"found = {self.prefix}_fk_measure_{suffix}(data, size{self.hand_on});")
+                    size = "found > 0 ? (size_t)found : size"
+                    code.add(f"{self.prefix}_fk_read_{suffix}(data, {size}{self.hand_on}, &scratch.of{place}, &notes);")
+                    code.when("notes.no_room", "outer->no_room = true;", "return;")
+                    code.add("fk_told(&notes, &one);")
+                    code.add("reached = notes.reason == FRAMEKIT_OK ? size + 1 : notes.place;")
+                    first = "one.reason = notes.reason;", "one.offset = notes.place;"
+                    code.when("notes.reason != FRAMEKIT_OK", *first)
+                    better = "fault->reason == FRAMEKIT_OK || reached > reach"
+                    code.when(f"one.reason != FRAMEKIT_OK && ({better})", "*fault = one;", "reach = reached;")
+        self.functions[name] = code
         return name
 
     def _listed(self, code: CSource, frames: tuple[str, ...], order: tuple[str, ...]) -> None:

@@ -998,6 +998,34 @@ end
 
 local measure_first, fault_of
 
+-- None of the frames fits: the fault is that of the frame that was read furthest.
+local function no_frame(n, s, start)
+  local best, nearest, reach
+  for _, name in ipairs(s.frames) do
+    local frame = R.frames[name]
+    local size = R.measure(frame, n.raw, start, n.stop)
+    local one = R.read(frame, n.raw:sub(start + 1, type(size) == "number" and start + size or n.stop))
+    if one.limited then
+      X.limit(one.limited)
+    end
+    local fault = fault_of(one)
+    local first = one.notes.first
+    local reached = first and first.place or #n.raw + 1
+    if fault and (not best or reached > reach) then
+      best, reach, nearest = first or fault, reached, { path = n.path .. s.shown .. "." .. name .. ".", s = s, first = start, one = one, name = name, places = n.places }
+    end
+  end
+  if not best then
+    stop(n, "value", s, "one of its frames", X.hex(n.raw:sub(start + 1, n.stop)))
+  end
+  n.shown[#n.shown + 1] = nearest
+  adopt(n, nearest.one)
+  n.turn = n.turn + 1
+  local inside = s.shown .. "." .. nearest.name .. "." .. best.segment
+  note_at(n, wire(n, start + best.place), best.cause, inside, best.expected, best.found, nil, n.turn)
+  error(STOP, 0)
+end
+
 function kinds.inner(n, s, after)
   local start = begin(n, s)
   local room
@@ -1013,7 +1041,7 @@ function kinds.inner(n, s, after)
   else
     room = measure_first(n, s.frames, n.stop)
     if type(room) ~= "number" then
-      stop(n, "value", s, "one of its frames", X.hex(n.raw:sub(n.at + 1, n.stop)))
+      no_frame(n, s, start)
     end
   end
   local raw = take(n, s, room)

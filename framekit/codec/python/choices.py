@@ -6,11 +6,10 @@ have it refused instead.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
-from framekit.codec.python.expressions import constant_of
 from framekit.codec.python.source import quoted
 from framekit.definition.model.frames import StaticSizes, parts_of
 from framekit.definition.model.segments import Bits, Const, Field, FieldType, Inner, Segment
@@ -106,12 +105,13 @@ def fixed_bytes(segments: tuple[Segment, ...], digits: bool = False) -> Iterator
         if isinstance(segment, Const):
             yield from ((place + offset, frozenset({byte})) for offset, byte in enumerate(segment.data))
         elif isinstance(segment, Field) and segment.long is None:
-            numbers, type_ = _numbers_of(segment), segment.type
+            numbers, type_ = segment.wire_values, segment.type
             if digits and numbers is None and type_.kind == "digits" and type_.base in _DIGITS:
                 yield from ((place + offset, _DIGITS[type_.base]) for offset in range(type_.fixed_size or 0))
             yield from _numbers_at(place, type_, numbers)
         elif isinstance(segment, Bits):
-            yield from _bytes_of_bits(place, segment)
+            found = enumerate(segment.wire_bytes)
+            yield from ((place + offset, values) for offset, values in found if len(values) <= _FEW)
         size = None if any(parts_of(segment, Inner)) else static.present(segment).fixed
         if size is None:
             return
@@ -126,73 +126,18 @@ def _flat(segments: tuple[Segment, ...]) -> Iterator[Segment]:
             yield segment
 
 
-def _numbers_of(field: Field) -> list[int | str | bytes] | None:
-    """The wire values a field can have."""
-    allowed: list[int | str | bytes] | None = None
-    if field.constants is not None:
-        allowed = list(field.constants)
-    elif (number := constant_of(field.is_)) is not None:
-        allowed = [number]
-    elif field.only and field.values is not None:
-        allowed = list(field.values)
-    if allowed is None or field.unit is not None or field.zero_means is not None:
-        return None
-    return [value + field.plus if isinstance(value, int) else value for value in allowed]
-
-
-def _bytes_of_bits(place: int, bits: Bits) -> Iterator[tuple[int, frozenset[int]]]:
-    """The bytes that fixed parts of a bit field leave: for each byte the parts that stand in it, and any other bits."""
-    size, type_ = bits.type.fixed_size or 0, bits.type
-    if type_.kind != "int" or type_.signed or type_.order not in ("big", "little") or not 0 < size <= 2:
-        return
-    fixed = []
-    for part in bits.parts:
-        number = constant_of(part.is_)
-        constants = part.constants if part.constants is not None else None if number is None else (number,)
-        if constants is not None:
-            mask = (1 << part.high - part.low + 1) - 1
-            fixed.append((mask << part.low, [value << part.low for value in constants if 0 <= value <= mask]))
-    if not fixed:
-        return
-    for offset in range(size):
-        low = 8 * (offset if type_.order == "little" else size - 1 - offset)
-        known, values = 0, {0}
-        for mask, numbers in fixed:
-            here = mask >> low & 0xFF
-            known |= here
-            values = {value | number >> low & 0xFF for value in values for number in numbers}
-        found = frozenset(byte for byte in range(256) if byte & known in values)
-        if len(found) <= _FEW:
-            yield place + offset, found
-
-
 def _numbers_at(
-    place: int, type_: FieldType, numbers: list[int | str | bytes] | None
+    place: int, type_: FieldType, numbers: Sequence[int | str | bytes] | None
 ) -> Iterator[tuple[int, frozenset[int]]]:
     if numbers is None or type_.fixed_size is None or len(numbers) > 1 << 16:
         return
-    forms = [_bytes_of(type_, number) for number in numbers]
+    forms = [type_.plain_bytes(number) for number in numbers]
     if any(form is None for form in forms):
         return
     for offset in range(type_.fixed_size):
         values = frozenset(form[offset] for form in forms if form is not None)
         if len(values) <= _FEW:
             yield place + offset, values
-
-
-def _bytes_of(type_: FieldType, number: int | str | bytes) -> bytes | None:
-    """A value as it stands on the wire; None for types where that is not plain."""
-    size = type_.fixed_size or 0
-    if isinstance(number, bytes):
-        return number if len(number) == size else None
-    if isinstance(number, str):
-        return number.encode("latin-1") if type_.kind == "ascii" and len(number) == size else None
-    if type_.kind != "int" or type_.order not in ("big", "little"):
-        return None
-    try:
-        return number.to_bytes(size, "little" if type_.order == "little" else "big", signed=type_.signed)
-    except OverflowError:
-        return None
 
 
 def choice_text(tree: Leaf | Switch) -> str:

@@ -68,6 +68,8 @@ class Notes:
         self.check: FrameError | None = None
         self.unchecked = False
         self.warnings: list[str] = []
+        self.unknown: list[tuple[str, FrameError]] = []
+        """The frames inside that are none of the candidates, with the fault of the candidate that was read furthest."""
 
 
 class Diagnosis:
@@ -658,8 +660,8 @@ class Diagnosis:
         start = self.begin(name)
         room = self.rest(behind, name) if size is None else self.ask(size, "length", name)
         if found and room <= 0:
-            raise self.stop("value", name, "one of its frames", hex_text(self.data[start : self.end]))
-        raw = self.take(name, room)
+            raise self.no_frame(name, start, choice)
+        raw, nearest = self.take(name, room), None
         for frame in choice.frames(raw):
             one: Diagnosis = frame.diagnose(raw, self.ctx)
             fault = one.fault
@@ -669,8 +671,26 @@ class Diagnosis:
                 self.show(name, start, frame.name)
                 self.adopt(f"{name}.{frame.name}", start, one)
                 return
+            if nearest is None or reach_of(one) > reach_of(nearest[1]):
+                nearest = frame.name, one, one.notes.first or fault
+        if nearest is not None:
+            self.notes.unknown.append((self.path + name, self.moved(f"{name}.{nearest[0]}", start, nearest[2])))
         self.scopes[-1][name] = {"unknown": {"data": raw}}
         self.show(name, start, raw)
+
+    def no_frame(self, name: str, start: int, choice: Any) -> Stop:
+        """Note that no candidate for a frame inside fits: the fault is that of the candidate that was read furthest."""
+        best: tuple[str, Diagnosis] | None = None
+        for frame in choice.everything:
+            size = frame.measure(self.data, start, self.end, self.ctx)
+            one: Diagnosis = frame.diagnose(self.data[start : start + size if size > 0 else self.end], self.ctx)
+            fault = one.fault
+            if fault is not None and (best is None or reach_of(one) > reach_of(best[1])):
+                best = frame.name, one
+        if best is None:
+            return self.stop("value", name, "one of its frames", hex_text(self.data[start : self.end]))
+        self.adopt(f"{name}.{best[0]}", start, best[1], best[1].notes.first)
+        return Stop()
 
     def nested(self, name: str, level: Any) -> None:
         """The layout around once more, one level deeper; it tells itself where it ends."""
@@ -683,15 +703,22 @@ class Diagnosis:
         if size <= 0:
             raise Stop
 
-    def adopt(self, name: str, start: int, inner: Diagnosis) -> None:
+    def adopt(self, name: str, start: int, inner: Diagnosis, first: FrameError | None = None) -> None:
         """Takes over what was found out about a frame inside; its fault comes behind the frame itself."""
         self.shown.append((self.path, name, start, start, inner, self.places))
         self.notes.warnings.extend(inner.notes.warnings)
-        fault = inner.fault
+        unknown = ((f"{self.path}{name}.{path}", self.moved(name, start, fault)) for path, fault in inner.notes.unknown)
+        self.notes.unknown.extend(unknown)
+        fault = first or inner.fault
         if fault is not None:
             self.turn += 1
             path, place = f"{name}.{fault.segment}", start + fault.offset
             self.note(fault.cause, path, place, fault.expected, fault.found, fault.refuse)
+
+    def moved(self, name: str, start: int, fault: FrameError) -> FrameError:
+        """Return a fault of a frame inside as a fault of this frame."""
+        segment, place = f"{self.path}{name}.{fault.segment}", self.wire(start + fault.offset)
+        return FrameError(fault.cause, segment, place, fault.expected, fault.found)
 
     # ---- what was read ------------------------------------------------------------------------------------
 
@@ -706,6 +733,12 @@ class Diagnosis:
     def room(self, *paths: str) -> int:
         """Bytes these segments take."""
         return sum(end - start for _, start, end in (self.bounds[path] for path in paths if path in self.bounds))
+
+
+def reach_of(reading: Diagnosis) -> int:
+    """Return how many bytes are right before the first fault but a wrong check code; more than all if only that is."""
+    first = reading.notes.first
+    return len(reading.data) + 1 if first is None else first.offset
 
 
 def wire_offset(places: Sequence[int] | None, place: int) -> int:

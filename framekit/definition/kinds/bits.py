@@ -11,6 +11,7 @@ from framekit.definition.expression import Expression
 from framekit.definition.keys import KeyReading, ValueKind, keys, ref
 from framekit.definition.kinds.base import (
     VALUE_NAMES,
+    Contents,
     Fixing,
     Given,
     References,
@@ -137,6 +138,36 @@ class Bits(Segment):
 
     def numbers_with_names(self) -> Iterator[tuple[str, MappingOf[int, str] | None]]:
         return ((part.name, part.values) for part in self.parts)
+
+    @property
+    def wire_bytes(self) -> list[frozenset[int]]:
+        """What each byte of a plain number of one or two bytes may be, as far as parts are fixed; none for others.
+
+        Bits without a name may be anything when they are read.
+        """
+        size, type_ = self.type.fixed_size or 0, self.type
+        if type_.kind != "int" or type_.signed or type_.order not in ("big", "little") or not 0 < size <= 2:
+            return []
+        fixed: list[tuple[int, list[int]]] = []
+        for part in self.parts:
+            number = constant_number(part.is_)
+            constants = part.constants if part.constants is not None else None if number is None else (number,)
+            if constants is not None:
+                mask = (1 << part.high - part.low + 1) - 1
+                fixed.append((mask << part.low, [value << part.low for value in constants if 0 <= value <= mask]))
+        found = []
+        for offset in range(size if fixed else 0):
+            low = 8 * (offset if type_.order == "little" else size - 1 - offset)
+            known, values = 0, {0}
+            for mask, numbers in fixed:
+                known |= mask >> low & 0xFF
+                values = {value | number >> low & 0xFF for value in values for number in numbers}
+            found.append(frozenset(byte for byte in range(256) if byte & known in values))
+        return found
+
+    def contents(self, of_frame: Contents) -> frozenset[int]:
+        found = [] if self.refuse is not None else self.wire_bytes
+        return frozenset().union(*found) if found else Segment.contents(self, of_frame)
 
     @property
     def given_names(self) -> tuple[str, ...]:

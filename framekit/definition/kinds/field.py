@@ -164,9 +164,27 @@ class Field(Segment):
         sizes = self.type.sizes
         return sizes if self.long is None else Sizes(sizes.least, (sizes + self.long.type.sizes).most)
 
+    @property
+    def wire_values(self) -> tuple[int | str | bytes, ...] | None:
+        """The values that it may have on the wire by `where`, `is` or `only: values`; None if these leave it open."""
+        allowed: tuple[int | str | bytes, ...] | None = None
+        if self.constants is not None:
+            allowed = self.constants
+        elif (number := constant_number(self.is_)) is not None:
+            allowed = (number,)
+        elif self.only and self.values is not None:
+            allowed = tuple(self.values)
+        if allowed is None or self.unit is not None or self.zero_means is not None:
+            return None
+        return tuple(value + self.plus if isinstance(value, int) else value for value in allowed)
+
     def contents(self, of_frame: Contents) -> frozenset[int]:
         if self.long is not None:
             return EVERY_BYTE
+        values = None if self.refuse is not None else self.wire_values
+        forms = [None] if values is None else [self.type.plain_bytes(value) for value in values]
+        if None not in forms:
+            return frozenset(byte for form in forms for byte in form or b"")
         return self.type.contents if self.unit is not None else bytes_of_number(self, self.plus)
 
     def value_kinds(self) -> Iterator[tuple[str, ValueKind]]:

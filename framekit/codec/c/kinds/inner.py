@@ -53,7 +53,13 @@ def _found_inside(r: ReadWriter, segment: Inner, here: Here) -> str:
     function = r.file.first_inside(segment)
     room = f"{r.at} < {r.inn}.end ? {r.inn}.end - {r.at} : 0"
     r.add(f"{size} = {function}({r.inn}.data + {r.at}, {room}{r.file.hand_on}, true, 0);")
-    r.when(f"{size} <= 0", r.note("value", r.at), r.leave())
+    nearest = r.file.nearest_inside(segment)
+    fault = r.local("struct framekit_fault", "nearest", "{ FRAMEKIT_OK, 0, -1 }")
+    with r.block(f"if ({size} <= 0)"):
+        r.add(f"{nearest}({r.inn}.data + {r.at}, {room}{r.file.hand_on}, &{fault}, notes);")
+        r.when("notes->no_room", r.leave())
+        r.when(f"{fault}.reason == FRAMEKIT_OK", r.note("value", r.at), r.leave())
+        r.add("notes->turn++;", f"fk_note({r.n}, {fault}.reason, {r.at} + {fault}.offset, -1);", r.leave())
     return size
 
 
