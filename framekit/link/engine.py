@@ -69,6 +69,8 @@ OnFrame = Callable[[FrameValue], None]
 MOST_ROUNDS = 100_000
 """So many things that follow from one event, and no byte is used meanwhile, are a circle that no lane alone makes."""
 
+OWN_ECHO = "you hear your own request: set `echo: yes`"
+
 LATE = "late: the reply to a request that is over"
 
 MOST_HELD = 262_144
@@ -656,6 +658,13 @@ class Engine(Lanes):
             if other.value.frame in self._announcing:
                 self.accept(other.value)
             if self.offer(other.value):
+                return
+        for run in self.order:
+            sent = run.top.x.last_sent if run.state is RECEIVING and run.top.x.checks_echo else None
+            if sent is not None and sent.raw == value.raw:
+                run.cause = OWN_ECHO  # if no reply follows
+                self.counters.not_taken += 1
+                self.show("not_taken", "in", value.raw or b"", value.frame, reason=OWN_ECHO)
                 return
         is_awaited = value.frame in self.awaited
         found = late.came(value, is_awaited)

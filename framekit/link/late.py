@@ -38,6 +38,9 @@ HORIZON = 21
 MOST_OPEN = 64
 """Upper limit of the number of open requests; the oldest is dropped first."""
 
+LOSSES, SHORT_HORIZON = 5, 4
+"""After so many requests without any reply and without a late reply the line loses frames: a shorter horizon."""
+
 MOST_HOLDS = 5
 """A request fails after so many times the usual hold: frames without a request arrive without end."""
 
@@ -96,7 +99,7 @@ class LateReplies:
 
     __slots__ = (
         "_greatest", "_late", "_scope", "_service", "_table", "count", "expected", "is_answering", "items", "last",
-        "open", "slow", "strange_since", "until", "within",
+        "lost", "open", "slow", "strange_since", "until", "within",
     )  # fmt: skip
 
     def __init__(self, protocol: Protocol, scope: Scope, table: FrameTable) -> None:
@@ -112,6 +115,8 @@ class LateReplies:
         """Number of requests that were ever open."""
         self.last = 0
         """Time of the last late reply (ns)."""
+        self.lost = 0
+        """Number of requests that no reply came to up to the horizon, since the last late reply."""
         self.expected = NO_REPLIES
         self.items: list[Callable[[], None]] = []
         """Frames sent without an exchange that wait for the end of the hold."""
@@ -200,7 +205,8 @@ class LateReplies:
             self._service = 0
         request.number, self.count = self.count, self.count + 1
         request.within = min(request.within, LONGEST)
-        request.ends = max(request.at, self._scope.now) + min(HORIZON * max(request.within, self.longest()), LONGEST)
+        times = HORIZON if self.lost < LOSSES else SHORT_HORIZON
+        request.ends = max(request.at, self._scope.now) + min(times * max(request.within, self.longest()), LONGEST)
         self.open.append(request)
         if len(self.open) > MOST_OPEN:
             del self.open[0]
@@ -302,6 +308,7 @@ class LateReplies:
         """Close a request whose reply was late; learn its lateness. Return the time that the device took for it."""
         now = self._scope.now
         service, station, lateness = self._close(request), key_of(request.station), now - request.at
+        self.lost = 0
         if lateness > self._greatest_of(station) and not request.by_itself:
             self._greatest[station] = lateness, now
         if not self.open:
@@ -325,6 +332,7 @@ class LateReplies:
         """Drop open requests that no reply is expected for any more."""
         now = self._scope.now
         if self.until <= now and any(one.ends <= now for one in self.open):
+            self.lost += sum(one.ends <= now for one in self.open)
             self.open = [one for one in self.open if one.ends > now]
 
     # ---- may a reply be stored? ---------------------------------------------------------------------------
@@ -417,8 +425,9 @@ class LateReplies:
             return end if end > now else 0
         if self.until > now:
             return self.until
-        reply = doubt.reply
+        reply, before = doubt.reply, len(self.open)
         self.open = [one for one in self.open if reply is None or not self._could_answer(reply, one)]
+        self.lost += before - len(self.open)
         run.doubt = None
         return 0
 
