@@ -558,7 +558,7 @@ class Engine(Lanes):
                 self.show_received(event, event.raw or b"", receiver.given_since)
             if event.frame in self._announcing:
                 self.accept(event)
-            if (self.late.open and not self.late.until) or not self.offer(event):
+            if not self.offer(event):
                 self._not_taken(event)
         elif event is None:
             waiting = receiver.waiting
@@ -648,12 +648,6 @@ class Engine(Lanes):
     def _not_taken(self, value: FrameValue) -> None:
         """Handle a good frame that no row has taken yet: it may be another frame, or late."""
         receiver, late = self.receiver, self.late
-        if late.open and not late.until:
-            if late.came_before(value, receiver.is_followed_by(late.expected.frames)):
-                self.unsolicited(value, True)
-                return
-            if self.offer(value):
-                return
         while (other := receiver.other_reading()) is not None:
             if other.value.frame in self._announcing:
                 self.accept(other.value)

@@ -83,7 +83,7 @@ class Doubt:
         """Content of the last reply."""
         self.reply: FrameValue | None = None
         self.equal = 0
-        """Number of replies in sequence that were equal to the last one."""
+        """Number of equal replies in sequence, the last reply included."""
         self.since = now
         """Time of the first of these equal replies."""
         self.changes = 0
@@ -95,7 +95,7 @@ class Doubt:
 
 
 class LateReplies:
-    """The open requests of a line, and what follows from them for sending and storing."""
+    """Track the open requests of a line; decide about sending and storing."""
 
     __slots__ = (
         "_greatest", "_late", "_scope", "_service", "_table", "count", "expected", "is_answering", "items", "last",
@@ -219,7 +219,7 @@ class LateReplies:
         self.until = max(self.until, min(end, now + LONGEST + more))
 
     def _greatest_of(self, station: Any) -> int:
-        """Return the greatest lateness of a station, less what is forgotten of it."""
+        """Return the greatest lateness of a station, reduced with its age."""
         measured, at = self._greatest.get(key_of(station), (0, 0))
         age = self._scope.now - at
         return measured if age < FORGET // 2 else max(0, measured - measured * (age - FORGET // 2) // (FORGET // 2))
@@ -286,15 +286,6 @@ class LateReplies:
             self.until = max(self.until, now + max(more, min(service + service // 4, LONGEST)))
         return found
 
-    def came_before(self, value: FrameValue, is_followed: bool) -> bool:
-        """Return whether a reply is late because another good one follows it in the same bytes."""
-        if not is_followed or value.frame not in self.expected.frames:
-            return False
-        found = next((one for one in self.open if self._could_answer(value, one)), None)
-        if found is not None:
-            self._match(found)
-        return found is not None
-
     def _close(self, request: OpenRequest) -> int:
         """Close a request whose reply has come; return the time that the device took for it alone."""
         now = self._scope.now
@@ -342,7 +333,7 @@ class LateReplies:
 
         A reply belongs to the exchange if no open request could have brought it, or if it came in more equal copies
         than open requests can bring. Two requests without a reply are a time limit apart, and so are their late
-        replies: what comes faster is more than they can bring.
+        replies: faster copies are more than they can bring.
         """
         self.expire()
         reply = x.taken
@@ -438,12 +429,12 @@ class LateReplies:
 
 
 def silence(took: int, within: int) -> int:
-    """Return how long nothing may come after a reply in doubt: as long as it took, an eighth of the limit at least."""
+    """Return how long the line has to be silent after a reply in doubt: as long as that took, or `within` / 8."""
     return max(took, within // 8)
 
 
 def content_of(results: dict[str, Any], reply: FrameValue) -> object:
-    """Return the content of what an exchange brought, to be compared."""
+    """Return the content of a reply and the results, for comparison."""
     return reply.raw, [one.raw if type(one) is FrameValue else one for one in results.values()]
 
 
@@ -475,7 +466,7 @@ def still_due(run: Run) -> None:
 
 
 def replied(run: Run) -> None:
-    """Note that a row takes what came."""
+    """Note that a row takes the frame that came."""
     asked, run.asked = run.asked, None
     late = run.machine.late
     if asked is not None and (late.open or late.until or late.slow):

@@ -306,24 +306,6 @@ class Receiver:
                         return self._arrived(result.info, result.fields, result.raw, result.refusal)
         return None
 
-    def is_followed_by(self, frames: Iterable[str]) -> bool:
-        """Whether one of these frames stands whole and good somewhere behind the one that was handed over last."""
-        buffer, names = self.stream.buffer, self._names
-        infos = [self.table.infos[name] for name in frames if name in self.table.on_line]
-        for place in range(self.stream.position + self._given, len(buffer)):
-            for info in infos:
-                try:
-                    size = info.measure(buffer, place, len(buffer), names, 0)
-                    if size > 0:
-                        info.decode(bytes(buffer[place : place + size]), names)
-                        return True
-                except FrameError as error:
-                    if error.refuse is not None:
-                        return True
-                except CODEC_ERRORS:
-                    continue
-        return False
-
     # ---- scanning -----------------------------------------------------------------------------------------
 
     def _scan(self, expected: tuple[str, ...], others: tuple[str, ...], found: list[Arrival], is_all: bool) -> None:
