@@ -1,4 +1,4 @@
-"""What a file of any kind is, and what is wrong with it. What a kind needs is imported when there is one of it."""
+"""The check of a file of any kind. Modules of a kind are imported for the first file of the kind."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from framekit.codec.ambiguity import check_matrices
 from framekit.definition.load.protocol import definition_path, load_protocol
 from framekit.definition.nodes import read_nodes
-from framekit.definition.problems import DefinitionError, Problem, plural
+from framekit.definition.problems import DefinitionError, Problem, most_important, plural
 from framekit.definition.schema import ANY_FIRST_KEY, kind_of
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Checked:
-    """What a file is, in words, what is wrong with it, and the load of its channels."""
+    """Result of a check: a description of the file, its problems, and the load of its channels."""
 
     what: str
     problems: list[Problem]
@@ -28,12 +28,12 @@ class Checked:
 
 
 def check_file(name: str) -> Checked:
-    """What a file is, and what is wrong with it."""
+    """Check a file of any kind."""
     try:
         path = definition_path(name)
         kind = "points" if path.suffix == ".csv" else kind_of(read_nodes(path, noted=[], begin=ANY_FIRST_KEY))
         checked = CHECKS[kind](path)
-        return Checked(checked.what, sorted(checked.problems), checked.loads)
+        return Checked(checked.what, list(most_important(checked.problems)), checked.loads)
     except DefinitionError as error:
         return Checked("", list(error.problems))
 
@@ -49,7 +49,7 @@ def _protocol(path: Path) -> Checked:
 
 
 def _built_by_vectors(definition: Path) -> set[str]:
-    """The frames that the vectors beside a definition build."""
+    """Return the frames that the vectors of a definition build."""
     from framekit.api.vectors import vectors_path
     from framekit.definition.vectors import read_vectors
 

@@ -11,13 +11,14 @@ from __future__ import annotations
 import re
 import struct
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from decimal import Decimal
 from fractions import Fraction
 from typing import Protocol as Interface
 
-from framekit.definition.problems import Position, Problem, did_you_mean
+from framekit.definition.numbers import whole_number
+from framekit.definition.problems import Position, Problem, did_you_mean, parted
 from framekit.definition.times import LINE_UNITS, NEVER, UNITS
 
 
@@ -507,8 +508,8 @@ def tokens_of(text: str, at: Position, *, of_places: bool = False) -> list[Token
     Raises ExpressionError.
     """
     found: list[Token] = []
-    offset = 0
-    while offset < len(text.rstrip()):
+    offset, end = 0, len(text.rstrip())
+    while offset < end:
         match = _TOKEN.match(text, offset)
         if match is None:
             start = offset + len(text[offset:]) - len(text[offset:].lstrip())
@@ -543,7 +544,8 @@ def time_of(word: str, at: Position) -> Node:
     """The number, or the time on the line, that a word such as `50 ms` or `2 chars` means."""
     match = re.fullmatch(r"([\d.]+)\s*(\w+)", word)
     assert match is not None
-    count, unit = Fraction(match[1]), match[2]
+    whole, _, places = match[1].partition(".")
+    count, unit = Fraction(whole_number(whole + places), 10 ** len(places)), match[2]
     if unit.rstrip("s") + "s" in LINE_UNITS and unit not in UNITS:
         return LineTime(at, (count.numerator, count.denominator), unit.rstrip("s") + "s")
     return Number(at, int(count * UNITS[unit]), is_time=True)
@@ -803,11 +805,11 @@ class _Parser(OperatorGrammar):
         kind, word, at = self.tokens[self.place]
         self.place += 1
         if kind == "number":
-            return Number(at, int(word, 16 if word[:2] in ("0x", "0X") else 10))
+            return self._numeral(lambda: Number(at, whole_number(word, 16 if word[:2] in ("0x", "0X") else 10)), at)
         if kind == "real":
             return Real(at, Decimal(word), is_float=True)
         if kind == "time":
-            return time_of(word, at)
+            return self._numeral(lambda: time_of(word, at), at)
         if kind == "text":
             value = re.sub(r"\\(.)", r"\1", word[1:-1])
             return Name(at, value) if self.of_places else Text(at, value)
@@ -824,6 +826,14 @@ class _Parser(OperatorGrammar):
         doubled = self.place > 1 and self.tokens[self.place - 2][1] == word
         todo = {"&": "write 'and'", "|": "write 'or'"}.get(word, "") if doubled else ""
         raise self._error(f"'{word}' was not expected here", at, todo)
+
+    def _numeral(self, read: Callable[[], Node], at: Position) -> Node:
+        """Return the number or time of a token. Raises ExpressionError if it has too many digits."""
+        try:
+            return read()
+        except ValueError as error:
+            what, todo = parted(error)
+            raise self._error(what, at, todo) from None
 
     def _name(self, word: str, at: Position) -> Node:
         if self._accept("("):

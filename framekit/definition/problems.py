@@ -1,6 +1,6 @@
 """Positions in definition files, and problems at these positions.
 
-Every complaint about a definition or a run file is a `Problem`; all of them are raised together as one
+Every complaint about a definition or a run file is a `Problem`; all of them are raised together in a
 `DefinitionError`. This module knows neither YAML nor schemas nor the language of definitions.
 """
 
@@ -22,6 +22,10 @@ class Position(NamedTuple):
 
 
 NOWHERE = Position("<built-in>", 1, 1)
+MOST_PROBLEMS = 100
+"""Problems of one load that are reported; the others are counted."""
+LONGEST_SENTENCE = 1_000
+"""Characters of an error or a remedy that are printed."""
 
 
 class Problem(NamedTuple):
@@ -34,14 +38,40 @@ class Problem(NamedTuple):
 
     def __str__(self) -> str:
         kind = "warning: " if self.warning else ""
-        return printable(f"{self.at}: {kind}{self.what}" + (f" – {self.todo}" if self.todo else ""))
+        todo = f" – {_shortened(self.todo)}" if self.todo else ""
+        return printable(f"{self.at}: {kind}{_shortened(self.what)}{todo}")
+
+
+def _shortened(sentence: str) -> str:
+    """Return a sentence that quotes a long text of a file with its beginning and its end only."""
+    half = LONGEST_SENTENCE // 2
+    return sentence if len(sentence) <= LONGEST_SENTENCE else f"{sentence[:half]} … {sentence[-half:]}"
+
+
+def most_important(problems: Iterable[Problem]) -> tuple[Problem, ...]:
+    """Return the problems sorted, each once: `MOST_PROBLEMS` at most, errors before warnings.
+
+    The last problem of a longer list counts the others.
+    """
+    found = sorted(set(problems))
+    if len(found) <= MOST_PROBLEMS:
+        return tuple(found)
+    first = sorted(found, key=_is_warning)[:MOST_PROBLEMS]
+    others = len(found) - MOST_PROBLEMS
+    is_warning = found[0].warning and all(problem.warning for problem in found)
+    counted = Problem(first[-1].at, f"{others} more problems are not shown", "correct the others first", is_warning)
+    return (*sorted(first), counted)
+
+
+def _is_warning(problem: Problem) -> bool:
+    return problem.warning
 
 
 class DefinitionError(ValueError):
-    """A definition that cannot be used; `problems` holds all of them, sorted by position."""
+    """A definition that cannot be used; `problems` are sorted by position (`most_important`)."""
 
     def __init__(self, problems: Iterable[Problem]) -> None:
-        self.problems: tuple[Problem, ...] = tuple(sorted(set(problems)))
+        self.problems = most_important(problems)
         super().__init__("\n".join(str(problem) for problem in self.problems))
 
 

@@ -9,14 +9,15 @@ from __future__ import annotations
 import difflib
 import json
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
+from itertools import islice
 from typing import Any, Literal
 
 from framekit.definition.brought import bring_word, import_installed
 from framekit.definition.nodes import CUT, QUOTE_EXPRESSION, Mapping, Node, Scalar, Sequence, looks_cut, without_cuts
-from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean, printable
+from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean, plural, printable
 from framekit.definition.sources import shipped_folder
 
 Path = tuple[str | int, ...]
@@ -58,10 +59,12 @@ _LISTED = {
 
 
 class Places:
-    """Finds nodes by path and names them."""
+    """Find nodes by path and name them."""
 
     def __init__(self, root: Node) -> None:
         self.root = root
+        self._keys: dict[int, dict[str, Position]] = {}
+        """Positions of the keys of each mapping that was asked for, by the identity of the node."""
 
     def node(self, path: Iterable[str | int]) -> Node:
         """The node at a path of the plain tree."""
@@ -77,11 +80,12 @@ class Places:
     def key(self, path: Path, key: str) -> Position:
         """Where a key of the mapping at `path` stands."""
         node = self.node(path)
-        if isinstance(node, Mapping):
-            for entry in node.entries:
-                if entry.key.text == key:
-                    return entry.key.at
-        return node.at
+        if not isinstance(node, Mapping):
+            return node.at
+        keys = self._keys.get(id(node))
+        if keys is None:
+            keys = self._keys[id(node)] = {entry.key.text: entry.key.at for entry in node.entries}
+        return keys.get(key, node.at)
 
     def place(self, path: Path) -> str:
         """The nearest thing around with a name: `frame 'X'`, `step 'ask' of sequence 'exchange'`; '' for none."""
@@ -117,6 +121,9 @@ class Places:
         return f"{noun} '{name.text}'" if isinstance(name, Scalar) and name.text else f"{noun} {int(path[index]) + 1}"
 
 
+MOST_WORDED = 99
+"""Errors of a file, and unknown keys of a mapping, that get a message each; the others are counted."""
+
 LONGEST_TEXT = 40
 """Characters of a wrong value that are shown."""
 
@@ -140,7 +147,7 @@ class _Complaint:
 
 
 class Messages:
-    """Words the errors of one file. `cut`: mappings and lists that have lost pieces; nothing is missing there."""
+    """Word the errors of a file. `cut`: mappings and lists that have lost pieces; their missing keys are no errors."""
 
     def __init__(self, root: Node, cut: set[Position], known_keys: Callable[[str], Iterable[str]]) -> None:
         self.places = Places(root)
@@ -148,14 +155,20 @@ class Messages:
         self.known_keys = known_keys
 
     def problems(self, errors: Iterable[Any]) -> list[Problem]:
-        """The problems that the errors of a validator are."""
-        complaints = [complaint for error in errors for complaint in self._worded(error)]
+        """Return the errors of a validator as problems, `MOST_WORDED` at most; the last one counts the others."""
+        waiting = iter(errors)
+        complaints = [complaint for error in islice(waiting, MOST_WORDED) for complaint in self._worded(error)]
         kinds = {complaint.path for complaint in complaints if complaint.sort == "kinds"}
-        return [
+        problems = [
             complaint.problem
             for complaint in complaints
             if complaint.sort not in ("unknown", "missing") or complaint.path not in kinds
         ]
+        if others := sum(1 for _ in waiting):
+            problems.append(
+                Problem(max(one.at for one in problems), _more(others, "error"), "correct the others first")
+            )
+        return problems
 
     def _worded(self, error: Any) -> Iterator[_Complaint]:
         path: Path = tuple(error.absolute_path)
@@ -200,13 +213,19 @@ class Messages:
 
     def _unknown_keys(self, error: Any, path: Path) -> Iterator[_Complaint]:
         schema, node = error.schema, self.places.node(path)
-        known = list(schema.get("properties", ()))
-        for key in [key for key in error.instance if key not in known]:
+        known = schema.get("properties", {})
+        unknown = [key for key in error.instance if key not in known]
+        outer = _outer_keys(node, {*unknown[:MOST_WORDED]})
+        for number, key in enumerate(unknown):
             at = self.places.key(path, key)
             if isinstance(node, Mapping) and node.flow and looks_cut(key):
                 yield _Complaint(path, "unknown", Problem(at, CUT, QUOTE_EXPRESSION))
                 return
-            hint = schema.get("x-hints", {}).get(key) or _indented(node, key) or did_you_mean(key, known)
+            if number == MOST_WORDED:
+                what = _more(len(unknown) - number, "unknown key") + f" in {self._thing(path, schema)}"
+                yield _Complaint(path, "unknown", Problem(at, what, "remove them or correct their names"))
+                return
+            hint = schema.get("x-hints", {}).get(key) or outer.get(key) or did_you_mean(key, known)
             if not hint:
                 named = f"known: {', '.join(sorted(known))}"
                 hint = named if len(known) <= LONGEST_LIST else "remove it or correct its name"
@@ -224,7 +243,8 @@ class Messages:
     def _missing_keys(self, error: Any, path: Path) -> Iterator[_Complaint]:
         """All keys that are missing in one mapping, without those that are there misspelt."""
         node, schema = self.places.node(path), error.schema
-        strange = [key for key in error.instance if key not in schema.get("properties", ())]
+        properties = schema.get("properties", {})
+        strange = [key for key in islice(error.instance, MOST_WORDED) if key not in properties]
         cutoff = _NEARLY if OWN_KEYS in schema else 0.6
         missing = [
             key
@@ -260,7 +280,7 @@ class Messages:
         options = {*schema.get("properties", ())}
         for branch in schema.get("dependentSchemas", {}).values():
             options.update(self.known_keys(branch["$ref"]))
-        strange = [key for key in keys if key not in options]
+        strange = [key for key in islice(keys, MOST_WORDED) if key not in options]
         near = [key for key in strange if difflib.get_close_matches(key, kinds, n=1, cutoff=0.6)]
         return near[0] if near else None
 
@@ -336,7 +356,7 @@ class Messages:
         yield self._value(path, f"'{_short(text)}' is not {expected}{self._inside(path)}", todo)
 
     def _name(self, error: Any, path: Path) -> Problem:
-        """A key that is no fit name for what stands under it."""
+        """Report a key that is not a valid name."""
         expected = error.schema.get("x-expected", "a name")
         at, node = self.places.key(path, error.instance), self.places.node(path)
         if isinstance(node, Mapping) and node.flow and looks_cut(error.instance):
@@ -392,17 +412,22 @@ def _without_space(node: Node) -> str:
     return f"write {match[1]}: {match[2]} with a space" if match else ""
 
 
-def _indented(node: Node, key: str) -> str:
-    """What to do about an unknown key behind one that has nothing under it: it may lack its indentation."""
-    entries = node.entries if isinstance(node, Mapping) and not node.flow else ()
-    for place, entry in enumerate(entries):
-        if entry.key.text == key:
-            before = next((one for one in reversed(entries[:place]) if _is_nothing(one.value)), None)
-            return "" if before is None else f"indent it if it belongs to '{before.key.text}'"
-    return ""
+def _outer_keys(node: Node, unknown: Collection[str]) -> dict[str, str]:
+    """Return remedies for unknown keys that follow an empty key and may lack its indentation, by key."""
+    remedies, empty = {}, None
+    for entry in node.entries if isinstance(node, Mapping) and not node.flow else ():
+        if empty is not None and entry.key.text in unknown:
+            remedies[entry.key.text] = f"indent it if it belongs to '{empty}'"
+        if _is_empty(entry.value):
+            empty = entry.key.text
+    return remedies
 
 
-def _is_nothing(node: Node) -> bool:
+def _more(number: int, noun: str) -> str:
+    return plural(number, f"more {noun}")
+
+
+def _is_empty(node: Node) -> bool:
     return isinstance(node, Scalar) and not node.text and not node.quoted
 
 
@@ -430,7 +455,7 @@ FIRST_KEYS: dict[str, Kind] = {
     "jobs": "jobs",
     "points": "points",
 }
-"""What a file is, by its first key."""
+"""The kind of a file by its first key."""
 
 ANY_FIRST_KEY = ", ".join(f"{key}:" for key in FIRST_KEYS)
 
@@ -463,7 +488,7 @@ def kind_of(node: Node) -> Kind:
 
 
 def wrong_kind(node: Node, kind: Kind) -> Problem | None:
-    """What is wrong with a file that is plainly of another kind than `kind`: one problem, not one for each key."""
+    """Return the problem of a file that is plainly of another kind than `kind`, instead of one for each key."""
     if not isinstance(node, Mapping) or not node.entries:
         return None
     first, other = node.entries[0].key, FIRST_KEYS.get(node.entries[0].key.text, kind)
@@ -477,7 +502,7 @@ def wrong_kind(node: Node, kind: Kind) -> Problem | None:
 
 
 def validate(node: Node, kind: Kind) -> list[Problem]:
-    """Everything in a file that its schema does not allow, sorted by position; nothing when it is all right."""
+    """Return everything in a file that its schema does not allow, sorted by position."""
     broken = {Problem(node.at, what, "mend it, or remove that package") for what in import_installed()}
     cuts = without_cuts(node)
     errors = _validator(kind).iter_errors(_plain(cuts.tree))
@@ -512,7 +537,7 @@ def _with_files(text: str, file: str) -> Any:
 def add_keys(kind: Kind, definition: str, keys: dict[str, Any], module: str) -> None:
     """Adds keys with the schemas of their values to a definition of a schema, which a module brings by itself.
 
-    Raises ValueError for a key of another one, and for what is no schema.
+    Raises ValueError for a key of another module, and for a wrong schema.
     """
     known, added = _definitions(kind)[definition]["properties"], {}
     for key, schema in keys.items():
@@ -525,7 +550,7 @@ def add_keys(kind: Kind, definition: str, keys: dict[str, Any], module: str) -> 
 def add_kind_of(kind: Kind, thing: str, key: str, schema: dict[str, Any], module: str) -> None:
     """Adds a kind of a thing (segment, sink) that a module brings by itself: the key that names it, and its schema.
 
-    Raises ValueError for a key that has a meaning in such a thing already, and for what is no schema.
+    Raises ValueError for a key that already has a meaning in the thing, and for a wrong schema.
     """
     known, end = _definitions(kind), f"_{thing}"
     name, schema = f"{key}{end}", _sound(kind, key, schema)
@@ -549,7 +574,7 @@ def add_word(kind: str, definition: str, word: str) -> None:
 
 
 def _sound(kind: str, key: str, schema: Any) -> Any:
-    """The schema of a key, as `_with_files` has it. Raises ValueError where it is none, or refers to none."""
+    """Return the schema of a key in the form of `_with_files`. Raises ValueError for a wrong schema or reference."""
     from jsonschema import Draft202012Validator, SchemaError
 
     try:
@@ -575,7 +600,7 @@ def _references(schema: Any) -> Iterator[str]:
 
 
 def _definitions(kind: str) -> dict[str, Any]:
-    """The definitions of a schema, which are about to be changed: what has been made of them is forgotten."""
+    """Return the definitions of a schema for a change, and clear the caches made from them."""
     _validator.cache_clear()
     _known_keys.cache_clear()
     found: dict[str, Any] = _schemas()[kind + _SUFFIX]["$defs"]
@@ -593,18 +618,18 @@ def _validator(kind: Kind) -> Any:
 
 
 def _referred(validator: Any, wanted: str, instance: Any, schema: Any) -> Iterator[Any]:
-    """Keyword `$ref`: as ours all name a file and a definition, nothing has to be worked out."""
+    """Keyword `$ref`: all references of framekit name a file and a definition, so no resolver is needed."""
     file, _, name = wanted.partition(_DEFINITION)
     yield from validator.descend(instance, _schemas()[file]["$defs"][name])
 
 
 def _are_keys(branches: list[dict[str, Any]]) -> bool:
-    """Whether each branch of `oneOf` or `anyOf` asks for one key and nothing else, as in all shipped schemas."""
+    """Return whether each branch of `oneOf` or `anyOf` only requires one key, as in all shipped schemas."""
     return all(branch.keys() == {"required"} and len(branch["required"]) == 1 for branch in branches)
 
 
 def _exactly_one(validator: Any, wanted: Any, instance: Any, schema: Any) -> Iterator[Any]:
-    """Keyword `oneOf`: where it is about keys, exactly one of them is there."""
+    """Keyword `oneOf`: of branches that require keys, exactly one key is present."""
     from jsonschema import Draft202012Validator, ValidationError
 
     if not _are_keys(wanted):
@@ -622,7 +647,7 @@ def _pattern(validator: Any, wanted: str, instance: Any, schema: Any) -> Iterato
 
 
 def _own_keys(validator: Any, wanted: Any, instance: Any, schema: Any) -> Iterator[Any]:
-    """Keyword `x-own-keys`: any key is allowed, except what is nearly one of the keys that have a meaning."""
+    """Keyword `x-own-keys`: any key is allowed except near misspellings of the keys that have a meaning."""
     from jsonschema import ValidationError
 
     known = schema.get("properties", {})

@@ -6,6 +6,8 @@ import re
 from dataclasses import dataclass
 from typing import Literal
 
+from framekit.definition.numbers import whole_number
+
 NEVER = 1 << 62
 """A time that does not come: larger than every other, so that it may be compared, added and minimised."""
 
@@ -20,7 +22,7 @@ UNITS = {
 }
 LINE_UNITS = ("chars", "bits")
 
-_TIME = re.compile(r"(\d+(?:\.\d+)?)\s*(ns|us|ms|s|min|h|d)")
+_TIME = re.compile(r"\s*(\d+(?:\.\d+)?)\s*(ns|us|ms|s|min|h|d)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,9 +76,7 @@ def parse_time(text: str) -> int:
     if text == "never":
         return NEVER
     total, end = 0, 0
-    for match in _TIME.finditer(text):
-        if text[end : match.start()].strip():
-            break
+    while match := _TIME.match(text, end):
         total += _scaled(match[1], UNITS[match[2]])
         end = match.end()
     if end == 0 or text[end:].strip():
@@ -86,8 +86,8 @@ def parse_time(text: str) -> int:
 
 def _scaled(number: str, unit: int) -> int:
     whole, _, fraction = number.partition(".")
-    value = int(whole) * unit
-    return value + int(fraction) * unit // 10 ** len(fraction) if fraction else value
+    value = whole_number(whole) * unit
+    return value + whole_number(fraction) * unit // 10 ** len(fraction) if fraction else value
 
 
 def readable_time(time: int) -> str:
@@ -115,7 +115,7 @@ Handshake = Literal["none", "rtscts", "xonxoff"]
 class Direction:
     """What switches the transmitter: RTS, set by this program (`rts`) or by the port's driver.
 
-    `high`: the level while sending. `before`, `after`: how long the level is there before the first and behind the last
+    `high`: the level while sending. `before`, `after`: durations of the level before the first and after the last
     bit (ns).
     """
 

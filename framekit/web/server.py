@@ -1,7 +1,7 @@
-"""The server of the page: Starlette on uvicorn, in the loop of what it shows.
+"""The server of the page: Starlette on uvicorn, in the loop of the run or the devices.
 
-The page is a few files of its own, and one WebSocket for each browser. Whatever a browser sends is bounded in size and
-number, and what a browser does not take is not kept: it holds up neither the run nor other browsers.
+The page is a few files of its own, and one WebSocket for each browser. Messages of browsers are bounded in size and
+number. A message that a browser does not take is dropped, so that it delays neither the run nor other browsers.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import contextlib
 import json
 import logging
 import socket
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,7 @@ from framekit.transport.network import bracketed
 from framekit.transport.network import listening_at as listening_at
 from framekit.web.access import HEADERS, Access, is_known_host, is_own_origin
 from framekit.web.messages import PageBoard, PageSession
+from framekit.web.patience import ImpatientProtocol
 
 log = logging.getLogger(__name__)
 logging.getLogger("uvicorn").addHandler(logging.NullHandler())
@@ -35,10 +37,11 @@ logging.getLogger("uvicorn").addHandler(logging.NullHandler())
 PAGE = Path(__file__).with_name("page")
 KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
 MOST_BROWSERS = 16
+MOST_BROWSERS_OF_AN_ADDRESS = 8
 MOST_CONNECTIONS = 64
 LARGEST_MESSAGE = 16_384
 MOST_ACTIONS = 8
-"""Browsers and connections at once, bytes of a message, and what one browser may have under way."""
+"""Browsers and connections at a time, bytes of a message, and open actions of one browser."""
 MESSAGE_EVERY = 0.02
 """Seconds that the next message of a browser waits."""
 SHOWN_EVERY = 0.2
@@ -46,12 +49,12 @@ AFTER_WRONG = 1.0
 MOST_WRONG = 3
 LONGEST_SEND = 30.0
 LONGEST_END = 2
-"""Seconds between two looks at what is new, and after a wrong token, so many of which end the connection; and those
-that a message has to leave, and everything to end."""
+"""Seconds between two updates and after a wrong token; wrong tokens that end a connection; seconds for the sending of a
+message, and for the end of the server."""
 
 
 class Guard:
-    """Lets no other web page in, and puts the headers on every answer."""
+    """Refuse requests of other web pages, and put the headers on every answer."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
@@ -76,12 +79,13 @@ class Guard:
 
 
 class PageApp:
-    """The routes, and the browsers that are there. `board` may come later; until then nothing is shown."""
+    """The routes, and the connected browsers. `board` may be set later; until then browsers are refused."""
 
     def __init__(self, access: Access) -> None:
         self.access = access
         self.board: PageBoard | None = None
-        self.browsers = 0
+        self.browsers: Counter[str] = Counter()
+        """Connected browsers by their address."""
         self._files = {
             file.name: (file.read_bytes(), KINDS[file.suffix]) for file in PAGE.iterdir() if file.suffix in KINDS
         }
@@ -95,17 +99,20 @@ class PageApp:
         return Response(content, media_type=kind)
 
     async def _live(self, socket: WebSocket) -> None:
-        if self.board is None or self.browsers >= MOST_BROWSERS:
+        client = socket.client
+        host = "" if client is None else client.host
+        is_full = self.browsers.total() >= MOST_BROWSERS or self.browsers[host] >= MOST_BROWSERS_OF_AN_ADDRESS
+        if self.board is None or is_full:
             await socket.close(1013)
             return
-        client = socket.client
         who = "a browser" if client is None else f"{client.host}:{client.port}"
-        self.browsers += 1
+        self.browsers[host] += 1
         try:
             await socket.accept()
             await Browser(socket, self.board.session(self.access, who), who).attend()
         finally:
-            self.browsers -= 1
+            self.browsers[host] -= 1
+            self.browsers += Counter()  # without addresses that have no browser
 
 
 class Browser:
@@ -116,7 +123,7 @@ class Browser:
         self._actions: set[asyncio.Task[None]] = set()
 
     async def attend(self) -> None:
-        """Shows what changes and does what is asked for, until the browser goes."""
+        """Send changes and carry out actions until the browser disconnects."""
         showing = asyncio.ensure_future(self._show())
         try:
             while True:
@@ -163,7 +170,7 @@ class Browser:
 
     @contextlib.contextmanager
     def _while_there(self) -> Iterator[None]:
-        """What ends because the browser has gone, or takes nothing, is no trouble."""
+        """Log the end of a connection whose browser has gone, or takes no messages."""
         try:
             yield
         except (WebSocketDisconnect, RuntimeError, TimeoutError) as error:
@@ -177,7 +184,7 @@ class Browser:
 
 
 class _Uvicorn(uvicorn.Server):
-    """Signals are those of the program that it is a part of."""
+    """A server that leaves the signals to the program around it."""
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
@@ -185,7 +192,7 @@ class _Uvicorn(uvicorn.Server):
 
 
 class WebServer:
-    """Listens at once; shows the page from `begin` to `end`. Raises OSError for an address that cannot be had."""
+    """Listen at once, and show the page from `begin` to `end`. Raises OSError for an address that cannot be bound."""
 
     def __init__(self, host: str, port: int, access: Access) -> None:
         self.access = access
@@ -196,13 +203,13 @@ class WebServer:
         config = uvicorn.Config(
             self.page.app, lifespan="off", log_config=None, access_log=False, server_header=False,
             ws="websockets-sansio", ws_max_size=LARGEST_MESSAGE, ws_per_message_deflate=False,
-            limit_concurrency=MOST_CONNECTIONS, timeout_graceful_shutdown=LONGEST_END,
+            limit_concurrency=MOST_CONNECTIONS, http=ImpatientProtocol, timeout_graceful_shutdown=LONGEST_END,
         )  # fmt: skip
         self._server = _Uvicorn(config)
         self._tasks: list[asyncio.Task[None]] = []
 
     def begin(self, board: PageBoard) -> None:
-        """Shows this from now on, in the running loop."""
+        """Show this board from now on, in the running loop."""
         self.page.board = board
         self._tasks = [
             asyncio.ensure_future(self._server.serve([self._socket])),
@@ -210,7 +217,7 @@ class WebServer:
         ]
 
     async def end(self) -> None:
-        """All browsers are told to go; the address is free afterwards."""
+        """Disconnect all browsers; the address is free afterwards."""
         self._server.should_exit = True
         if self._tasks:
             serving, going_on = self._tasks

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import re
 import signal
@@ -10,12 +11,14 @@ import socket
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any, cast
 
 import pytest
 
 pytest.importorskip("starlette")
 pytest.importorskip("httpx2")
 
+import uvicorn
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 from web.page_world import TOKEN, Browser, Page, async_run, written
@@ -24,6 +27,7 @@ from framekit.api.monitor import FrameLog
 from framekit.api.run import view_of
 from framekit.api.server import aserve, view_of_devices
 from framekit.cli.main import main
+from framekit.web import patience
 from framekit.web import server as server_module
 from framekit.web.access import Access, is_known_host
 from framekit.web.server import PAGE, PageApp, WebServer
@@ -171,10 +175,95 @@ def test_a_browser_that_takes_nothing_is_given_up_and_holds_nobody_up(
 
 
 def test_no_more_browsers_than_there_is_room_for(app: PageApp) -> None:
-    app.browsers = server_module.MOST_BROWSERS
+    app.browsers.update(f"10.0.0.{number}" for number in range(server_module.MOST_BROWSERS))
     client = TestClient(app.app, base_url=HOME)
     with pytest.raises(WebSocketDisconnect), client.websocket_connect(LIVE):
         pass
+
+
+def test_one_address_leaves_room_for_others(app: PageApp) -> None:
+    app.browsers.update({"testclient": server_module.MOST_BROWSERS_OF_AN_ADDRESS})
+    client = TestClient(app.app, base_url=HOME)
+    with pytest.raises(WebSocketDisconnect), client.websocket_connect(LIVE):
+        pass
+    app.browsers.subtract({"testclient": 1})
+    with client.websocket_connect(LIVE) as live:
+        assert "points" in live.receive_json()
+    assert app.browsers["testclient"] == server_module.MOST_BROWSERS_OF_AN_ADDRESS - 1
+
+
+async def _answer(port: int) -> bytes:
+    """The first line of the answer to a whole request."""
+    reader, writer = await asyncio.open_connection("127.0.0.1", port)
+    writer.write(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n")
+    line = await reader.readline()
+    writer.close()
+    return line
+
+
+def test_silent_connections_of_an_address_end_and_keep_nobody_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    most = patience.MOST_OF_AN_ADDRESS
+
+    async def drive() -> None:
+        log = FrameLog()
+        run = async_run(written(tmp_path), log)
+        server = WebServer("127.0.0.1", 0, Access(TOKEN))
+        server.begin(WebBoard(shown_run(run, view_of(run, log))))
+        port = int(server.url.rstrip("/").rpartition(":")[2])
+        assert b"200" in await _answer(port)
+        with monkeypatch.context() as patched:
+            patched.setattr(patience, "LONGEST_SILENCE", 0.0)
+            silent = [await asyncio.open_connection("127.0.0.1", port) for _ in range(2 * most)]
+            silent[0][1].write(b"GET / HTTP/1.1\r\nHo")
+            for reader, _ in silent:
+                with contextlib.suppress(ConnectionError):
+                    assert await reader.read() == b""
+        assert b"200" in await _answer(port)
+        for _, writer in silent:
+            writer.close()
+        await server.end()
+        run.stop()
+
+    asyncio.run(drive())
+    assert not patience.ImpatientProtocol.open_connections
+
+
+def test_an_address_has_so_many_connections_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(patience, "LONGEST_SILENCE", 1_000.0)
+
+    async def drive() -> list[bool]:
+        loop = asyncio.get_running_loop()
+        state = uvicorn.server.ServerState()
+        config = uvicorn.Config(PageApp(Access(TOKEN)).app, log_config=None)
+        config.load()
+        transports = [Transport("10.0.0.1") for _ in range(patience.MOST_OF_AN_ADDRESS + 1)] + [Transport("10.0.0.2")]
+        protocols = [patience.ImpatientProtocol(config, state, {}, loop) for _ in transports]
+        for protocol, transport in zip(protocols, transports, strict=True):
+            protocol.connection_made(cast(Any, transport))
+        for protocol in protocols:
+            protocol.connection_lost(None)
+        return [transport.aborted for transport in transports]
+
+    assert asyncio.run(drive()) == [False] * patience.MOST_OF_AN_ADDRESS + [True, False]
+    assert not patience.ImpatientProtocol.open_connections
+
+
+class Transport:
+    """A transport that only knows its peer."""
+
+    def __init__(self, host: str) -> None:
+        self.host, self.aborted = host, False
+
+    def get_extra_info(self, name: str) -> object:
+        return {"peername": (self.host, 1)}.get(name)
+
+    def abort(self) -> None:
+        self.aborted = True
+
+    def close(self) -> None:
+        """Its connection is lost already."""
 
 
 def test_a_point_is_written_over_the_line_and_refused_out_of_range(

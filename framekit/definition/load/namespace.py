@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from framekit.definition.keys import Meanings
 from framekit.definition.load.documents import SourceText, scalar_of
-from framekit.definition.load.reader import Broken, Reader, parse_key
+from framekit.definition.load.reader import Broken, Reader, parse_key, parse_number
 from framekit.definition.model.checks import WIDEST, CheckMethod, ready_methods
 from framekit.definition.model.values import Table, TableValue
 from framekit.definition.nodes import Entry, Mapping, Node, Sequence
@@ -21,10 +21,12 @@ def load_table(reader: Reader, entry: Entry) -> Table:
         with reader.going_on():
             value = _table_value(reader, row.value)
             low, dash, high = row.key.text.partition("-")
-            if dash and low.strip().isdigit() and high.strip().isdigit():
-                if int(low) > int(high):
+            if dash and low.strip().isdecimal() and high.strip().isdecimal():
+                with reader.refusing(row.key.at):
+                    first, last = parse_number(low), parse_number(high)
+                if first > last:
                     reader.note(row.key.at, f"the range {row.key.text} is empty", f"write {high}-{low}")
-                ranges.append((int(low), int(high), value))
+                ranges.append((first, last, value))
             else:
                 key = parse_key(row.key.text)
                 if key in entries:
@@ -113,8 +115,8 @@ class Owned:
 class Namespace:
     """Looks names up for the loaders. One for every source; used files have their own.
 
-    `circles`: layouts that include each other, `too_much`: includes of too many segments, as far as that has been
-    told. `too_large`: the layouts that hold too many. `twice`: names of a protocol and of its application too, so
+    `circles`: layouts that include each other, `too_much`: includes of too many segments that have been
+    reported. `too_large`: the layouts that hold too many. `twice`: names of a protocol and of its application too, so
     that it is open which is meant.
     """
 
@@ -145,7 +147,7 @@ class Namespace:
         return {file for one in self._sources() if scalar_of(one.root.get(key)) == word for file in one.files}
 
     def turns_conversions(self, file: str) -> bool:
-        """Whether names of conversions in `file` say what is done in the direction of the frame."""
+        """Return whether names of conversions in `file` mean the direction of the frame."""
         return file in self._turned
 
     def order(self, file: str) -> str:

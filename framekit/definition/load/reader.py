@@ -1,4 +1,4 @@
-"""Typed access to nodes for the loaders, with one list of problems; what a scalar means once a key gives it a meaning.
+"""Typed access to nodes for the loaders, with one list of problems, and the parsers of scalars.
 
 A loader that can't go on with a thing (a frame, a sequence, a row) raises `Broken` after the problem is noted; the
 caller leaves that thing out and goes on with the next, so that all problems of a file come at once.
@@ -14,6 +14,7 @@ from typing import TypeVar
 
 from framekit.definition.expression import Bytes, Expression, ExpressionError, parse_expression
 from framekit.definition.model.values import Constant
+from framekit.definition.numbers import whole_number
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean, parted
 from framekit.definition.times import UNITS, parse_time
 from framekit.definition.tree import Entry, Mapping, Node, Scalar, Sequence
@@ -30,7 +31,7 @@ class Broken(Exception):  # noqa: N818 - it is a signal between loaders, no erro
 
 
 class Reader:
-    """Reads nodes as what keys make of them, and notes what is wrong with them."""
+    """Read nodes as values of keys, and collect their problems."""
 
     def __init__(self) -> None:
         self.problems: list[Problem] = []
@@ -50,20 +51,20 @@ class Reader:
         return Broken(what)
 
     def of_file(self, error: DefinitionError, name: str, at: Position) -> None:
-        """Adds the problems of a file; that there is none of that name is a problem of the place that names it."""
+        """Add the problems of a file; a missing file is a problem of the place that names it."""
         for problem in error.problems:
             missing = problem.at.file == name
             self.problems.append(Problem(at, problem.what, problem.todo) if missing else problem)
 
     @contextmanager
     def going_on(self) -> Iterator[None]:
-        """What is broken inside is left out; reading goes on behind."""
+        """Leave a broken part out, and continue after it."""
         with suppress(Broken):
             yield
 
     @contextmanager
     def refusing(self, at: Position) -> Iterator[None]:
-        """A ValueError inside is a problem there: its text says what is wrong and, behind a dash, what to do."""
+        """Turn a ValueError into a problem at `at`; its text holds the error and, after a dash, the remedy."""
         try:
             yield
         except ValueError as error:
@@ -109,7 +110,7 @@ class Reader:
         return self._parsed(node, parse_constant)
 
     def cell(self, node: Node | None) -> Constant:
-        """Such a value of a table or a column: what stands in quotes there is a text, unless it is bytes."""
+        """Return the constant of a table or a column: a quoted scalar is a text, unless it holds bytes."""
         quoted = self.scalar(node).quoted
         return self._parsed(node, parse_quoted if quoted else parse_constant)
 
@@ -155,7 +156,7 @@ class Reader:
             raise Broken(str(error)) from None
 
     def target(self, key: Scalar) -> tuple[str, Expression | None, str | None]:
-        """What is set: the name of a variable, the key of a table (`name[key]`), the field of a record (`….field`)."""
+        """Return the target of `set`: a variable, the key of a table (`name[key]`), a field of a record (`….field`)."""
         match = _TARGET.fullmatch(key.text)
         if match is None:
             todo = "name a variable, table[key] or frame.field – quote it in YAML"
@@ -189,7 +190,7 @@ class Reader:
         return () if node is None else self.mapping(node).read_all()
 
     def items(self, node: Node | None) -> tuple[Node, ...]:
-        """The items of a list; a single thing stands for a list of one; nothing for an empty one."""
+        """Return the items of a list; a single node counts as a list with this item, None as an empty list."""
         if node is None:
             return ()
         return node.items if isinstance(node, Sequence) else (node,)
@@ -204,7 +205,7 @@ class Reader:
 
 
 def inside(scalar: Scalar) -> Position:
-    """Where the text of a scalar begins: behind its quote, if it has one."""
+    """Return the position of the text of a scalar, without its quote."""
     return Position(scalar.at.file, scalar.at.line, scalar.at.column + 1) if scalar.quoted else scalar.at
 
 
@@ -222,11 +223,11 @@ _NUMBER = re.compile(r"[-+]?(?:0[xX][0-9a-fA-F]+|\d+)")
 
 
 def parse_number(text: str) -> int:
-    """`12`, `0x0C`, `-3`; a leading zero changes nothing."""
+    """Return the number of `12`, `0x0C`, `-3`; a leading zero is without effect."""
     text = text.strip()
     if not _NUMBER.fullmatch(text):
         raise ValueError(f"'{text}' is not a whole number – write it like 10 or 0x0A")
-    return int(text, 16 if "x" in text.lower() else 10)
+    return whole_number(text, 16 if "x" in text.lower() else 10)
 
 
 def parse_flag(text: str) -> int:
@@ -301,7 +302,7 @@ def parse_constant(text: str) -> Constant:
 
 
 def parse_quoted(text: str) -> Constant:
-    """Such a value in YAML's quotes: a text as it stands, but for `h'…'` and `'quoted'`, which need them."""
+    """Return a scalar in YAML's quotes as a text; `h'…'` and `'quoted'` in the quotes are parsed."""
     inner = text.strip()
     return parse_constant(inner) if re.fullmatch(r"h?'[^']*'", inner) else text
 
