@@ -96,7 +96,7 @@ def test_another_name_or_page_is_not_let_in(app: PageApp) -> None:
     ):
         with pytest.raises(WebSocketDisconnect), client.websocket_connect(LIVE, headers=headers):
             pass
-    assert app.browsers == 0
+    assert not app.browsers
 
 
 def test_a_browser_is_served(app: PageApp) -> None:
@@ -111,7 +111,7 @@ def test_a_browser_is_served(app: PageApp) -> None:
         there.send_json({"do": "disable 1", "id": 5})
         assert there.receive_json() == {"done": 5}
         assert app.browsers == 1
-    assert app.browsers == 0
+    assert not app.browsers
 
 
 @pytest.mark.parametrize("told", ["no json", "[" * 100_000, "[]"])
@@ -126,7 +126,7 @@ def test_nonsense_ends_the_connection_or_is_refused(app: PageApp, told: str) -> 
             assert there.receive_json() == {"trouble": "this is no message"}
         except WebSocketDisconnect as end:
             assert end.code == 1008
-    assert app.browsers == 0
+    assert not app.browsers
 
 
 def test_wrong_tokens_end_the_connection(app: PageApp, monkeypatch: pytest.MonkeyPatch) -> None:
