@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 NO_REPLY = ("no_reply", "timeout")
 BAD_REPLIES = ("damaged_reply", "unfit_reply", "exhausted")
 CLOSED = ("closed",)
+REFUSED = "refused"
 
 
 class FramekitError(Exception):
@@ -85,5 +86,7 @@ def error_of(result: TransferResult, trouble: str = "") -> ExchangeError:
         kind, text = LineClosedError, "the line was closed"
     elif result.outcome in BAD_REPLIES:
         kind = ReplyError
+    elif result.outcome == REFUSED:
+        text = "the device refused"
     cause = result.cause or result.meaning
     return kind(text + (f": {cause}" if cause else "") + more, result.outcome, cause, result.written)

@@ -593,6 +593,12 @@ class AddressGrammar:
         moved = replace(address, start=address.start + elements, text="")
         return replace(moved, text=self._written(moved) or "")
 
+    def parts_of_all_units(self, address: Address) -> set[str]:
+        """Return the names of parts of the address that hold for the place in any unit."""
+        forms = (matcher.form for matcher in self._forms if matcher.form.text == address.form)
+        found = next(forms, None)
+        return set() if found is None else found.parts_of_all_units
+
     # ---- writing ------------------------------------------------------------------------------------------
 
     def print(self, address: Address) -> str:

@@ -10,7 +10,7 @@ import re
 import struct
 from collections.abc import Callable, Collection, Mapping
 from decimal import Decimal
-from typing import Any
+from typing import Any, NoReturn
 
 from framekit.codec.python.runtime import RangeTable
 from framekit.codec.support import exact_decimal
@@ -31,7 +31,7 @@ _INTEGER = re.compile(r"([ui])(8|16|24|32|40|48|56|64)")
 
 def _unsigned(mask: int) -> Fit:
     def fit(value: Any) -> Any:
-        return int(value) & mask if type(value) is not str else _refuse(value, "a number")
+        return (value if type(value) is int else _whole(value)) & mask
 
     return fit
 
@@ -40,9 +40,22 @@ def _signed(bits: int) -> Fit:
     half, mask = 1 << (bits - 1), (1 << bits) - 1
 
     def fit(value: Any) -> Any:
-        return ((int(value) + half) & mask) - half if type(value) is not str else _refuse(value, "a number")
+        return (((value if type(value) is int else _whole(value)) + half) & mask) - half
 
     return fit
+
+
+def _whole(value: Any) -> int:
+    """Return a whole number. Raises TypeError for a text or a missing value, ValueError for a fraction."""
+    if not isinstance(value, (int, float, Decimal)):
+        return _refuse(value, "a number")
+    try:
+        number = int(value)
+    except OverflowError:
+        raise ValueError(f"{value} is not a whole number") from None
+    if number != value:
+        raise ValueError(f"{value} is not a whole number")
+    return number
 
 
 def _float(type_: str) -> Fit:
@@ -91,7 +104,7 @@ def _anything(value: Any) -> Any:
     return value
 
 
-def _refuse(value: Any, wanted: str) -> Any:
+def _refuse(value: Any, wanted: str) -> NoReturn:
     raise TypeError(f"{value!r} is not {wanted}")
 
 

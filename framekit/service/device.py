@@ -356,6 +356,8 @@ class Serving:
         self.wrap = wrap or (lambda port: port)
         self.stores = stores_of(devices, clock)
         self.connected: dict[Port, list[DeviceService]] = {}
+        self._last_published: list[dict[str, Any]] = []
+        """Published variables of each device at the end of the last connection."""
         self.line_errors: Counter[str] = Counter()
         self.turned_away = self.line_errors if turned_away is None else turned_away
         self.connections = 0
@@ -528,7 +530,10 @@ class Serving:
     def _end(self, port: Port) -> None:
         """A connection is over: it will not come again, another one may."""
         self._hosts.pop(port, None)
-        for service in self.connected.pop(port, ()):
+        services = self.connected.pop(port, [])
+        if services and not self.connected:
+            self._last_published = [service.engine.status() for service in services]
+        for service in services:
             service.stop()
 
     def stop(self) -> None:
@@ -548,7 +553,9 @@ class Serving:
     def published(self, number: int) -> dict[str, Any]:
         """The published variables of a device, those of scope line or session as its latest connection has them."""
         services = next(reversed(self.connected.values()), None)
-        return {} if services is None else services[number].engine.status()
+        if services is not None:
+            return services[number].engine.status()
+        return self._last_published[number] if self._last_published else {}
 
 
 def check_line(devices: list[Device]) -> None:

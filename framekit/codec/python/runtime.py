@@ -440,7 +440,7 @@ def check_given(
     """
     if elsewhere or not values.keys() <= rules.keys():
         for name in values:
-            if name not in rules or name in elsewhere:
+            if name not in rules or (name in elsewhere and values[name] is not None):
                 raise EncodeError(f"{path}{name}", f"there is no '{path}{name}' in this frame")
     for name in absent:
         if values.get(name) is not None:

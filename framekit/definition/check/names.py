@@ -26,6 +26,7 @@ from framekit.definition.model.checks import ready_methods
 from framekit.definition.model.frames import (
     WIRE,
     Frame,
+    by_value_name,
     expressions_of,
     field_names,
     flat,
@@ -36,7 +37,7 @@ from framekit.definition.model.procedure import Action, Row, Sequence, Step, Tar
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import INDEX, LAST, PREVIOUS
 from framekit.definition.model.services import AS_NUMBERS, OFFERED, ServeWork, ServiceRow
-from framekit.definition.model.values import Value
+from framekit.definition.model.values import EachOf, FrameOf, Value
 from framekit.definition.problems import Position, Problem, did_you_mean, listed
 
 BUILT_IN = frozenset({"station", "own", "role", "line", "now", "clock"})
@@ -342,6 +343,8 @@ class NameChecker:
             row = replace(row, run=None)
         self._circle({one.name: one.default for one in row.takes}, "the argument", self.globally)
         self._expressions(replace(row, back_each={}), local)
+        self._of_one_variable(row)
+        self._values_named_like_places(row)
         items = item_names(self.protocol, row)
         self._expressions(dict(row.back_each) if items else {}, local | items)
         self._fields_of_frames(row)
@@ -350,6 +353,34 @@ class NameChecker:
             self._stored(row.serve.set)
             self._there(row, row.serve)
             self._stored([item for after in (block.then if block else ()) for item in after.set])
+
+    def _of_one_variable(self, row: ServiceRow) -> None:
+        """Note names of a single variable outside `each` in the request of a row with several variables."""
+        if row.most_variables < 2:
+            return
+        forms = self.protocol.addresses
+        places = OFFERED.union(*(form.names for form in forms)) - {row.same, *self.globally}
+        places -= {argument.name for argument in row.takes}
+        sent = [row.request, row.buffer]
+        inside = {id(part) for each in parts_of(sent, EachOf) for part in parts_of(each, Expression)}
+        for expression in (part for part in parts_of(sent, Expression) if id(part) not in inside):
+            for name in sorted(names_in(expression.root) & places):
+                todo = f"use it in each, or add same: {name}" if name in ("unit", "area") else "use it in each"
+                self._note(expression.root.at, f"'{name}' may differ from variable to variable", todo)
+
+    def _values_named_like_places(self, row: ServiceRow) -> None:
+        """Note a bare word that is a value of its field as well as a name of the address or the data."""
+        places = OFFERED - self.globally - {argument.name for argument in row.takes}
+        for sent in parts_of([row.request], FrameOf):
+            frame = self.protocol.frames.get(sent.frame)
+            fields = {} if frame is None else by_value_name(frame.segments)
+            for name, value in sent.fields.items():
+                word = value.root.name if isinstance(value, Expression) and isinstance(value.root, Name) else ""
+                values = getattr(fields.get(name), "values", None) or {}
+                if word in places and word in values.values():
+                    what = f"'{word}' is a name of the address here, and '{name}' has a value '{word}'"
+                    todo = f"write \"'{word}'\" for the value, or give it another name"
+                    self.problems.append(Problem(value.at, what, todo, warning=row.service in ("read", "write")))
 
     def _there(self, row: ServiceRow, serve: ServeWork) -> None:
         """A variable holds something: a field that may be absent is none of its values."""

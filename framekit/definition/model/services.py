@@ -15,6 +15,7 @@ from framekit.definition.expression import (
     Text,
     inverse_steps,
     is_constant,
+    names_in,
     ordered_by_need,
     walk,
 )
@@ -331,6 +332,12 @@ class AddressForm:
         start = self.results.get("start")
         root = None if start is None else start.root
         return root.value if isinstance(root, Number) and not root.is_time else None
+
+    @property
+    def parts_of_all_units(self) -> set[str]:
+        """Parts of the text that do not depend on the unit of the place, because no result is computed from them."""
+        used = {name for result in self.results.values() for name in names_in(result.root)}
+        return self.names - self.results.keys() - used - {"start"}
 
     def may_name(self, areas: Collection[str]) -> bool:
         """Whether it can name one of these areas; none given: of any."""

@@ -585,7 +585,9 @@ class Client:
         offered = names
         if pieces:
             variables = [self.planner.offered(plan, piece) for piece in pieces]
-            offered = Names({} if len(pieces) > 1 else variables[0], names)
+            same = plan.facts.row.same
+            shared = {} if same is None else {same: variables[0][same]}
+            offered = Names(shared if len(pieces) > 1 else variables[0], names)
             offered[EACH] = variables
         return self._rows[plan.facts].prepared(pieces, offered, names["station"], params)
 

@@ -16,7 +16,8 @@ from typing import Any
 from framekit.codec.shown import explain
 from framekit.definition.expression import Expression, emit, is_constant, tells_setting
 from framekit.definition.fingerprint import fingerprint
-from framekit.definition.model.frames import attributes_in, field_names, names_read, parts_of
+from framekit.definition.kinds.base import Segments
+from framekit.definition.model.frames import attributes_in, field_names, flat, names_read, parts_of
 from framekit.definition.model.services import AS_NUMBERS, is_passed_over, only_start, told_by
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, ReadAs, RecordOf, Value
 from framekit.link.addresses import Address, AddressError, code_of
@@ -31,6 +32,7 @@ from framekit.link.values import (
     EVALUATION_ERRORS,
     FrameValue,
     Names,
+    attribute,
     bare_name,
     compile_expression,
     compile_optional,
@@ -303,7 +305,8 @@ class RowWriter:
                 inside = self.variable()
                 self.out.add(f"{inside} = {actual}.fields")
                 padding = padded_names(self.shared.protocol.frames[frame].segments)
-                self._fields(fields, actual, inside, level, self.shared.table.infos[frame].numbers, padding)
+                in_cases = names_in_cases(self.shared.protocol.frames[frame].segments)
+                self._fields(fields, actual, inside, level, self.shared.table.infos[frame].numbers, padding, in_cases)
             case RecordOf(fields=fields):
                 self._fields(fields, actual, None, level, {}, frozenset())
             case LayoutOf(layout=layout, fields=fields):
@@ -322,8 +325,11 @@ class RowWriter:
 
     def _fields(
         self, fields: Mapping[str, Value], actual: str, inside: str | None, level: WriterLevel,
-        numbers: Mapping[str, Mapping[str, int]], padding: frozenset[str],
+        numbers: Mapping[str, Mapping[str, int]], padding: frozenset[str], in_cases: frozenset[str] = frozenset(),
     ) -> None:  # fmt: skip
+        """Write the comparison of the fields. `in_cases`: names of fields that only some cases of a choice hold; an
+        argument of the row is None if its field is in another case.
+        """
         for name, value in fields.items():
             if isinstance(value, ReadAs) or (isinstance(value, Expression) and is_passed_over(value)):
                 continue
@@ -335,8 +341,10 @@ class RowWriter:
             else:
                 with self.out.block("try:"):
                     self.out.add(f"{part} = {inside}[{name!r}]")
+                is_argument = isinstance(value, Expression) and bare_name(value) in self.arguments
+                read = "attribute" if name in in_cases and is_argument else "part_of"
                 with self.out.block("except KeyError:"):
-                    self.out.add(f"{part} = part_of({actual}, {name!r})")
+                    self.out.add(f"{part} = {read}({actual}, {name!r})")
             self._match(value, part, level, numbers.get(name), name in padding)
 
     def _compare(
@@ -683,6 +691,12 @@ def part_of(actual: Any, name: str) -> Any:
         raise MismatchError(name) from None
 
 
+def names_in_cases(segments: Segments) -> frozenset[str]:
+    """Return the names of values that a record holds only in some cases of a choice."""
+    cases = (block for segment in flat(segments) if segment.has_cases for block in segment.blocks)
+    return frozenset(name for block in cases for segment in flat(block) for name in segment.value_names)
+
+
 def item_of(before: dict[str, Any] | None, part: Any) -> dict[str, Any]:
     """The fields of an item, of all lists that have one for each."""
     return {**(before or {}), **(part if isinstance(part, dict) else {})}
@@ -763,6 +777,7 @@ _RUNTIME: dict[str, Any] = {
     "Served": Served,
     "Target": MatchTarget,
     "WRONG_PLACE": WRONG_PLACE,
+    "attribute": attribute,
     "cannot_be": cannot_be,
     "item_of": item_of,
     "layout_read": layout_read,

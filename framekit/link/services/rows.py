@@ -224,10 +224,11 @@ class Planner:
 
         A range whose unit no row takes is carried in a unit of the area; a write only if it begins and ends with that.
         """
+        of_all_units = self.grammar.parts_of_all_units(piece.address)
         for carried, skip in self._carried(piece):
             for facts in self.shared.rows.get(service, ()):
-                if carried is not piece and facts.mentions & piece.address.parts.keys():
-                    continue  # it names the place by parts of the address: that cannot be counted in other units
+                if carried is not piece and facts.mentions & (piece.address.parts.keys() - of_all_units):
+                    continue  # it names the place by parts of the address that mean another place in another unit
                 if carried.address.shift and facts.mentions & FROM_START:
                     continue
                 found = self._by_row(facts, carried, names, listed)
@@ -369,9 +370,8 @@ class Planner:
         return plans + self._joined(waiting, names)
 
     def _alike(self, one: Plan, other: Plan) -> bool:
-        return one.facts is other.facts and (
-            one.facts.row.same != "unit" or one.exchanges[0][0].address.unit == other.exchanges[0][0].address.unit
-        )
+        same = one.facts.row.same
+        return one.facts is other.facts and (same is None or getattr(_place(one), same) == getattr(_place(other), same))
 
     def _joined(self, plans: list[Plan], names: Names) -> list[Plan]:
         """Plans of one row as few exchanges; a plan that had to be aligned stays alone."""
@@ -417,6 +417,11 @@ class Planner:
                 found["values"] = numbers_of(piece.data, address.unit, address.type, piece.count)
                 found["value"] = found["values"][0]
         return found
+
+
+def _place(plan: Plan) -> Address:
+    """Return the address of the first piece of a plan."""
+    return plan.exchanges[0][0].address
 
 
 # ---- arguments of a call ----------------------------------------------------------------------------------
