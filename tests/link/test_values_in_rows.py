@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 import framekit
-from framekit.api.check import check_file
 from framekit.cli.main import main
 from framekit.definition.load.protocol import load_protocol_text
 from framekit.definition.problems import DefinitionError
@@ -147,7 +146,11 @@ def test_a_word_that_means_two_things_is_a_problem(tmp_path: Path) -> None:
     assert not any("name of the address" in one for one in problems_of(text))
 
 
-def test_a_layout_is_not_named_as_a_frame(tmp_path: Path) -> None:
-    path = tmp_path / "m.yaml"
-    path.write_text(CASES.replace("who", "TOLD"))
-    assert any("a frame is called 'TOLD' too" in problem.what for problem in check_file(str(path)).problems)
+def test_a_value_is_no_frame_and_layout_at_once() -> None:
+    text = FRACTION.replace("SET:  {", "INNER: {from: server, body: [{field: level, type: u8}]}\n  SET:  {")
+    text = text.replace("type: i16, scale: 0.1}]", "type: i16}, {data: more, size: 1}]")
+    text = text.replace("{level: level}}", "{level: level, more: {INNER: {level: 1}}}}", 1)
+    named = text.replace("groups:", "layouts: {INNER: [{field: level, type: u8}]}\ngroups:")
+    told = "'INNER' is a frame and a layout, and a value by that name is the frame – give one of them another name"
+    assert [told in problem for problem in problems_of(named) if "INNER" in problem] == [True]
+    assert not any("is a frame and a layout" in problem for problem in problems_of(text))

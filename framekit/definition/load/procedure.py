@@ -79,6 +79,9 @@ class ValueLoader:
         if len(node.entries) == 1:
             entry = node.read_all()[0]
             if entry.key.text in self.frames.outlines and not isinstance(entry.value, Scalar):
+                if self._is_layout(entry.key.text):
+                    what = f"'{entry.key.text}' is a frame and a layout, and a value by that name is the frame"
+                    self.reader.note(entry.key.at, what, "give one of them another name")
                 return self._frame(entry)
             if self._is_layout(entry.key.text):
                 inside = entry.value.entries if isinstance(entry.value, Mapping) else ()

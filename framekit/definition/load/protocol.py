@@ -241,9 +241,6 @@ class ProtocolLoader:
                     wanted[node.text] = node.at
         found: dict[str, Layout] = {}
         own = {name: owned.entry.key.at for name, owned in self.space.section("layouts").items()}
-        for name in own.keys() & self.space.section("frames").keys():
-            what = f"a frame is called '{name}' too, and values by that name are those of the frame"
-            self.reader.note(own[name], what, "give one of them another name")
         for name, at in (own | wanted).items():  # what is wrong in one is told even if nothing includes it
             before = len(self.reader.problems)
             with self.reader.going_on():
