@@ -110,7 +110,7 @@ def test_a_browser_is_served(app: PageApp) -> None:
         assert there.receive_json() == {"may": True}
         there.send_json({"do": "disable 1", "id": 5})
         assert there.receive_json() == {"done": 5}
-        assert app.browsers == 1
+        assert app.browsers.total() == 1
     assert not app.browsers
 
 
