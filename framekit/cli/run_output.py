@@ -189,7 +189,7 @@ def _plain(channel: dict[str, Any]) -> dict[str, Any]:
 
 
 SOON = 20_000_000
-"""Longest delay (ns) of the output of an event; all events of that time are printed together."""
+"""Longest delay (ns) of the output of an event; all events until then are printed together."""
 
 
 class RunOutput:
@@ -219,7 +219,7 @@ class RunOutput:
         return self.at_work
 
     def watches(self, run: RunCalls) -> None:
-        """Print what is seen of this run, which has been made and not begun."""
+        """Print the frames of this run, which has been made and not begun."""
         self.at_work = run
         self._channels = {number: run.channel(number) for number in run.lines()}
         run.on_channel = self._is_other
@@ -275,7 +275,7 @@ class RunOutput:
         return found
 
     def described(self, block: Block) -> str:
-        """Return what a block does, with the points that it reads and, if its channel has several, the station."""
+        """Return the text of a block, with the points that it reads and, if its channel has several, the station."""
         from framekit.api.run import POINTS_SET
 
         text = f"{block.what} ({block.name})" if block.set == POINTS_SET else block.what

@@ -35,7 +35,7 @@ OWN = frozenset(
         "circle", "interrupted", "not_allowed", "late_replies",
     }
 )  # fmt: skip
-"""Failures that say nothing about the station."""
+"""Failures with another cause than the station."""
 
 
 MOST_DOUBLED = 16
@@ -44,7 +44,7 @@ MOST_DOUBLED = 16
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LaneRules:
-    """How a channel treats the line and its stations. `stations`: rules of single ones, None for never dead."""
+    """How a channel treats the line and its stations. `stations`: rules of single stations, None for never dead."""
 
     silence: Silence = field(default_factory=Silence)
     dead: DeadRule | None = None
@@ -104,7 +104,7 @@ class BlockLane:
         self.open = True
         self.held = False
         self.free_from = 0
-        """Nothing starts before this time (ns)."""
+        """Time before which no block starts (ns)."""
         self.failing: dict[Hashable, _Failing] = {}
         """Stations that do not answer."""
         self._probed = False
@@ -140,7 +140,7 @@ class BlockLane:
 
     @property
     def deadline(self) -> int:
-        """When `take` may have something; NEVER when nothing waits or something runs."""
+        """When `take` may have something; NEVER without a waiting block, or while a block runs."""
         if self.running or not self.open or self.held:
             return NEVER
         if self.waiting:
@@ -303,12 +303,12 @@ class BlockLane:
         return failing is not None and failing.is_dead
 
     def changes(self) -> list[tuple[Hashable, bool]]:
-        """What has `changed` since this was asked last."""
+        """Return the entries of `changed` since the last call."""
         found, self.changed = self.changed, []
         return found
 
     def opened(self, now: int) -> None:
-        """The port is open: nothing is sent before it has been silent, and every station gets a new chance."""
+        """The port is open: no block starts before the line has been silent, and every station gets a new chance."""
         self.open = True
         self.free_from = max(self.free_from, now + self.rules.silence.connect)
         self.forget_failures()

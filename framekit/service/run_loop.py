@@ -1,4 +1,4 @@
-"""When a run acts: at once for everything that has come due, by a timer for what is due later."""
+"""The moments at which a run acts: at once when blocks have come due, by a timer when they are due later."""
 
 from __future__ import annotations
 
@@ -43,14 +43,14 @@ class RunLoop:
                 self._ask_soon()
 
     def look(self) -> None:
-        """Set the timer, at the end of an event that is being handled: the next time may be another one."""
+        """Set the timer, at the end of an event that is being handled: the next time may have changed."""
         if self.inside or self._woken:
             self._moved = True
         else:
             self.set()
 
     def end(self) -> None:
-        """Do what an event has made due, now that it has been handled."""
+        """Act, if the event that has been handled made blocks due."""
         self.inside = False
         if self._woken:
             self._beat()
@@ -58,7 +58,7 @@ class RunLoop:
             self.set()
 
     def set(self) -> None:
-        """Set the timer: the next time may be another one."""
+        """Set the timer: the next time may have changed."""
         self._moved = False
         if self._running:
             self._alarm.set(self._next_time() or self._now())
@@ -66,7 +66,7 @@ class RunLoop:
             self._alarm.cancel()
 
     def _beat(self) -> None:
-        """Act; after an event that has acted already nothing is due."""
+        """Act; a call after an event that has acted already finds no block due."""
         self._woken = True  # the timer is set at the end, so it covers what comes due meanwhile
         try:
             if self._running:

@@ -47,7 +47,7 @@ class Connection(asyncio.BufferedProtocol):
         self.waits = False
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.Transport)
+        transport = cast(asyncio.Transport, transport)  # loops of other libraries have classes of their own
         with contextlib.suppress(OSError):
             connected: socket.socket = transport.get_extra_info("socket")
             connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
