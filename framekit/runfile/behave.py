@@ -1,7 +1,8 @@
-"""Reads how the memory of a simulated device behaves: `behave:`, by address, each of a kind of `run/behaviours.py`.
+"""Read `behave:`, the behaviour of memory addresses of a simulated device; `run/behaviours.py` has the kinds.
 
-The kind `replay` is here: it reads what a sink has kept, a table of `csv` in both forms, `jsonl`, or the database of
-`sqlite`. What `framekit history --csv` prints is such a table too. Values that were not good are left out.
+This module adds the kind `replay`. It reads values that a sink stored: a `csv` table in both forms, `jsonl`, or the
+database of `sqlite`. The output of `framekit history --csv` has this form too. Values that were not good are left
+out.
 """
 
 from __future__ import annotations
@@ -46,24 +47,24 @@ from framekit.runfile.points import PointsLoader
 from framekit.sinks.sqlite import HistoryError, read_history
 
 _OF_THE_PLACE = ("type", "order", "scale", "offset")
-"""Keys that say what stands at an address, as those of a point do."""
+"""Keys that describe the value at an address, with the same meaning as in a point."""
 _OPERATORS = (Number, Real, Name, Unary, Binary, Compare, Logic, Conditional)
 _FUNCTIONS = ("min", "max", "abs", "bit")
 
 
 class BehaveLoader:
-    """Reads the behaviours of a device whose memory has these addresses. Problems are noted."""
+    """Reads the behaviours of a device, given the address grammar of its memory. Problems are noted."""
 
     def __init__(self, reader: Reader, folder: Path, grammar: AddressGrammar) -> None:
         self.reader, self.folder, self.grammar = reader, folder, grammar
         self._points = PointsLoader(reader, folder, grammar, {}, ())
         self._at: dict[tuple[str, int], Point] = {}
-        """The place that each bit of memory belongs to, as area and number of the bit."""
+        """The place that owns each bit of memory, by area and number of the bit."""
         self._named: dict[str, Point] = {}
         self._names: dict[str, Point] = {}
 
     def load(self, node: YamlNode | None) -> tuple[Behaviour, ...]:
-        """The behaviours in the order in which they are worked out; what is broken is left out."""
+        """Return the behaviours in the order of their evaluation; invalid entries are left out."""
         places = []
         for entry in self.reader.entries(node):
             with self.reader.going_on():
@@ -77,7 +78,7 @@ class BehaveLoader:
     # ---- places -------------------------------------------------------------------------------------------
 
     def _place(self, entry: Entry) -> Point:
-        """Where it stands, and what it is there. Raises Broken."""
+        """Return the place of a behaviour and the form of its value; register its bits and its name. Raise Broken."""
         reader, keys = self.reader, self.reader.mapping(entry.value)
         point = self._points.own_point(entry.key, [one for one in keys.entries if one.key.text in _OF_THE_PLACE])
         if point.form.bounds is None:
@@ -106,13 +107,13 @@ class BehaveLoader:
         return True
 
     def check_start_values(self, node: YamlNode | None, found: Sequence[Behaviour]) -> None:
-        """Notes start values of the memory that are never seen: all of their places behave from the start on."""
+        """Note start values without effect: those whose place has the value of a behaviour from the start."""
         at_once = {id(one.place) for one in found if one.first is not None or not (one.after or one.goes_on)}
         for entry in self.reader.entries(node):
             try:
                 address = self.grammar.parse(entry.key.text)
             except AddressError:
-                continue  # that has been told
+                continue  # already reported
             end = address.first_bit + address.unit_bits * max(1, len(self.reader.items(entry.value)))
             if all(id(self._at.get((address.area, bit))) in at_once for bit in range(address.first_bit, end)):
                 what = f"'{entry.key.text}' has no effect: its value is that of behave: from the start on"
@@ -121,7 +122,7 @@ class BehaveLoader:
     # ---- formulas -----------------------------------------------------------------------------------------
 
     def formula(self, node: YamlNode) -> Expression:
-        """An expression over names and addresses, these bare or in quotes. Raises Broken after all was looked at."""
+        """Return an expression over names and addresses, bare or quoted. Check all parts before raising Broken."""
         expression, broken = self.reader.expression(node, of_places=True), False
         for part in walk(expression.root):
             with self.reader.going_on():
@@ -143,7 +144,7 @@ class BehaveLoader:
         return isinstance(part, _OPERATORS) and not (isinstance(part, Number) and part.is_time)
 
     def _read(self, part: Name) -> None:
-        """Notes what a name or an address of an expression reads. Raises Broken."""
+        """Register the place that a name or an address of an expression reads. Raise Broken."""
         text = part.name
         if text in self._named:
             self._names[text] = self._named[text]
@@ -163,7 +164,7 @@ class BehaveLoader:
         self._names[text] = there
 
     def _check_no_part_behaves(self, part: Name, there: Point) -> None:
-        """A piece of a longer number is not a number of its own. Raises Broken."""
+        """Raise Broken if a place covers only a part of a longer number that behaves."""
         area, first = there.place.address.area, there.place.address.first_bit
         for bit in range(first, first + there.bits):
             other = self._at.get((area, bit))
@@ -199,7 +200,9 @@ class BehaveLoader:
     # ---- order --------------------------------------------------------------------------------------------
 
     def _in_order(self, found: Sequence[Behaviour]) -> Iterator[Behaviour]:
-        """Each behind those that it needs; circles in which nothing goes on from what it was are noted."""
+        """Yield each behaviour after those it depends on; note circular dependencies without a value of the previous
+        step.
+        """
         plain = {id(one.place): one for one in found if one.formula is not None and not one.goes_on}
         yield from (one for one in found if id(one.place) not in plain)
         needs = {own: set(self._needed(one)) & plain.keys() for own, one in plain.items()}
@@ -224,7 +227,7 @@ class BehaveLoader:
             self.reader.note(first.formula.at, what, "give one of them lag:, or take it out of the expression")
 
     def _needed(self, behaviour: Behaviour) -> Iterator[int]:
-        """The places that behave where its expression looks."""
+        """Yield the keys of the places with a behaviour that an expression reads."""
         for point in behaviour.names.values():
             address = point.place.address
             for bit in range(address.first_bit, address.first_bit + point.bits):
@@ -233,13 +236,13 @@ class BehaveLoader:
 
 
 def _is_at(place: Point, address: Address) -> bool:
-    """Whether an address names this place: it begins there, and counts in its unit or is as long."""
+    """Return whether an address names this place: same first bit, and the same unit or the same length."""
     own = place.place.address
     return own.first_bit == address.first_bit and (own.unit == address.unit or place.bits == address.unit_bits)
 
 
 def _leading_to(circle: set[int], needs: dict[int, set[int]]) -> set[int]:
-    """A circle, and all that need something of it."""
+    """Extend a circle by all behaviours that depend on it, directly or indirectly, and return it."""
     size = 0
     while size < len(circle):
         size = len(circle)
@@ -252,17 +255,17 @@ def _at(keys: Mapping, key: str) -> Position:
     return keys.at if node is None else node.at
 
 
-# ---- replay: what a sink has kept stands in a simulated device again, in the same time ------------------------
+# ---- replay: values stored by a sink appear again in a simulated device, with their original timing ------------
 
 MOST_BYTES = 64_000_000
 MOST_VALUES = 1_000_000
-"""No larger file is read, and no more values of a point."""
+"""Limits of a replayed file: its size, and the number of values of the point."""
 MOST_NAMES = 1000
-"""So many names of points are kept for what is told."""
+"""Number of point names that are kept for error messages."""
 
 
 class RecordedError(ValueError):
-    """A file that holds no such values; the text says what to do."""
+    """Raised for a file without usable values; the message says what to do."""
 
 
 class _Value(NamedTuple):
@@ -271,23 +274,25 @@ class _Value(NamedTuple):
 
 
 class _Wanted:
-    """Which point of a file is read: the one that is named, else the first. It keeps some names, to tell them."""
+    """Selects the values of one point: the named point, else the first one in the file. Keeps names for error
+    messages.
+    """
 
     def __init__(self, point: str | None) -> None:
         self.point = point
         self.names: dict[str, None] = {}
 
     def __call__(self, name: str, value: Any) -> bool:
-        """Whether a value there is one of this point, and good."""
+        """Return whether a value belongs to the wanted point and is good."""
         if name == self.point or len(self.names) < MOST_NAMES:
             self.names[name] = None
         return name == (next(iter(self.names)) if self.point is None else self.point) and value not in ("", None)
 
 
 def recorded(path: Path, point: str | None) -> tuple[tuple[int, ...], tuple[float, ...]]:
-    """The numbers of a point, oldest first: when each came, in ns from the first one on, and what it was.
+    """Return the values of a point, oldest first: times in ns since the first value, and numbers.
 
-    `point` may be left out where the file has one point. Raises RecordedError.
+    `point` may be None if the file has only one point. Raise RecordedError.
     """
     wanted, found = _Wanted(point), list[_Value]()
     try:
@@ -323,7 +328,7 @@ def _number(row: _Value, path: Path) -> float:
 
 
 def _values(path: Path, wanted: _Wanted) -> Iterator[_Value]:
-    """The good values of one point in a file, by what the file begins with."""
+    """Yield the good values of one point; the first bytes of the file decide its format."""
     with path.open("rb") as file:
         begin = file.read(16)
     if begin.startswith(b"SQLite format 3"):
@@ -368,14 +373,14 @@ _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 def _time(text: str) -> int:
-    """Nanoseconds since 1970 (UTC). Raises ValueError, TypeError."""
+    """Return nanoseconds since 1970 (UTC). Raise ValueError or TypeError."""
     moment = datetime.fromisoformat(text)
     since = (moment if moment.tzinfo else moment.replace(tzinfo=UTC)) - _EPOCH
     return since // timedelta(microseconds=1) * 1000
 
 
 Samples = tuple[tuple[int, ...], tuple[float, ...]]
-"""Times from the first one on (ns), and the values."""
+"""Times since the first value (ns), and the values."""
 
 
 def _samples(reading: KeyReading) -> Samples:
@@ -392,7 +397,7 @@ def _samples(reading: KeyReading) -> Samples:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReplayedValues(Behaviour):
-    """Is what a point was, as a sink has kept it, in the same time."""
+    """Replays the values of a point that a sink stored, with their original timing."""
 
     word: ClassVar[str] = "replay"
     samples: Samples = keys(

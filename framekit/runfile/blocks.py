@@ -1,4 +1,4 @@
-"""Reads the blocks of a run: what all of them have, and blocks with commands and for jobs."""
+"""Read the blocks of a run: the keys common to all blocks, blocks with commands, and blocks for jobs."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ INSTRUCTIONS: tuple[Instruction, ...] = ("read", "write", "send", "receive", "ca
 
 
 class BlockLoader:
-    """Reads blocks; it knows the own memory's addresses and the run's channels."""
+    """Reads blocks, given the address grammar of the own memory and the channels of the run."""
 
     def __init__(
         self,
@@ -76,7 +76,7 @@ class BlockLoader:
     # ---- own memory ---------------------------------------------------------------------------------------
 
     def condition(self, node: Node) -> Expression:
-        """An address by itself, or an expression whose names are addresses. Raises Broken."""
+        """Return an address by itself, or an expression whose names are addresses. Raise Broken."""
         scalar = self.reader.scalar(node)
         text = scalar.text.strip()
         try:
@@ -91,7 +91,7 @@ class BlockLoader:
     # ---- blocks -------------------------------------------------------------------------------------------
 
     def block(self, number: int, set_number: int, entry: Entry) -> Block:
-        """Raises Broken when anything of it is wrong, after all of it has been looked at."""
+        """Return one block. Check all its keys before raising Broken for the invalid ones."""
         keys = self.reader.mapping(entry.value)
         if self._is_record(keys) or any(name in keys for name in COMMANDS):
             return self._command(number, set_number, keys, entry)
@@ -130,17 +130,19 @@ class BlockLoader:
         return Block(**common, **found)
 
     def _without_effect(self, keys: MappingNode, where: str) -> None:
-        """Keys that nothing has read: what such a block does not look at."""
+        """Note the keys that have not been read: they have no effect in this block."""
         if sum(name in keys for name in (*INSTRUCTIONS, "report", "abort", "inspect")) != 1:
-            return  # which one is meant the schema asks
+            return  # the schema reports this and asks for a single instruction
         self.reader.problems.extend(without_effect(entry, where) for _, entry in unread(keys))
 
     def _is_record(self, keys: MappingNode) -> bool:
-        """Whether a block is a command to jobs whose words stand in memory."""
+        """Return whether a block is a command to jobs whose words are in memory."""
         return "command" in keys and "channel" not in keys and "commands" not in keys and self.jobs.reads_records
 
     def _command(self, number: int, set_number: int, keys: MappingNode, entry: Entry) -> Block:
-        """A block that establishes, aborts or inspects a job; the cycle of one that establishes is the job's."""
+        """Return a block that starts, aborts or inspects a job; `every` of a block that starts a job is the period
+        of the job.
+        """
         instruction: Instruction = next((name for name in COMMANDS if name in keys), "command")
         self.attempts.spoilt = False
         started = without(keys, "every") if instruction == "job" else keys
@@ -161,7 +163,7 @@ class BlockLoader:
     def _common(
         self, number: int, set_number: int, instruction: str, keys: MappingNode, entry: Entry
     ) -> dict[str, Any]:
-        """What all blocks have."""
+        """Return the attributes that all blocks have."""
         reader = self.reader
         has_turn = instruction in INSTRUCTIONS and instruction != "receive" and not self._is_record(keys)
         joins = instruction == "read" and len(reader.items(keys.get("read"))) == 1
@@ -180,7 +182,9 @@ class BlockLoader:
         }
 
     def _starts(self, instruction: str, keys: MappingNode, entry: Entry) -> None:
-        """A RECEIVE block acts whenever its frame comes; every other one needs something that starts it."""
+        """Note triggers on a RECEIVE block, which acts on every frame that arrives; warn if any other block has no
+        trigger.
+        """
         given = [key for key in TRIGGERS if key in keys]
         if given == ["once"] and self.attempts.maybe(self.reader.flag, keys.get("once")) is False:
             given = []
@@ -199,7 +203,9 @@ class BlockLoader:
             self.reader.note(repeat.at, "a block that runs 0 times never runs", "give 1 or more, or enabled: no")
 
     def _channel(self, keys: MappingNode, entry: Entry) -> Channel:
-        """Raises Broken; what is wrong with the channel itself has been told there."""
+        """Return the channel of a block. Raise Broken; problems of the channel itself have been reported at the
+        channel.
+        """
         node = keys.get("channel")
         if node is None:
             if len(self.known) <= 1:
@@ -215,7 +221,7 @@ class BlockLoader:
         return self.channels[number]
 
     def _misspelt(self, channel: Channel) -> bool:
-        """Whether the channel has a key that is nearly `station`; that it is none has been told."""
+        """Return whether the channel has a misspelt `station` key, which has been reported."""
         keys = next((one.value for one in self.channel_nodes if one.key.text == str(channel.number)), None)
         return any(is_nearly("station", one.key.text) for one in getattr(keys, "entries", ()))
 
@@ -258,7 +264,7 @@ class CommandBlockLoader:
         self._found: dict[tuple[str, str], Protocol | None] = {}
 
     def read(self, keys: Mapping, channel: Channel) -> dict[str, Any]:
-        """What a block with `command:` has of its own. Raises Broken."""
+        """Return the attributes of a block with `command:`. Raise Broken."""
         node, fault = keys.get("command"), keys.get("fault")
         assert node is not None
         place = self._places.place(node, "word")
@@ -294,9 +300,9 @@ class CommandBlockLoader:
 
 
 def commands_for(protocol: Protocol, name: str | None, folder: Path, at: Position) -> Protocol:
-    """The application of commands of a channel: `name`, else the one its protocol names.
+    """Return the application of commands of a channel: `name`, or else the application that its protocol names.
 
-    Raises DefinitionError when there is none, or when it does not fit the protocol.
+    Raise DefinitionError if neither names an application, or if it does not fit the protocol.
     """
     wanted = name or protocol.commands_file
     if not wanted:
@@ -310,7 +316,7 @@ def commands_for(protocol: Protocol, name: str | None, folder: Path, at: Positio
 
 
 def mismatches(application: Protocol, protocol: Protocol, at: Position) -> Iterator[Problem]:
-    """Why an application of commands cannot work on a channel that speaks `protocol`."""
+    """Yield the reasons why an application of commands cannot work on a channel that uses `protocol`."""
     if application.commands is None:
         yield Problem(at, f"'{application.name}' has no command blocks", "name an application with commands:")
         return
@@ -367,7 +373,7 @@ class JobBlockLoader:
         self.section = section
 
     def command(self, keys: MappingNode, entry: Entry, number: int) -> JobCommand:
-        """The command of a block. Raises Broken when anything of it is wrong, after all of it has been looked at."""
+        """Return the command of a block. Check all its keys before raising Broken for the invalid ones."""
         if self.section == "wrong":
             raise Broken("what is wrong with the jobs of the run has been told")
         if self.section is None:
@@ -394,11 +400,11 @@ class JobBlockLoader:
 
     @property
     def reads_records(self) -> bool:
-        """Whether the jobs of the run take commands whose words stand in memory."""
+        """Return whether the jobs of the run accept commands whose words are in memory."""
         return isinstance(self.section, JobsSection) and self.section.commands is not None
 
     def record(self, keys: MappingNode, number: int) -> JobRecord:
-        """The command of a block whose words stand in memory. Raises Broken."""
+        """Return the command of a block whose words are in memory. Raise Broken."""
         section = self.section
         assert isinstance(section, JobsSection) and section.commands is not None
         node, fault = keys.get("command"), keys.get("fault")
@@ -471,7 +477,7 @@ class JobBlockLoader:
     def _unit(
         self, remote: str, unit: str | None, count: int, model: Channel | None, node: Node | None, kind: str
     ) -> str | None:
-        """The unit of what is moved, where the protocol that is spoken there is known."""
+        """Return the unit of the transferred elements, or None if the protocol of the host is not known."""
         if model is None or not remote or node is None:
             return None
         protocol = model.protocol
@@ -490,13 +496,13 @@ class JobBlockLoader:
         return unit or address.unit
 
     def _model(self, channel: int | None, section: JobsSection) -> Channel | None:
-        """The channel as the run says it, or what is opened for a host without one."""
+        """Return the channel of the run, or the template of channels that are opened for hosts without a channel."""
         if channel is not None:
             return self.channels[channel]
         return None if section.opening is None else section.opening.channel
 
     def _host(self, keys: MappingNode, entry: Entry, section: JobsSection) -> tuple[int | None, str]:
-        """The channel, if the run knows it now, and the host as it is written."""
+        """Return the number of the channel, if the run knows it at load time, and the host as written."""
         node, named = keys.get("host"), keys.get("channel")
         if node is not None and named is not None:
             self.reader.note(named.at, "the host says which channel it is", "leave channel out")

@@ -1,4 +1,4 @@
-"""Reads the channels of a run: port, line, protocol, role, parameters, wiring, silences, dead stations."""
+"""Read the channels of a run: port, line, protocol, role, parameters, wiring, silences, dead stations."""
 
 from __future__ import annotations
 
@@ -53,32 +53,32 @@ T = TypeVar("T")
 
 
 class Attempts:
-    """Tries to read parts of something; `spoilt` says that one of them was broken, which has been told."""
+    """Reads parts and continues after a broken part; `spoilt` is set if any part was broken (already reported)."""
 
     def __init__(self) -> None:
         self.spoilt = False
 
     @contextmanager
     def going_on(self) -> Iterator[None]:
-        """What is broken inside is left out; reading goes on behind."""
+        """Continue after the `with` block if its body raises Broken."""
         try:
             yield
         except Broken:
             self.spoilt = True
 
     def to(self, read: Callable[[], T]) -> T | None:
-        """What can be read; None for something broken."""
+        """Return the result of `read`, or None if it raises Broken."""
         with self.going_on():
             return read()
         return None
 
     def maybe(self, read: Callable[[Node], T], node: Node | None) -> T | None:
-        """What a node says; None where there is none, or where it is broken."""
+        """Return the value of a node, or None if the node is missing or broken."""
         return None if node is None else self.to(lambda: read(node))
 
 
 def read_clients(reader: Reader, node: Node) -> tuple[Network, ...]:
-    """Where clients may come from: one address or network, or a list. Raises Broken."""
+    """Return the addresses and networks from which clients may connect: a single entry or a list. Raise Broken."""
     found = []
     for item in reader.items(node):
         with reader.refusing(item.at):
@@ -87,7 +87,9 @@ def read_clients(reader: Reader, node: Node) -> tuple[Network, ...]:
 
 
 class ChannelLoader:
-    """Reads channels of the run in `folder`. `protocols`: those loaded so far, None for one that is wrong."""
+    """Reads the channels of the run in `folder`. `protocols` caches the loaded protocols; None marks an invalid
+    protocol.
+    """
 
     def __init__(self, reader: Reader, folder: Path, root: Mapping) -> None:
         self.reader = reader
@@ -97,7 +99,11 @@ class ChannelLoader:
         self.attempts = Attempts()
 
     def channel(self, entry: Entry, grammar: AddressGrammar, *, numbered: bool = True) -> Channel:
-        """Without `numbered` it has no number yet; `grammar`: of the own memory. Raises Broken for anything wrong."""
+        """Return a channel. Raise Broken if any key is invalid.
+
+        `numbered`: the key is the number of the channel; without it the channel has no number yet. `grammar`: the
+        addresses of the own memory.
+        """
         self.attempts.spoilt = False
         number = self.attempts.maybe(self.reader.number, entry.key) if numbered else None
         reader, keys = self.reader, self.reader.mapping(entry.value)
@@ -145,7 +151,9 @@ class ChannelLoader:
         return channel
 
     def _unused(self, keys: Mapping, channel: Channel, name: str) -> None:
-        """Keys of a channel that asks on one that only answers, and the reverse."""
+        """Note keys without effect: keys for requests on a channel that only answers, and `map` on a channel without
+        answers.
+        """
         role = None if channel.role is None else channel.protocol.roles[channel.role]
         for key in () if channel.asks else OF_ASKING:
             if (node := keys.get(key)) is not None:
@@ -156,7 +164,7 @@ class ChannelLoader:
             self.reader.note(node.at, f"'map' has no effect: channel {name} answers nothing", "remove it")
 
     def _with_number(self, port: str, node: Node, protocol: Protocol) -> str:
-        """The port with the protocol's own port number where it names none."""
+        """Return the port, completed by the port number of the protocol if it has none."""
         found = protocol.line.port_of(port)
         if WITHOUT_NUMBER.fullmatch(found):
             what = f"'{port}' names no port number, and '{protocol.name}' has none of its own"
@@ -165,7 +173,7 @@ class ChannelLoader:
         return found
 
     def _limits(self, node: Node) -> ConnectionLimits:
-        """Which clients a port that listens has, and what they may do. Raises Broken."""
+        """Return the limits for the clients of a listening port. Raise Broken."""
         reader = self.reader
         if not isinstance(node, Mapping):
             return ConnectionLimits(allowed=read_clients(reader, node))
@@ -193,7 +201,7 @@ class ChannelLoader:
         return port
 
     def _inside(self, name: str, node: Node) -> None:
-        """Raise Broken for the name of a file that leaves the folder of the run and its root."""
+        """Raise Broken if the file name leads out of the folder of the run and its root."""
         if leaves_folder(name, self.folder):
             raise self.reader.broken(node.at, f"'{name}' leaves the run's folder", INSIDE)
 
@@ -222,7 +230,7 @@ class ChannelLoader:
         return protocol
 
     def _role(self, keys: Mapping, entry: Entry, protocol: Protocol) -> str | None:
-        """The role given, or the usual one of a side that asks."""
+        """Return the role as given, or the usual role for requests."""
         node = keys.get("role")
         if not protocol.roles:
             if node is not None:
@@ -246,7 +254,7 @@ class ChannelLoader:
     # ---- line ---------------------------------------------------------------------------------------------
 
     def _line(self, keys: Mapping, protocol: Protocol) -> LineFormat | None:
-        """The speed and format of the channel; the protocol's own where the run says nothing. None for a stream."""
+        """Return speed and format of the channel, by default those of the protocol; None for a stream."""
         reader, line = self.reader, protocol.line
         speed_node, format_node = keys.get("speed"), keys.get("format")
         if line.kind == "stream":
@@ -271,13 +279,15 @@ class ChannelLoader:
 
 
 def beside(name: str, folder: Path) -> str | Path:
-    """The file of that name in a folder, where there is one; else the name."""
+    """Return the path of the YAML file with this name in a folder if it exists, else the name."""
     file = folder / name
     return file if file.suffix == ".yaml" and os.path.isfile(file) else name
 
 
 def needs_station(protocol: Protocol) -> bool:
-    """Whether exchanges of a protocol name the other side, and nothing says which it is by itself."""
+    """Return whether exchanges of a protocol use the station of the other side and the protocol has no default for
+    it.
+    """
     if protocol.station.type == "none" or protocol.station.default is not None:
         return False
     holders = [row.request for row in protocol.service_rows]
@@ -287,7 +297,7 @@ def needs_station(protocol: Protocol) -> bool:
 
 
 def needs_own(protocol: Protocol) -> bool:
-    """Whether requests of a protocol name the side that asks, and nothing says which it is by itself."""
+    """Return whether requests of a protocol use the own station number and the protocol has no default for it."""
     if protocol.station.type == "none" or protocol.station.default is not None:
         return False
     requests = [row.request for row in protocol.service_rows]
@@ -300,17 +310,17 @@ PARAMETERS = {
     "reply_timeout": "reply_timeout",
     "byte_timeout": "byte_timeout",
 }
-"""Keys that are short for a parameter of the protocol, where it has one of this name."""
+"""Keys that are short forms of a parameter, if the protocol has a parameter with this name."""
 
 OCCASIONS = ("between", "connect", "station")
 OF_ASKING = ("station", "stations", "merge", "answer")
-"""Keys that say something about what a channel asks for."""
+"""Keys that only matter for the requests of a channel."""
 
 _LINE_TIME = re.compile(r"\s*(\d+)(?:\.(\d+))?\s*(char|bit)s?\s*")
 
 
 def line_time(reader: Reader, node: Node, line: LineFormat | None) -> int:
-    """A time (ns), also in characters or bits of the line. Raises Broken."""
+    """Return a time in ns, given as a time or in characters or bits of the line. Raise Broken."""
     match = _LINE_TIME.fullmatch(reader.text(node))
     if match is None:
         return reader.time(node)
@@ -322,21 +332,21 @@ def line_time(reader: Reader, node: Node, line: LineFormat | None) -> int:
 
 
 class RulesLoader:
-    """Reads rules; what is wrong is noted, and left out."""
+    """Reads rules of channels and stations; invalid rules are noted and left out."""
 
     def __init__(self, reader: Reader, root: Mapping) -> None:
         self.reader = reader
         self.root = root
 
     def _node(self, keys: Mapping, name: str) -> Node | None:
-        """A key of the channel, else of the run."""
+        """Return a key of the channel, or else the same key of the run."""
         node = keys.get(name)
         return self.root.get(name) if node is None else node
 
     # ---- silences -----------------------------------------------------------------------------------------
 
     def silence(self, keys: Mapping, line: LineFormat | None) -> Silence:
-        """`silence: TIME` or times for several occasions; `pause: TIME` is the one between two exchanges."""
+        """Read `silence:` (a time, or times per occasion) and `pause:`, the silence between two exchanges."""
         pause, node = keys.get("pause"), self._node(keys, "silence")
         found = {"between": 0 if pause is None else self.time(pause, line)}
         if isinstance(node, Mapping):
@@ -348,7 +358,7 @@ class RulesLoader:
         return Silence(**found)
 
     def time(self, node: Node, line: LineFormat | None) -> int:
-        """A time, also in characters or bits of the line (ns); 0 for what is none."""
+        """Return a time in ns, given as a time or in characters or bits of the line; 0 if it is invalid."""
         return self.reader.tried(lambda given: line_time(self.reader, given, line), node) or 0
 
     def _number(self, node: Node | None, usual: int) -> int:
@@ -361,7 +371,7 @@ class RulesLoader:
         return self._dead(self._node(keys, "dead"))
 
     def _dead(self, node: Node | None) -> DeadRule | None:
-        """`dead: no` or `{failures, after, every}`; without it the usual rule."""
+        """Read `dead: no` or `dead: {failures, after, every}`; without the key return the default rule."""
         usual = DeadRule()
         if not isinstance(node, Mapping):
             return usual if node is None else None
@@ -378,7 +388,7 @@ class RulesLoader:
         return rule
 
     def stations(self, keys: Mapping, protocol: Protocol) -> dict[Any, StationRules]:
-        """`stations: {STATION: {params, retries, timeout, dead}}`."""
+        """Read `stations: {STATION: {params, retries, timeout, dead}}`."""
         found: dict[Any, StationRules] = {}
         for entry in self.reader.entries(keys.get("stations")):
             with self.reader.going_on():
@@ -392,7 +402,7 @@ class RulesLoader:
         return found
 
     def params(self, keys: Mapping, protocol: Protocol) -> dict[str, Any]:
-        """`params:` and the keys that are short for one of them, in their YAML form, each tried."""
+        """Return the values of `params:` and of its short keys in their YAML form, each checked."""
         found = read_params(self.reader, self.reader.entries(keys.get("params")), protocol)
         for key, name in PARAMETERS.items():
             node = keys.get(key)
@@ -421,7 +431,7 @@ class RulesLoader:
     # ---- joined reads -------------------------------------------------------------------------------------
 
     def merge(self, keys: Mapping) -> Merge | None:
-        """`merge: yes|no` or `{gap, max}`; off without it."""
+        """Read `merge: yes|no` or `merge: {gap, max}`; None (no joined reads) without the key."""
         node = self._node(keys, "merge")
         if node is None:
             return None
@@ -435,13 +445,13 @@ class RulesLoader:
 
 
 WIRES = ("type", "duplex", "direction", "echo", "handshake")
-"""Keys that make sense only where there are wires."""
+"""Keys that only make sense for ports with wires."""
 
 LONGEST_KEY = 1_000_000_000
 
 
 class LineLoader:
-    """Reads the settings of one channel. Problems go to the reader."""
+    """Reads the line settings of one channel. Problems go to the reader."""
 
     def __init__(self, reader: Reader, keys: Mapping, protocol: Protocol, port: str, line: LineFormat | None) -> None:
         self.reader = reader
@@ -451,7 +461,7 @@ class LineLoader:
         self.line = line
 
     def settings(self) -> LineSettings:
-        """The settings; a setting that is wrong is noted and left out."""
+        """Return the settings; an invalid setting is noted and left out."""
         reader, keys = self.reader, self.keys
         self._without_wires()
         kind = self._word("type", get_args(Interface))
@@ -472,7 +482,7 @@ class LineLoader:
     # ---- single keys --------------------------------------------------------------------------------------
 
     def _word(self, key: str, words: Collection[str]) -> str | None:
-        """One of these words; None for another, which the schema has told."""
+        """Return the word of a key if it is in `words`, else None; the schema has reported other words."""
         node = self.keys.get(key)
         text = None if node is None else self.reader.text(node)
         return text if text in words else None
@@ -484,7 +494,7 @@ class LineLoader:
         return time
 
     def _direction(self, node: Node) -> Direction | None:
-        """`none`, `rts`, `driver`, or `{by, level, before, after}`. Raises Broken."""
+        """Read `none`, `rts`, `driver`, or `{by, level, before, after}`. Raise Broken."""
         if not isinstance(node, Mapping):
             by = self.reader.text(node)
             return None if by == "none" else Direction(by=by)  # type: ignore[arg-type]  # the schema knows them
@@ -502,7 +512,7 @@ class LineLoader:
         return time
 
     def _modem(self, node: Node) -> Modem | None:
-        """`none`, or `{type, init, answer, within}`. Raises Broken."""
+        """Read `none`, or `{type, init, answer, within}`. Raise Broken."""
         if not isinstance(node, Mapping):
             return None
         usual = Modem()
@@ -519,7 +529,7 @@ class LineLoader:
         wait = usual.reply_within if within is None else self._time("within", within)
         return Modem(init=text, answer=None if dedicated else rings, reply_within=wait)
 
-    # ---- what cannot be together --------------------------------------------------------------------------
+    # ---- conflicts between settings -------------------------------------------------------------------------
 
     def _note(self, key: str, what: str, todo: str) -> None:
         node = self.keys.get(key)
@@ -554,7 +564,9 @@ class LineLoader:
             self._note("modem", "a simulated line has no modem", "leave it out")
 
     def _format(self, settings: LineSettings) -> None:
-        """The speeds and formats that interfaces have: Snet module guide, Table 14, and what is faster today."""
+        """Note speeds and formats that the interface does not have: Snet module guide, Table 14, and later, faster
+        speeds.
+        """
         line = self.line
         if settings.type is None or line is None:
             return
@@ -568,13 +580,15 @@ class LineLoader:
 
 
 def read_station(reader: Reader, node: Node, protocol: Protocol) -> Any:
-    """The number, text or bytes that names a station of a protocol. Raises Broken."""
+    """Return the number, text or bytes that identify a station of a protocol. Raise Broken."""
     with reader.refusing(node.at):
         return parse_station(reader.text(node), protocol)
 
 
 def line_of(protocol: Protocol, speed: int | None, format: str | None) -> LineFormat | None:
-    """A line's settings, the protocol's own where nothing is given; None on connections. Raises ValueError."""
+    """Return the speed and format of a line, by default those of the protocol; None for connections. Raise
+    ValueError.
+    """
     line = protocol.line
     if line.kind == "stream":
         if speed is not None or format is not None:
@@ -584,7 +598,9 @@ def line_of(protocol: Protocol, speed: int | None, format: str | None) -> LineFo
 
 
 def parse_station(text: str, protocol: Protocol) -> Any:
-    """Raises ValueError with a sentence for what is no station of this protocol."""
+    """Return the station that a text identifies. Raise ValueError with a full message if the protocol cannot have
+    it.
+    """
     station = protocol.station
     if station.type == "none":
         raise ValueError(f"'{protocol.name}' has no stations – leave the station out")
@@ -614,7 +630,7 @@ def parse_station(text: str, protocol: Protocol) -> Any:
 
 
 def _filled(text: str, station: StationType) -> bytes | None:
-    """The bytes of a station that is given as a text; None where the text can only be hex pairs."""
+    """Return the padded bytes of a station given as text, or None if the text can only be hex pairs."""
     if station.pad is None or station.size is None or len(text) > station.size or not text.isascii():
         return None
     return text.encode("ascii").ljust(station.size, bytes((station.pad,)))
@@ -623,7 +639,9 @@ def _filled(text: str, station: StationType) -> bytes | None:
 def read_mapping(
     reader: Reader, node: Node | None, protocol: Protocol, grammar: AddressGrammar
 ) -> dict[str, tuple[str, int]]:
-    """`map: {AREA: ADDRESS}`: where areas of a protocol begin in a memory; what is broken is noted and left out."""
+    """Read `map: {AREA: ADDRESS}`, the start of areas of a protocol in a memory; invalid entries are noted and left
+    out.
+    """
     found: dict[str, tuple[str, int]] = {}
     for entry in reader.entries(node):
         with reader.going_on():
@@ -644,7 +662,7 @@ def read_mapping(
 
 
 def read_params(reader: Reader, entries: Iterable[Entry], protocol: Protocol) -> dict[str, Any]:
-    """Parameters in their YAML form, each tried; those that do not fit are noted and left out."""
+    """Return parameters in their YAML form, each checked; invalid parameters are noted and left out."""
     found: dict[str, Any] = {}
     for entry in entries:
         with reader.going_on():
@@ -665,7 +683,7 @@ def read_params(reader: Reader, entries: Iterable[Entry], protocol: Protocol) ->
 
 
 def _items_fit(reader: Reader, node: Sequence, parameter: Parameter) -> bool:
-    """Whether every item is what the list holds; each that is not is noted at its place."""
+    """Return whether every item has the item type of the list; each invalid item is noted at its position."""
     fits = True
     for item in node.items:
         try:
@@ -677,5 +695,5 @@ def _items_fit(reader: Reader, node: Sequence, parameter: Parameter) -> bool:
 
 
 def raw_value(reader: Reader, node: Node) -> Any:
-    """Text, or a list of texts: a value in its YAML form."""
+    """Return a value in its YAML form: a text, or a list of texts."""
     return [reader.text(item) for item in node.items] if isinstance(node, Sequence) else reader.text(node)

@@ -1,4 +1,4 @@
-"""Reads fault plans: a file `NAME.faults.yaml`, or a plan written in place in a device or run file."""
+"""Read fault plans: a file `NAME.faults.yaml`, or a plan inside a device or run file."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ SETTINGS = {
     "stray": ("time", "bytes", "data"),
     "disconnect": ("time",),
 }
-"""What a kind of fault can be told besides how often it happens."""
+"""The settings of each kind of fault, apart from its frequency."""
 
 NEEDED = {"delay": "time", "jitter": "time", "noise": "rate", "stray": "time"}
 
 
 def load_fault_plan(name: str | Path, folder: Path | None = None, at: Position = NOWHERE) -> FaultPlan:
-    """The plan in a file (a Path, or a name with a suffix), or `NAME.faults.yaml` in `folder`.
+    """Return the plan in a file (a Path, or a name with a suffix), or `NAME.faults.yaml` in `folder`.
 
-    `at` is where the name was written. Raises DefinitionError with everything that is wrong.
+    `at` is the position of the name. Raise DefinitionError with all problems.
     """
     path = _find(name, folder or Path.cwd(), at)
     return load_file(
@@ -49,9 +49,9 @@ def load_fault_plan(name: str | Path, folder: Path | None = None, at: Position =
 def read_fault_plan(
     reader: Reader, node: Node | None, folder: Path, protocol: Protocol, *, line: bool = False
 ) -> FaultPlan | None:
-    """The plan that `faults:` of another file names or is; what is wrong is noted. None for none.
+    """Return the plan under `faults:` of another file, given by name or in place; None if missing. Problems are noted.
 
-    `line`: it is about a whole line, not about what one device sends.
+    `line`: the plan applies to a whole line, not only to the frames that one device sends.
     """
     if node is None:
         return None
@@ -109,7 +109,7 @@ class _PlanLoader:
         return FaultPlan(name=name, seed=seed, rules=tuple(rules), at=root.at)
 
     def rule(self, keys: Mapping) -> FaultRule:
-        """Raises Broken."""
+        """Return one rule. Raise Broken."""
         reader = self.reader
         kind = reader.text(keys.get("fault"))
         self._settings(kind, keys)
@@ -154,7 +154,7 @@ class _PlanLoader:
             raise reader.broken(keys.at, f"{kind} needs '{needed}'", f"add {needed}:")
 
     def _share(self, node: Node) -> float:
-        """`0.05`, `5 %`, `1/20`. Raises Broken."""
+        """Return a share written as `0.05`, `5 %` or `1/20`. Raise Broken."""
         text = self.reader.text(node).strip()
         try:
             if "/" in text:
@@ -188,9 +188,9 @@ class _PlanLoader:
 
 
 def mismatches(plan: FaultPlan, protocol: Protocol, *, line: bool) -> Iterator[Problem]:
-    """What of a plan cannot be done: a wrong check where there is none, an error reply that nothing defines.
+    """Yield rules that cannot be applied, such as a wrong check code in a protocol without check codes.
 
-    `line`: a whole line carries it out; a device alone sends no requests.
+    `line`: the plan applies to a whole line; without it, to a device, which sends no requests.
     """
     for rule in plan.rules:
         if rule.of == "requests" and not line:

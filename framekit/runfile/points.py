@@ -1,6 +1,6 @@
-"""Reads points: named, scaled values of a run, by name, from `NAME.points.yaml`, or from a table `NAME.csv`.
+"""Read points: named, scaled values of a run, from the run file, from `NAME.points.yaml` or from a table `NAME.csv`.
 
-A table has a point in each row and the keys of a point as its columns; what it says is held against the same schema.
+A table has one point per row; its columns are the keys of a point. The schema of points also checks the table.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from framekit.runfile.transfers import CallLoader, OwnPlaces, packing_of
 from framekit.runfile.vendor_tables import numbered_rows
 
 EVERY = 1_000_000_000
-"""How often a point is read that does not say (ns)."""
+"""Default read period of a point on a channel (ns)."""
 
 NOT_READ = "without a channel nothing is read"
 NO_BYTES = "a result has no order of bytes"
@@ -48,16 +48,16 @@ MOST_DECIMALS = 15
 SUFFIX = ".points.yaml"
 TYPES = (*UNIT_BITS, *VIEWS)
 _LISTS = {"enum": ";"}
-"""Columns of a table that hold several things, and what stands between these."""
+"""Columns of a table that hold several items, and the separator of the items."""
 
 
 def load_points(path: Path) -> tuple[Entry, ...]:
-    """The points of a file, as they are written. Raises DefinitionError with everything that is wrong."""
+    """Return the points of a file as written. Raise DefinitionError with all problems."""
     if path.suffix == ".csv":
         return _table(path)
 
     def read(reader: Reader, root: Mapping) -> tuple[Entry, ...]:
-        reader.text(root.get("points"))  # the name is for people
+        reader.text(root.get("points"))  # the name is only for people
         return reader.entries(root.get("values"))
 
     return load_file(path, "points", read)
@@ -67,7 +67,7 @@ def load_points(path: Path) -> tuple[Entry, ...]:
 
 
 def _table(path: Path) -> tuple[Entry, ...]:
-    """The rows of a table as points. Raises DefinitionError."""
+    """Return the rows of a table as points. Raise DefinitionError with all problems."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             rows = list(numbered_rows(csv.reader(file)))
@@ -95,7 +95,7 @@ def _table(path: Path) -> tuple[Entry, ...]:
 
 
 def _row(columns: Sequence[str], row: Sequence[str], file: str, line: int) -> Entry:
-    """One row; its cells stand where the columns of a text would, counted in cells."""
+    """Return one row as a point; positions of cells give the line of the file and the number of the cell."""
     at = Position(file, line, 1)
     name, keys = Scalar("", at), []
     for number, (column, cell) in enumerate(zip(columns, row, strict=False), 1):
@@ -112,7 +112,7 @@ def _row(columns: Sequence[str], row: Sequence[str], file: str, line: int) -> En
 
 
 def _words(text: str, between: str, at: Position) -> Mapping:
-    """`0=off;1=on` as NUMBER: word."""
+    """Return `0=off;1=on` as a mapping from number to word."""
     pairs = [part.partition("=") for part in text.split(between) if part.strip()]
     return Mapping(tuple(Entry(Scalar(key.strip(), at), Scalar(word.strip(), at)) for key, _, word in pairs), at)
 
@@ -130,20 +130,20 @@ def _doubles(entries: Sequence[Entry]) -> Iterator[Problem]:
 
 @dataclass(frozen=True, slots=True)
 class _Group:
-    """What points of one file have in common, where they do not say it themselves."""
+    """The keys and the name prefix that apply to all points of one file; keys of a point take precedence."""
 
     keys: Mapping | None = None
     prefix: str = ""
 
 
 class PointsLoader:
-    """Reads the points of a run; it knows the own memory's addresses and the run's channels."""
+    """Reads the points of a run, given the address grammar of the own memory and the channels of the run."""
 
     def __init__(
         self, reader: Reader, folder: Path, grammar: AddressGrammar, channels: MappingOf[int, Channel],
         blocks: Sequence[Block], unread: Collection[str] = (),
     ) -> None:  # fmt: skip
-        """`unread`: numbers, as written, of channels that could not be read; their problems have been reported."""
+        """Prepare the loader; `unread`: numbers, as written, of channels whose problems have been reported already."""
         self.unread = unread
         self.reader, self.folder, self.grammar, self.channels = reader, folder, grammar, channels
         self.attempts = Attempts()
@@ -159,11 +159,11 @@ class PointsLoader:
         ]
 
     def load(self, node: Node | None) -> tuple[tuple[Point, ...], list[Block], int]:
-        """The points, the blocks that read them, and how many words they take in memory. Problems are noted."""
+        """Return the points, the blocks that read them, and the memory they take in words. Problems are noted."""
         found: dict[str, Point | PointRead] = {}
         if node is not None and not self.reader.items(node):
             self.reader.note(node.at, "'points' is empty", "write at least one entry")
-        own: dict[int, Mapping] = {}  # what files have in common none of whose points is on a channel
+        own: dict[int, Mapping] = {}  # common keys of files without any point on a channel
         on_channel: set[int] = set()
         for entry, group in self._entries(node):
             if group.keys is not None:
@@ -188,7 +188,7 @@ class PointsLoader:
         return tuple(points[name] for name in found), blocks, words
 
     def _entries(self, node: Node | None) -> Iterator[tuple[Entry, _Group]]:
-        """Every point as it is written, with what it has in common with others."""
+        """Yield every point as written, with the common keys and the prefix of its file."""
         if isinstance(node, Mapping):
             yield from ((entry, _Group()) for entry in self.reader.entries(node))
             return
@@ -201,7 +201,7 @@ class PointsLoader:
                     yield from ((entry, _Group(keys, prefix)) for entry in self._file(file))
 
     def _file(self, node: Node) -> tuple[Entry, ...]:
-        """The points of a file beside the run. Raises Broken."""
+        """Return the points of a file in the folder of the run. Raise Broken."""
         name = self.reader.text(node)
         path = self.folder / name
         if not path.name.endswith((".csv", ".yaml")):
@@ -220,14 +220,14 @@ class PointsLoader:
     # ---- one point ----------------------------------------------------------------------------------------
 
     def own_point(self, address: Scalar, keys: Sequence[Entry]) -> Point:
-        """The value at an address of the own memory; `keys` say what stands there. Raises Broken."""
+        """Return the value at an address of the own memory; `keys` give its type, order and scaling. Raise Broken."""
         at = Entry(Scalar("address", address.at), address)
         point = self._point(address.text, Entry(address, Mapping((at, *keys), address.at)), _Group())
         assert isinstance(point, Point)
         return point
 
     def _point(self, name: str, entry: Entry, group: _Group) -> Point | PointRead:
-        """Raises Broken when anything of it is wrong, after all of it has been looked at."""
+        """Return one point. Check all its keys before raising Broken for the invalid ones."""
         reader, keys = self.reader, self.reader.mapping(entry.value)
         self.attempts.spoilt = False
         channel = self._channel(keys, group)
@@ -267,7 +267,7 @@ class PointsLoader:
         return point if channel is None else PointRead(point, address, every, call)
 
     def _typed(self, keys: Mapping) -> tuple[str | None, str | None, int | None]:
-        """Return `type`, `order` and `size` of a point. Raises Broken."""
+        """Return `type`, `order` and `size` of a point. Raise Broken."""
         reader = self.reader
         type_ = self.attempts.maybe(reader.text, keys.get("type"))
         order = self.attempts.maybe(reader.text, keys.get("order"))
@@ -286,7 +286,7 @@ class PointsLoader:
         return type_, order, size
 
     def _addressed(self, keys: Mapping, channel: Channel | None, entry: Entry) -> tuple[str, Address, Typed]:
-        """Return the address of a point as written and parsed, and the form of its value. Raises Broken."""
+        """Return the address of a point as written and parsed, and the form of its value. Raise Broken."""
         reader, address_node = self.reader, keys.get("address")
         if address_node is None:
             what = f"missing key 'address' in point '{entry.key.text}'"
@@ -312,7 +312,7 @@ class PointsLoader:
         return text, address, form
 
     def _call(self, keys: Mapping, channel: Channel | None, entry: Entry) -> tuple[PointCall, Typed]:
-        """Return the call that brings a point, and the form of its value. Raises Broken."""
+        """Return the call that reads a point, and the form of its value. Raise Broken."""
         reader, at = self.reader, self._at(keys, "call")
         if channel is None:
             raise reader.broken(at, "a service is called on a channel", "add channel: NUMBER")
@@ -337,7 +337,7 @@ class PointsLoader:
         return call, self._form_of_result(keys, shape, result, where)
 
     def _form_of_result(self, keys: Mapping, shape: Shape, result: Expression, at: Position) -> Typed:
-        """Return the form of a result in memory: `type`, else that of the shape. Raises Broken."""
+        """Return the form of a result in memory: by `type`, else by its shape. Raise Broken."""
         type_, _, size = self._typed(keys)
         if shape.kind in ("record", "list", "bytes"):
             named = f" such as {result}.{next(iter(shape.parts))}" if shape.parts else ""
@@ -369,7 +369,7 @@ class PointsLoader:
         return keys.at if node is None else node.at
 
     def _common(self, keys: Mapping, group: _Group, key: str) -> Node | None:
-        """A key of the point, else of its file's group."""
+        """Return a key of the point, or else the common key of its file."""
         node = keys.get(key)
         return node if node is not None or group.keys is None else group.keys.get(key)
 
@@ -407,7 +407,7 @@ class PointsLoader:
         return channel.station
 
     def _sources(self, place: Address, bits: int) -> tuple[int, ...]:
-        """The blocks that store where an own point stands."""
+        """Return the ids of the blocks that store into the place of an own point."""
         area, first, end = place.area, place.first_bit, place.first_bit + bits
         return tuple(
             block
@@ -416,7 +416,7 @@ class PointsLoader:
         )
 
     def _period(self, sources: tuple[int, ...]) -> int:
-        """The longest cycle of the blocks that bring an own point; so long that it is never over where one has none."""
+        """Return the longest cycle of the blocks that store an own point, or NEVER if one of them has no cycle."""
         periods = [self._cycles.get(block) for block in sources]
         known = [period for period in periods if period is not None]
         return max(known) if known and len(known) == len(periods) else NEVER
@@ -424,7 +424,7 @@ class PointsLoader:
     # ---- its value ----------------------------------------------------------------------------------------
 
     def _exact(self, node: Node | None) -> Decimal:
-        """A number with a point. Raises Broken, what is none has been told by the schema."""
+        """Return a decimal number. Raise Broken for other text, which the schema has reported."""
         try:
             found = Decimal(self.reader.text(node).strip())
         except InvalidOperation:
@@ -452,7 +452,7 @@ class PointsLoader:
         return Scaling(Decimal(1) if factor is None else factor, Decimal(0) if offset is None else offset)
 
     def _number_of(self, keys: Mapping, key: str, numeric: bool, read: Any) -> Any:
-        """A key that makes sense for numbers only."""
+        """Read a key that only numbers may have; raise Broken if a string has it."""
         node = keys.get(key)
         if node is not None and not numeric:
             raise self.reader.broken(node.at, f"a string has no {key}", "leave it out")
@@ -495,7 +495,7 @@ class PointsLoader:
         return limits
 
     def _effects(self, keys: Mapping, channel: Channel | None, point: Point, every: int) -> None:
-        """Keys that mean nothing here."""
+        """Note keys without effect and values out of range."""
         reader = self.reader
         useless = []
         if channel is None:

@@ -1,7 +1,7 @@
-"""Reads run files. Every problem of a run, of its protocols and of its memory comes at once.
+"""Read run files. All problems of a run, of its protocols and of its memory are reported at once.
 
-After the sections are read, blocks are held against each other: places in which several store, and blocks that wait
-for each other's ends.
+After all sections, blocks are checked against each other: places that several blocks store into, and blocks that wait
+for each other to end.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ from framekit.runfile.transfers import OwnPlaces
 
 
 def load_run(path: Path, text: str | None = None) -> RunModel:
-    """The run in a file; `text` counts instead of its content. Raises DefinitionError with everything that is wrong."""
+    """Return the run in a file; `text` replaces its content. Raise DefinitionError with all problems."""
     reading = read_run(path, text)
     if reading.run is None:
         raise DefinitionError(reading.problems)
@@ -60,7 +60,7 @@ def load_run(path: Path, text: str | None = None) -> RunModel:
 
 
 class RunReading(NamedTuple):
-    """What a file says: the run, if nothing is wrong; the channels that are all right; and every problem."""
+    """The result of reading a file: the run, or None if it has errors; the valid channels; and all problems."""
 
     run: RunModel | None
     channels: tuple[Channel, ...]
@@ -68,7 +68,7 @@ class RunReading(NamedTuple):
 
 
 def read_run(path: Path, text: str | None = None) -> RunReading:
-    """As much of the run in a file as can be read; `text` counts instead of its content."""
+    """Read as much as possible of the run in a file; `text` replaces its content."""
     reader = Reader()
     documents = Documents(reader, None if text is None else {path.resolve(): text})
     run, loader = None, None
@@ -92,7 +92,7 @@ class RunLoader:
         self.read_channels: tuple[Channel, ...] = ()
 
     def load(self) -> RunModel:
-        """The run. Raises Broken when its memory is none; everything else is read before that."""
+        """Return the run. Read everything else before raising Broken for an invalid memory."""
         profile = self._profile()
         if profile is not None:
             self.reader.problems.extend([*check_items(profile.flags.values()), *check_profile(profile)])
@@ -150,7 +150,7 @@ class RunLoader:
     def _look_at(
         self, blocks: Sequence[Block], channels: MappingOf[int, Channel], profile: MemoryProfile, status: bool
     ) -> None:
-        """What is strange about blocks beside each other, where everything else is all right."""
+        """Warn about conflicts between blocks, if no errors have been found so far."""
         if any(not problem.warning for problem in self.reader.problems):
             return
         self.reader.problems.extend(never_started(blocks))
@@ -171,7 +171,7 @@ class RunLoader:
     # ---- memory -------------------------------------------------------------------------------------------
 
     def _profile(self) -> MemoryProfile | None:
-        """The own memory; None when it is none, which is noted."""
+        """Return the own memory, or None if it is invalid, which is noted."""
         node = self.root.get("memory")
         if node is None and "points" in self.root and "blocks" not in self.root and "sets" not in self.root:
             return WITHOUT_MEMORY
@@ -191,7 +191,7 @@ class RunLoader:
             return None
 
     def _jobs(self, grammar: AddressGrammar) -> JobsSection | Literal["wrong"] | None:
-        """The jobs section; when it is wrong, what blocks say of jobs means nothing."""
+        """Return the jobs section; "wrong" if it is invalid, so that blocks report no consequential errors."""
         node = self.root.get("jobs")
         with self.reader.going_on():
             return None if node is None else read_jobs(self.reader, node, self.path.parent, grammar, self.channels)
@@ -200,7 +200,7 @@ class RunLoader:
     # ---- blocks -------------------------------------------------------------------------------------------
 
     def _blocks(self, loader: BlockLoader) -> tuple[Block, ...]:
-        """The blocks of all sets; `blocks` of the run itself are those of set 1."""
+        """Return the blocks of all sets; the key `blocks` of the run is set 1."""
         found = self._set(loader, 1, self.root.get("blocks"))
         for entry in self.reader.entries(self.root.get("sets")):
             with self.reader.going_on():
@@ -212,7 +212,7 @@ class RunLoader:
         return tuple(found)
 
     def _set(self, loader: BlockLoader, set_number: int, node: Node | None) -> list[Block]:
-        """The blocks of one parameter set."""
+        """Return the blocks of one parameter set."""
         found = []
         numbers: set[int] = set()
         for entry in self.reader.entries(node):
@@ -230,7 +230,7 @@ class RunLoader:
         return found
 
     def _sets(self) -> dict[int, bool]:
-        """Which parameter sets there are, and whether they are enabled from the start."""
+        """Return the parameter sets by number, each with whether it is enabled at the start."""
         found = {1: True} if self.root.get("blocks") is not None or self.root.get("sets") is None else {}
         for entry in self.reader.entries(self.root.get("sets")):
             keys = entry.value if isinstance(entry.value, Mapping) else None
@@ -247,11 +247,14 @@ WITHOUT_MEMORY = MemoryProfile(
 EVERY, SHORTEST = 1_000_000_000, 100_000_000
 
 
-# ---- where a run keeps its state ---------------------------------------------------------------------------
+# ---- state file of a run -----------------------------------------------------------------------------------
 
 
 def read_state(reader: Reader, node: Node, profile: MemoryProfile | None) -> KeptState:
-    """Raises Broken when it names no file, or a time that is none; other problems are noted. No profile, no areas."""
+    """Return where and how often the run saves its state. Raise Broken if the file or a time is invalid; note the rest.
+
+    Without a memory profile no areas are saved.
+    """
     keys = node if isinstance(node, Mapping) else None
     file = reader.text(node if keys is None else keys.get("file"))
     areas = () if profile is None else _areas(reader, None if keys is None else keys.get("keep"), profile)
@@ -260,7 +263,7 @@ def read_state(reader: Reader, node: Node, profile: MemoryProfile | None) -> Kep
 
 
 def _areas(reader: Reader, node: Node | None, profile: MemoryProfile) -> tuple[str, ...]:
-    """The areas that are kept."""
+    """Return the names of the saved areas."""
     if node is None:
         return retained(profile)
     areas = []
@@ -271,7 +274,7 @@ def _areas(reader: Reader, node: Node | None, profile: MemoryProfile) -> tuple[s
 
 
 def retained(profile: MemoryProfile) -> tuple[str, ...]:
-    """The areas that a profile calls retained; if it calls none so, all that others may write."""
+    """Return the areas that a profile marks as retained; if it marks no area, all areas with write access."""
     named = tuple(area.name for area in profile.areas.values() if area.retained)
     return named or tuple(area.name for area in profile.areas.values() if area.access == "rw")
 
@@ -301,7 +304,7 @@ _AFTER = {one.value: one for one in AfterLate}
 def read_jobs(
     reader: Reader, node: Node, folder: Path, grammar: AddressGrammar, channels: ChannelLoader
 ) -> JobsSection:
-    """The jobs section; `grammar` reads addresses of the own memory. Raises Broken."""
+    """Return the jobs section; `grammar` parses addresses of the own memory. Raise Broken."""
     keys = reader.mapping(node)
     named = keys.get("profile")
     if named is None:
@@ -336,7 +339,7 @@ def read_jobs(
 def read_opening(
     reader: Reader, keys: MappingNode, profile: JobProfile, channels: ChannelLoader, grammar: AddressGrammar
 ) -> Opening | None:
-    """The channel that is opened for hosts without one; None where the run allows none, and for a broken one."""
+    """Return the template of channels for hosts without a channel; None if the run allows none, or if it is invalid."""
     entry = next((entry for entry in keys.entries if entry.key.text == "open"), None)
     most = keys.get("connections")
     if entry is None or keys.get("open") is None:
@@ -362,7 +365,7 @@ def read_opening(
 
 
 def read_commands(reader: Reader, node: Node, folder: Path) -> Protocol:
-    """The application that reads the words of commands to jobs. Raises Broken."""
+    """Return the application that decodes the words of commands to jobs. Raise Broken."""
     name = reader.text(node)
     try:
         application = load_protocol(name, folder)
@@ -374,12 +377,12 @@ def read_commands(reader: Reader, node: Node, folder: Path) -> Protocol:
     return application
 
 
-# ---- places in which several blocks store ------------------------------------------------------------------
+# ---- places that several blocks store into -------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
 class _Stored:
-    """`bits` bits from a place on, which a block stores."""
+    """A span of `bits` bits from a place on, into which a block stores."""
 
     block: Block
     place: OwnPlace
@@ -398,9 +401,10 @@ class _Stored:
 def overlaps(
     blocks: Sequence[Block], channels: MappingOf[int, Channel], sections: Sequence[BlockWords] = ()
 ) -> Iterator[Problem]:
-    """A warning for each two blocks that store in one place, and for each that stores where state is shown.
+    """Yield a warning for each pair of blocks that store into the same place, or for a block that overwrites status
+    words.
 
-    `sections`: the words of blocks in the memory, if the run shows them.
+    `sections`: the status words of blocks in the memory, if the run shows them.
     """
     stored: dict[str, list[_Stored]] = {}
     for block in blocks:
@@ -416,7 +420,7 @@ def overlaps(
 
 
 def _pairs(found: list[_Stored]) -> Iterator[Problem]:
-    """Each two blocks once; `found` is in the order of places."""
+    """Yield a warning for each overlapping pair of blocks, once; `found` is sorted by address."""
     told: set[frozenset[int]] = set()
     for at, one in enumerate(found):
         for other in found[at + 1 :]:
@@ -432,7 +436,7 @@ def _pairs(found: list[_Stored]) -> Iterator[Problem]:
 
 
 def _spoils(one: _Stored, other: _Stored) -> bool:
-    """Whether two blocks that store in one place are in each other's way, and do not just take turns."""
+    """Return whether two blocks disturb each other: different spans, or the same span and both run in cycles."""
     if (one.first, one.bits) != (other.first, other.bits):
         return True
     return all(any(trigger.is_cycle for trigger in stored.block.triggers) for stored in (one, other))
@@ -448,7 +452,7 @@ def _over_words(found: list[_Stored], shown: list[tuple[int, int, Block]]) -> It
 
 
 def _shown(blocks: Sequence[Block], sections: Sequence[BlockWords]) -> dict[str, list[tuple[int, int, Block]]]:
-    """Where the state of the blocks is shown: area → first bit, end, block."""
+    """Return the spans of the status words of blocks: area → first bit, end, block."""
     found: dict[str, list[tuple[int, int, Block]]] = {}
     for block in blocks:
         for section, word in words_of(status_sections(sections), (block.set, block.number)):
@@ -456,13 +460,13 @@ def _shown(blocks: Sequence[Block], sections: Sequence[BlockWords]) -> dict[str,
     return found
 
 
-# ---- blocks that wait for each other's ends ----------------------------------------------------------------
+# ---- blocks that wait for each other to end ------------------------------------------------------------------
 
 
 def never_started(blocks: Sequence[Block]) -> Iterator[Problem]:
-    """A warning for each block that only starts behind blocks which wait for it, or for each other.
+    """Yield a warning for each block that only starts after blocks that wait for it or for each other.
 
-    A block without triggers may be fired by hand, so what starts behind it may start; a receiving block acts by itself.
+    A block without triggers can be started by hand, so its followers can start too. A receiving block acts by itself.
     """
     waiting = {
         block.id: block
@@ -482,7 +486,7 @@ def never_started(blocks: Sequence[Block]) -> Iterator[Problem]:
 
 
 def _before(block: Block) -> Iterator[int]:
-    """The blocks, by their ids, behind which a block starts."""
+    """Yield the ids of the blocks after which a block starts."""
     for trigger in block.triggers:
         if trigger.follows is not None:
             yield block.id - block.number + trigger.follows[0]
@@ -498,13 +502,13 @@ WRITES = {
     "command": "carries out commands, which may write",
     "job": "begins a job, which may write",
 }
-"""What blocks do that a run which only reads does not have, by their instruction."""
+"""The effect of each instruction that a read-only run must not contain."""
 
 
 def only_reading(run: RunModel) -> RunModel:
-    """The same run, with channels whose clients may write nothing, and points that none writes.
+    """Return the same run in read-only form: clients of its channels cannot write, and its points are not writable.
 
-    Raises DefinitionError where it could write.
+    Raise DefinitionError if a block or a point could write.
     """
     problems = list(_writing(run))
     if problems:

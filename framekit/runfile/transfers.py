@@ -1,6 +1,6 @@
-"""Reads what blocks transfer: READ, WRITE, SEND, RECEIVE and CALL blocks, and the places that they name.
+"""Read the transfers of blocks: READ, WRITE, SEND, RECEIVE and CALL blocks, and the memory places they use.
 
-What is broken in a block keeps nothing else of it from being read (`Attempts`), so that all is told at once.
+Reading a block continues after a broken key (`Attempts`), so that all problems are reported at once.
 """
 
 from __future__ import annotations
@@ -56,14 +56,14 @@ T = TypeVar("T")
 
 
 class OwnPlaces:
-    """Reads places of the own memory, whose addresses `grammar` knows."""
+    """Reads places of the own memory, given its address grammar."""
 
     def __init__(self, reader: Reader, grammar: AddressGrammar) -> None:
         self.reader = reader
         self.grammar = grammar
 
     def place(self, node: Node, unit: str | None = None, bits: int = 1) -> OwnPlace:
-        """A place with room for so many bits from there on. Raises Broken."""
+        """Return a place with room for `bits` bits from its address on. Raise Broken."""
         text = self.reader.text(node)
         with self.reader.refusing(node.at):
             address = self.grammar.parse(text, unit)
@@ -71,7 +71,7 @@ class OwnPlaces:
         return OwnPlace(address=address, text=text)
 
     def written(self, node: Node, unit: str | None = None, bits: int = 1) -> OwnPlace:
-        """A place that the run is to write; an area that can only be read is noted. Raises Broken."""
+        """Return a place that the run writes; a read-only area is noted. Raise Broken."""
         place = self.place(node, unit, bits)
         area = self.grammar.areas.get(place.address.area)
         if area is not None and area.access == "read":
@@ -81,7 +81,7 @@ class OwnPlaces:
         return place
 
     def room(self, node: Node, address: Address, bits: int) -> None:
-        """Notes that so many bits from an address on are not all in its area."""
+        """Note if `bits` bits from an address on do not fit into its area."""
         try:
             self.grammar.check(address, -(-bits // address.unit_bits))
         except AddressError as error:
@@ -89,7 +89,7 @@ class OwnPlaces:
 
 
 class TransferLoader:
-    """Reads what such a block has of its own."""
+    """Reads the keys of READ and WRITE blocks."""
 
     def __init__(self, reader: Reader, attempts: Attempts, places: OwnPlaces) -> None:
         self.reader = reader
@@ -97,7 +97,7 @@ class TransferLoader:
         self.places = places
 
     def read(self, instruction: str, keys: Mapping, channel: Channel) -> dict[str, Any]:
-        """Addresses of the other side, and the own places beside them. Raises Broken."""
+        """Return the addresses of the other side with the own places or constants. Raise Broken."""
         reader = self.reader
         unit = self.attempts.maybe(reader.text, keys.get("type"))
         if unit is not None and not is_unit(unit):
@@ -137,7 +137,7 @@ class TransferLoader:
         }
 
     def _fitting(self, nodes: Sequence[Node], values: Sequence[int], units: list[str]) -> None:
-        """Constants that the elements they are for can hold."""
+        """Note constants that do not fit into the elements they are for."""
         for at, (node, value) in enumerate(zip(nodes, values, strict=False)):
             try:
                 memory_of([value], units[min(at, len(units) - 1)])
@@ -145,7 +145,7 @@ class TransferLoader:
                 self.reader.note(node.at, str(error), "correct it, or give another type")
 
     def _same_type(self, node: Node | None, places: tuple[OwnPlace, ...], others: list[Address | None]) -> None:
-        """Elements are moved as they are: both sides mean the same by them, where both say what they hold."""
+        """Note places of different types: elements are copied unchanged, so types given on both sides must agree."""
         for item, place, other in zip(self.reader.items(node), places, others, strict=False):
             own = place.address.type
             if own is not None and other is not None and other.type is not None and other.type != own:
@@ -155,7 +155,7 @@ class TransferLoader:
                 )
 
     def _room(self, node: Node | None, places: tuple[OwnPlace, ...], units: list[str], count: int) -> None:
-        """Own places with room for everything that is moved."""
+        """Note own places without room for all transferred elements."""
         for item, place, unit in zip(self.reader.items(node), places, units, strict=False):
             self.places.room(item, place.address, unit_bits(unit) * (count if len(units) == 1 else 1))
 
@@ -166,14 +166,14 @@ class TransferLoader:
         return max(1, count or 1)
 
     def _numbers(self, nodes: Sequence[Node], types: list[Address | None], wanted: int) -> tuple[int, ...]:
-        """What the elements get: one number stands for all of them. Raises Broken."""
+        """Return the numbers to write; a single number applies to all elements. Raise Broken."""
         given = list(nodes) * wanted if len(nodes) == 1 else nodes
         return tuple(number_for(self.reader, node, types[min(at, len(types) - 1)]) for at, node in enumerate(given))
 
     def _own_side(
         self, instruction: str, keys: Mapping, types: list[Address | None], targets: int, count: int
     ) -> tuple[tuple[OwnPlace, ...], tuple[int, ...] | None]:
-        """The own places, one for each address, or the constants to write."""
+        """Return the own places, one for each address, or the constants to write."""
         reader = self.reader
         word, other, does = ("into", "from", "go") if instruction == "read" else ("from", "into", "come from")
         wrong = keys.get(other)
@@ -213,7 +213,7 @@ class TransferLoader:
 
 
 class FrameBlockLoader:
-    """Reads keys of blocks of single frames. Where something is broken nothing is said to be missing."""
+    """Reads SEND and RECEIVE blocks. Missing fields are only reported if no key of the block is broken."""
 
     def __init__(self, reader: Reader, places: OwnPlaces) -> None:
         self.reader = reader
@@ -222,7 +222,7 @@ class FrameBlockLoader:
         self.attempts = Attempts()
 
     def read(self, instruction: str, keys: MappingNode, channel: Channel, number: int) -> dict[str, Any]:
-        """`frame`, `data`, `values`, `sizes` of a block. Raises Broken for a frame there is not."""
+        """Return frame, data, values and sizes of a block. Raise Broken if the protocol does not have the frame."""
         reader, protocol = self.reader, channel.protocol
         node = keys.get(instruction)
         name = reader.text(node)
@@ -255,7 +255,7 @@ class FrameBlockLoader:
         return {"frame": name, "data": data, "values": values, "sizes": sizes, "sized_by": sized_by}
 
     def _own_memory(self, fields: MappingOf[str, FramePart]) -> Iterator[tuple[str, OwnPlace]]:
-        """Places that the definition of a frame names itself."""
+        """Yield the places that the definition of a frame assigns to its fields."""
         for name, part in fields.items():
             memory = getattr(part, "memory", None)
             if memory:
@@ -263,7 +263,7 @@ class FrameBlockLoader:
                     yield name, self.places.place(Scalar(memory, part.at, False))
 
     def _fits(self, part: FramePart, place: OwnPlace, instruction: str, node: Node) -> None:
-        """A place that can hold the values of a field."""
+        """Note a place that cannot hold the values of a field; warn if it cannot hold all of them."""
         wrong = mismatch(part, place)
         if wrong is not None:
             self.reader.note(node.at, *wrong)
@@ -275,7 +275,7 @@ class FrameBlockLoader:
         self, node: Node | None, data: MappingOf[str, OwnPlace], sizes: MappingOf[str, int],
         fields: MappingOf[str, FramePart],
     ) -> None:  # fmt: skip
-        """Own places with room for all bytes that the block says its fields have, or that they always have."""
+        """Note own places without room for the bytes of a field, whose size the block gives or the definition fixes."""
         for entry in self.reader.entries(node):
             name = entry.key.text
             if name not in data or not takes_bytes(fields[name]):
@@ -285,7 +285,11 @@ class FrameBlockLoader:
                 self.places.room(entry.value, data[name].address, 8 * size)
 
     def _direction(self, instruction: str, frame: Frame, node: Node, channel: Channel) -> None:
-        """A run is the client where a protocol knows no roles; a role that only asks hears others, and sends as one."""
+        """Note a frame that belongs to the opposite direction.
+
+        Without roles the run is the client. A role that only makes requests receives the frames of others and sends as
+        client.
+        """
         own = None if channel.role is None else channel.protocol.roles[channel.role]
         if own is not None and (instruction != "send" or own.listens or not own.exchanges):
             return
@@ -295,7 +299,7 @@ class FrameBlockLoader:
             self.reader.note(node.at, what, f"use {other}:, or another frame")
 
     def _once(self, instruction: str, frame: Frame, node: Node, key: tuple[int, str], number: int) -> None:
-        """A frame is received by one block of a channel, and never when it stands inside others."""
+        """Note a frame that a second block of the channel receives, or that only occurs inside other frames."""
         if frame.inner:
             self.reader.note(node.at, f"'{frame.name}' stands inside other frames", "name a frame that carries it")
         if instruction == "receive":
@@ -343,7 +347,7 @@ class FrameBlockLoader:
     def _sized_by(
         self, node: Node | None, sizes: MappingOf[str, int], fields: MappingOf[str, FramePart], protocol: Protocol
     ) -> dict[str, str]:
-        """Fields whose size the block says, as `sizes`, and the frame takes from a parameter, with that."""
+        """Return the fields whose size is both given in the block and taken from a parameter, with that parameter."""
         found = {}
         for entry in self.reader.entries(node):
             size = getattr(fields.get(entry.key.text), "size", None)
@@ -355,7 +359,7 @@ class FrameBlockLoader:
         return found
 
     def _missing(self, frame: Frame, given: set[str], unsized: set[str], keys: MappingNode) -> None:
-        """Fields that nothing gives a value, and data whose size is not said."""
+        """Note fields without a value, and data without a size."""
         fields = dict(parts_of(frame.segments))
         data = [one for one in frame.segments if isinstance(one, Data) and one.when is None]
         for name in dict.fromkeys([*names_needed(frame.segments), *(one.name for one in data)]):
@@ -371,7 +375,7 @@ class FrameBlockLoader:
 
 
 def _holds_others(name: str, frame: Frame) -> tuple[str, str]:
-    """What is wrong with a value of a list, a record or a frame inside, and what to do."""
+    """Return problem and remedy for a value given to a list, a record or an inner frame."""
     return f"a block cannot give '{name}' of '{frame.name}', which holds values itself", "send it from a program"
 
 
@@ -380,7 +384,7 @@ _ELEMENTS = ("number", "decimal", "flag", "time")
 
 
 class CallLoader:
-    """Reads what such a block has of its own."""
+    """Reads the keys of CALL blocks."""
 
     def __init__(self, reader: Reader, attempts: Attempts, places: OwnPlaces) -> None:
         self.reader = reader
@@ -388,7 +392,7 @@ class CallLoader:
         self.places = places
 
     def service(self, keys: Mapping, channel: Channel) -> tuple[str, tuple[ServiceRow, ...]]:
-        """Return the name of the called service and its rows. Raises Broken."""
+        """Return the name of the called service and its rows. Raise Broken."""
         reader, protocol = self.reader, channel.protocol
         node = keys.get("call")
         name = reader.text(node)
@@ -414,7 +418,7 @@ class CallLoader:
         return found
 
     def read(self, keys: Mapping, channel: Channel) -> dict[str, Any]:
-        """Return the attributes of a block that calls a service: arguments and results. Raises Broken."""
+        """Return the attributes of a block that calls a service: arguments and results. Raise Broken."""
         reader, protocol = self.reader, channel.protocol
         name, rows = self.service(keys, channel)
         node = keys.get("call")
@@ -449,7 +453,7 @@ class CallLoader:
         }
 
     def _named(self, node: Node | None, service: str, what: str) -> tuple[Entry, ...]:
-        """Names with places. Raises Broken for a place by itself."""
+        """Return pairs of a name and a place. Raise Broken for a place without a name."""
         if node is None:
             return ()
         if not isinstance(node, Mapping):
@@ -461,7 +465,7 @@ class CallLoader:
     # ---- arguments ----------------------------------------------------------------------------------------
 
     def _value(self, rows: tuple[ServiceRow, ...], entry: Entry) -> Any:
-        """A value as the argument of that name takes it, where all rows agree on that. Raises Broken."""
+        """Return a value as its argument takes it, checked if all rows agree on the type. Raise Broken."""
         taken = _taken(rows, entry.key.text)
         if not taken or taken[0].type not in TYPES or any(one.type != taken[0].type for one in taken):
             return self.reader.constant(entry.value)
@@ -473,7 +477,7 @@ class CallLoader:
         return value
 
     def _from(self, rows: tuple[ServiceRow, ...], entry: Entry, sizes: dict[str, Entry]) -> ArgumentPlace:
-        """A place that an argument is read from. Raises Broken."""
+        """Return the place from which an argument is read. Raise Broken."""
         name, reader = entry.key.text, self.reader
         taken = _taken(rows, name)
         type_ = taken[0].type if taken else "number"
@@ -495,7 +499,7 @@ class CallLoader:
         return ArgumentPlace(place=place, type=type_, size=count, signed=signed)
 
     def _arguments(self, service: str, rows: tuple[ServiceRow, ...], entries: tuple[Entry, ...], at: Position) -> None:
-        """Arguments there are, with all that have no default."""
+        """Note unknown arguments, and missing arguments that have no default."""
         known = {argument.name for row in rows for argument in row.takes}
         given = {entry.key.text for entry in entries}
         for entry in entries:
@@ -511,7 +515,7 @@ class CallLoader:
     def _about(
         self, keys: Mapping, channel: Channel, rows: tuple[ServiceRow, ...], service: str, at: Position
     ) -> dict[str, Any]:
-        """The addresses on the other side that a call is about."""
+        """Return the addresses on the other side that a call refers to."""
         reader, protocol = self.reader, channel.protocol
         node = keys.get("addresses")
         nodes = reader.items(node)
@@ -543,7 +547,7 @@ class CallLoader:
     # ---- results ------------------------------------------------------------------------------------------
 
     def _into(self, service: str, known: list[dict[str, Shape]], entry: Entry, sizes: dict[str, Entry]) -> ResultPlace:
-        """A result and its place. Raises Broken."""
+        """Return a result and its place. Raise Broken."""
         reader = self.reader
         result = reader.expression(entry.key)
         if not is_path(result.root):
@@ -578,7 +582,7 @@ class CallLoader:
         return ResultPlace(result=result, place=place, size=size, scale=scale, bits=bits, float_bits=float_bits)
 
     def shape(self, service: str, known: list[dict[str, Shape]], result: Expression, at: Position) -> Shape:
-        """Return the kind of the value that the rows give under a name. Raises Broken if none gives it."""
+        """Return the shape of the value that the rows return under a name. Raise Broken if no row returns it."""
         found: list[Shape] = []
         problem: NoResultError | None = None
         for shapes in known:
@@ -599,13 +603,13 @@ class CallLoader:
 
 
 def packing_of(rows: tuple[ServiceRow, ...]) -> Packing:
-    """Return how the rows of a service pack elements into data, if all do it alike, else the plain way."""
+    """Return how the rows of a service pack elements into data if all agree, else the plain packing."""
     packings = {row.packing for row in rows}
     return packings.pop() if len(packings) == 1 else Packing()
 
 
 def _refusal(argument: Argument, value: Any) -> ParameterError | None:
-    """Why an argument does not take a value; None when it does."""
+    """Return why an argument does not accept a value, or None if it accepts it."""
     try:
         checked(argument, value)
     except ParameterError as error:
@@ -623,7 +627,7 @@ def _taken(rows: tuple[ServiceRow, ...], name: str) -> list[Argument]:
 def address_at(
     reader: Reader, grammar: AddressGrammar, at: Position, text: str, unit: str | None = None, count: int = 1
 ) -> Address:
-    """An address that stands at `at`, with room for `count` elements behind it. Raises Broken."""
+    """Return the address in `text`, with room for `count` elements; `at` is its position in the file. Raise Broken."""
     with reader.refusing(at):
         address = grammar.parse(text, unit)
         grammar.check(address, count)
@@ -634,9 +638,9 @@ _FRACTION = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?")
 
 
 def number_for(reader: Reader, node: Node, place: Address | None) -> int:
-    """What an element at a place holds for what stands there: the number itself where nothing says its type.
+    """Return the raw element that stores a written value; without a type for the place, the number itself.
 
-    `0x…` is always what the element holds, but for texts. Raises Broken.
+    `0x…` always gives the raw element, except for texts. Raise Broken.
     """
     text = reader.text(node)
     type_ = None if place is None else place.type
@@ -653,7 +657,7 @@ def number_for(reader: Reader, node: Node, place: Address | None) -> int:
 
 
 def _element(reader: Reader, node: Node, write: Callable[[], bytes]) -> int:
-    """The element with these bytes. Raises Broken for a value that does not fit."""
+    """Return the element with these bytes. Raise Broken for a value that does not fit."""
     try:
         return int.from_bytes(write(), "little")
     except MemoryValueError as error:
