@@ -32,17 +32,18 @@ class Beginning(NamedTuple):
 
 
 class Replies(NamedTuple):
-    """What exchanges of a role wait for. `frames`: replies that repeat no number of their request; `requests`: frames
-    that services ask for those with, or that carry these; `waits`: how long steps wait for them. `stations`: which
-    fields of such a frame hold the station; `beginnings`: for each exchange its first steps that send, and whether a
-    reply follows.
-    """
+    """The replies that exchanges of a role wait for."""
 
     frames: frozenset[str]
+    """Replies that repeat no number of their request."""
     requests: frozenset[str]
+    """Frames with which services ask for these replies, and frames that carry such a request."""
     waits: tuple[Evaluate, ...]
+    """Time limits of the steps that wait for them."""
     stations: Mapping[str, tuple[str, Inverse]] = {}
+    """For each request the field that holds the station."""
     beginnings: tuple[tuple[Beginning, ...], ...] = ()
+    """For each exchange its first steps that send, and whether a reply follows."""
     is_single: bool = True
     """Whether each reply is one frame, so that replies can be counted: every step that waits sends a request."""
     limits: tuple[str, ...] = ()
@@ -51,7 +52,7 @@ class Replies(NamedTuple):
     """Whether every reply repeats the station of its request."""
 
     def is_broadcast(self, value: FrameValue, names: Names) -> bool:
-        """Whether an exchange would send this request without waiting for a reply, as its station is everyone."""
+        """Return whether an exchange sends this request without waiting for a reply: its station is a broadcast."""
         if value.frame not in self.stations:
             return False
         field, inverse = self.stations[value.frame]
@@ -64,7 +65,7 @@ class Replies(NamedTuple):
 
 
 def replies_of(protocol: Protocol, role: Role | None) -> Replies:
-    """What exchanges of a role wait for, and what asks for it."""
+    """Return the replies that the exchanges of a role wait for."""
     if role is None:
         return Replies(frozenset(), frozenset(), ())
     session = protocol.sessions.get(role.session or "")
@@ -107,7 +108,7 @@ def _beginnings(sequence: Sequence) -> Iterator[Beginning]:
 
 
 def _waits(sequence: Sequence, number: int) -> bool:
-    """Whether from this step on it may come to one that waits for a frame, or does what is not known here."""
+    """Return whether a step that waits for a frame can follow, or a step whose effect is unknown here."""
     numbers = {step.name: place for place, step in enumerate(sequence.steps)}
     waiting, seen = [number], set[int]()
     while waiting:
@@ -135,7 +136,7 @@ def _carriers(sequence: Sequence, steps: list[Step]) -> Iterator[FrameOf]:
 
 
 def _stations(asking: list[FrameOf]) -> dict[str, tuple[str, Inverse]]:
-    """The field of each request that holds the station, and how it is read from that."""
+    """Return for each request the field that holds the station, and the function that reads it."""
     found = {}
     for request in asking:
         for name, value in request.fields.items():
