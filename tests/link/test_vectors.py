@@ -143,7 +143,7 @@ roles: {client: {lanes: {main: {exchange: main}}}}
         ("{frame: ask, values: {x: 5, y: 1}, bytes: 01 05 06}", ["cannot be built"]),
         ("{frame: nothing, values: {}, bytes: 01}", ["no frame 'nothing'"]),
         ("{bytes: 01 05 07, expect: {bad: check}}", []),
-        ("{bytes: 01 05 07, expect: {bad: range}}", ["bad ask (check at byte 2)"]),
+        ("{bytes: 01 05 07, expect: {bad: range}}", ["bad ask (check at byte 2: check, expected "]),
         ("{bytes: 01 05, expect: {bad: cut}}", []),
         ("{bytes: FF FF 02 01, expect: {noise: 2}}", []),
         ("{bytes: FF 02 01, expect: {noise: 2}}", ["1 bytes are noise, not 2"]),
