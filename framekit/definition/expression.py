@@ -1,9 +1,9 @@
-"""Expressions: their tree, the tree written as Python source, and the parser from text to tree.
+"""Expressions: their syntax tree, its output as Python source, and the parser from text to tree.
 
-Nothing is ever evaluated from text. The parser takes operators, literals and the listed functions; it does not know
-which names exist. Only whitelisted nodes are written, every literal by `repr`, so nothing of a file's text gets into
-the source. The codec compiler (names are local variables) and the link engine (names are looked up) both use the
-writer: it is the one place where the language's operators and functions get their meaning.
+Text is never evaluated. The parser accepts operators, literals and the listed functions; it does not know which names
+exist. The writer outputs known nodes only and every literal by `repr`, so no text of a file reaches the source. Both
+the codec compiler (names are local variables) and the link engine (names are looked up) use the writer: it alone
+defines the operators and functions of the language.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from framekit.definition.times import LINE_UNITS, NEVER, UNITS
 
 @dataclass(frozen=True, slots=True)
 class Node:
-    """A part of an expression; `at` is where it begins."""
+    """A node of an expression; `at` is the position of its start."""
 
     at: Position
 
 
 @dataclass(frozen=True, slots=True)
 class Number(Node):
-    """A whole number, or a time in nanoseconds when `is_time`."""
+    """A whole number, or a time in nanoseconds if `is_time`."""
 
     value: int
     is_time: bool = False
@@ -39,7 +39,7 @@ class Number(Node):
 
 @dataclass(frozen=True, slots=True)
 class Real(Node):
-    """A number with a fraction, which stands alone: a float if `is_float`, else exact."""
+    """A number with a fraction: a float if `is_float`, else exact."""
 
     value: Decimal
     is_float: bool
@@ -172,7 +172,7 @@ class Expression:
 
 
 def children(node: Node) -> Iterator[Node]:
-    """The direct parts of a node, in order."""
+    """Yield the direct child nodes of a node, in order."""
     names = _fields.get(node.__class__)
     if names is None:
         names = _fields[node.__class__] = tuple(field.name for field in fields(node) if "Node" in str(field.type))
@@ -181,7 +181,7 @@ def children(node: Node) -> Iterator[Node]:
 
 
 _fields: dict[type[Node], tuple[str, ...]] = {}
-"""The names of the fields of each class of nodes that hold nodes."""
+"""For each node class, the names of its fields that hold nodes."""
 
 
 def _nodes_in(value: object) -> Iterator[Node]:
@@ -193,16 +193,16 @@ def _nodes_in(value: object) -> Iterator[Node]:
 
 
 def walk(node: Node) -> Iterator[Node]:
-    """The node and everything below it, outermost first."""
+    """Yield the node and all nodes below it, outermost first."""
     yield node
     for child in children(node):
         yield from walk(child)
 
 
 def ordered_by_need(given: Mapping[str, Expression]) -> list[str]:
-    """Names in the order in which they can be worked out, each after those that its expression reads.
+    """Return the names in the order of evaluation, each after the names that its expression reads.
 
-    Those of a circle are left out. What has its own name in its expression means something outside by it.
+    Names in a circle are left out. An expression that reads its own name means a name of an outer scope.
     """
     ordered: list[str] = []
     while ready := [
@@ -215,13 +215,13 @@ def ordered_by_need(given: Mapping[str, Expression]) -> list[str]:
 
 
 def names_in(node: Node) -> set[str]:
-    """The bare words an expression reads (not the names behind a dot)."""
+    """Return the bare words that an expression reads, without attribute names."""
     return {part.name for part in walk(node) if isinstance(part, Name)}
 
 
 @dataclass(frozen=True, slots=True)
 class KnownFunction:
-    """A function of the language: how many arguments it takes, what it gives, and whether an extra has it."""
+    """A function of the language: number of arguments, type of the result, and whether it needs an extra."""
 
     fewest: int
     most: int
@@ -265,13 +265,13 @@ FUNCTIONS: dict[str, KnownFunction] = {
 
 
 ENGINE_FUNCTIONS = frozenset({"empty", "full", "memory", "with_date", "random", "code"})
-"""Functions of what only a running engine has: their result may be another one at any time."""
+"""Functions that need a running engine; their result may change at any time."""
 COLUMNS = frozenset({"area"})
-"""Names that are known before anything is read backwards: the area's columns are constants."""
+"""Names with constant values when an expression is inverted: the columns of an area."""
 
 
 def is_constant(expression: Expression) -> bool:
-    """Whether an expression reads nothing at all, so that it can be worked out once."""
+    """Return whether an expression reads no names and no state, so that it can be evaluated once."""
     return not names_in(expression.root) and not any(
         isinstance(node, LineTime) or (isinstance(node, Call) and node.function in ENGINE_FUNCTIONS)
         for node in walk(expression.root)
@@ -279,17 +279,20 @@ def is_constant(expression: Expression) -> bool:
 
 
 def needs_extra(expression: Expression) -> bool:
-    """Whether an expression calls a function that an extra has."""
+    """Return whether an expression calls a function of an optional extra."""
     calls = (node for node in walk(expression.root) if isinstance(node, Call))
     return any(FUNCTIONS[call.function].is_extra for call in calls)
 
 
 Undone = tuple[str, bool, Expression]
-"""What is undone: an operator, whether the name that is looked for stands left of it, and the other side."""
+"""An operation to undo: its operator, whether the wanted name is in the left operand, and the other operand."""
 
 
 def inverse_steps(expression: Expression) -> tuple[str, tuple[Undone, ...]] | None:
-    """The one name whose value follows from the result, and what leads back to it; None if it does not follow."""
+    """Return the single name that can be computed from the result, with the operations to undo.
+
+    None if this is impossible.
+    """
     undone: list[Undone] = []
     node = expression.root
     while not isinstance(node, Name):
@@ -305,13 +308,13 @@ def inverse_steps(expression: Expression) -> tuple[str, tuple[Undone, ...]] | No
 
 
 def tells_setting(value: Expression, parameters: Collection[str]) -> bool:
-    """Whether a field with this value tells one of these parameters."""
+    """Return whether the value of one of these parameters can be computed from a field with this value."""
     told = inverse_steps(value)
     return told is not None and told[0] in parameters
 
 
 def both(first: Expression, second: Expression | None) -> Expression:
-    """`first and second`."""
+    """Return `first and second`."""
     if second is None:
         return first
     return Expression(f"({first}) and ({second})", Logic(first.at, "and", (first.root, second.root)))
@@ -322,43 +325,43 @@ def both(first: Expression, second: Expression | None) -> Expression:
 
 CONDITIONAL, OR, AND, NOT, COMPARE, BIT_OR, BIT_XOR, BIT_AND, SHIFT, SUM, PRODUCT, SIGN, ATOM = range(13)
 _BINARY = ({"|"}, {"^"}, {"&"}, {"<<", ">>"}, {"+", "-"}, {"*", "//", "%"})
-"""Operators of two operands, those that bind most weakly first."""
+"""Binary operators by precedence, lowest first."""
 _BINARY_OF_PLACES = (*_BINARY[:-1], {*_BINARY[-1], "/"})
 _LEVELS = {op: level for level, operators in enumerate(_BINARY_OF_PLACES, start=BIT_OR) for op in operators}
 _METHODS = {"lower": "lower", "upper": "upper"}
 _SAME_IN_PYTHON = {"len", "min", "max", "abs", "sum"}
 WIDEST_SHIFT = 256
-"""Shifts are cut here, so that a number from the wire can't ask for a gigabyte of bits."""
+"""Maximum shift width, so that a received number cannot ask for a gigabyte of bits."""
 
 
 MOST_TIMES = 4096
-"""Numbers up to this multiply what stands beside them at once; all others only numbers."""
+"""Numbers up to this limit multiply directly; all other products go through `times`, which accepts numbers only."""
 
 
 class NameWriter(Interface):
-    """What a user of the emitter decides: how names, attributes, line times and the other functions are written."""
+    """The parts of the output that its user decides: names, attributes, line times and the other functions."""
 
     def name(self, node: Name) -> str:
-        """Source of a bare word; an atom."""
+        """Return the source of a bare word as an atom."""
 
     def attribute(self, node: Attribute) -> str:
-        """Source of `x.name`; an atom."""
+        """Return the source of `x.name` as an atom."""
 
     def line_time(self, node: LineTime) -> str:
-        """Source of a time in characters or bits; an atom."""
+        """Return the source of a time in characters or bits as an atom."""
 
     def call(self, function: str, arguments: list[str]) -> str:
-        """Source of a call of one of the functions this module does not write itself; an atom."""
+        """Return the source of a call of a function that this module does not write itself, as an atom."""
 
 
 def emit(node: Node, names: NameWriter, level: int = CONDITIONAL) -> str:
-    """Python source of `node`, in parentheses if it binds weaker than `level`."""
+    """Return the Python source of `node`, in parentheses if its precedence is lower than `level`."""
     text, own = _Emitter(names).node(node)
     return f"({text})" if own < level else text
 
 
 def may_find_nothing(node: Node) -> bool:
-    """Whether a node is an item that is looked for, and nothing where there is none."""
+    """Return whether a node looks up an item by `find` or `find_last`, which may find no item."""
     return isinstance(node, Index) and isinstance(node.index, Call) and node.index.function in ("find", "find_last")
 
 
@@ -456,7 +459,7 @@ class _Emitter:
 
 
 def _owner(text: str) -> str:
-    """Source of what a method is called of: in parentheses if it is more than a name."""
+    """Return the source of the object of a method call, in parentheses if it is not a plain name."""
     return text if text.isidentifier() else f"({text})"
 
 
@@ -477,14 +480,14 @@ _TOKEN = re.compile(
 )
 
 _LONGEST = 100
-"""So much of an expression is shown."""
+"""Maximum length of an expression in messages."""
 
 Token = tuple[str, str, Position]
-"""Kind (a group of the pattern), text and place."""
+"""Kind (a group of the pattern), text and position."""
 
 
 class ExpressionError(ValueError):
-    """An expression that does not parse; `problem` says where and why."""
+    """Raised for an expression that does not parse; `problem` says where and why."""
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
@@ -492,20 +495,20 @@ class ExpressionError(ValueError):
 
 
 def expression_error(text: str, what: str, at: Position, todo: str = "") -> ExpressionError:
-    """What is wrong in the expression `text`, at `at`."""
+    """Return the error for a problem at `at` in the expression `text`."""
     shown = text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
     return ExpressionError(Problem(at, f'in the expression "{shown}": {what}', todo))
 
 
 def place_of(at: Position, offset: int) -> Position:
-    """The place of a character of an expression that begins at `at`."""
+    """Return the position of the character at `offset` in an expression that begins at `at`."""
     return Position(at.file, at.line, at.column + offset)
 
 
 def tokens_of(text: str, at: Position, *, of_places: bool = False) -> list[Token]:
     """Return the tokens of an expression that begins at `at`; only an expression of places has fractions and `/`.
 
-    Raises ExpressionError.
+    Raise ExpressionError.
     """
     found: list[Token] = []
     offset, end = 0, len(text.rstrip())
@@ -526,7 +529,7 @@ def tokens_of(text: str, at: Position, *, of_places: bool = False) -> list[Token
 
 
 def _strange(sign: str) -> str:
-    """What is wrong with a sign that begins no token."""
+    """Return the problem of a character that begins no token."""
     if sign == "'":
         return "a text has no closing quote"
     if sign == "=":
@@ -541,7 +544,7 @@ def _strange(sign: str) -> str:
 
 
 def time_of(word: str, at: Position) -> Node:
-    """The number, or the time on the line, that a word such as `50 ms` or `2 chars` means."""
+    """Return the number of nanoseconds, or the line time, of a word such as `50 ms` or `2 chars`."""
     match = re.fullmatch(r"([\d.]+)\s*(\w+)", word)
     assert match is not None
     whole, _, places = match[1].partition(".")
@@ -555,9 +558,9 @@ _FRACTION = re.compile(r"-?[0-9]{1,20}\.[0-9]{1,20}")
 
 
 def real_number(text: str, at: Position, float_bits: int = 0) -> Expression | None:
-    """`-0.5` as the constant that it is; None for everything else. In expressions numbers are whole.
+    """Return the constant for a text such as `-0.5`; None for all other texts. In expressions, numbers are whole.
 
-    `float_bits`: it becomes the nearest number with so many bits; 0: it is exact.
+    `float_bits`: round the constant to a float with this number of bits; 0: keep it exact.
     """
     if not _FRACTION.fullmatch(text.strip()):
         return None
@@ -568,9 +571,9 @@ def real_number(text: str, at: Position, float_bits: int = 0) -> Expression | No
 
 
 def whole_and_places(value: Decimal) -> tuple[int, int]:
-    """The whole number and the places behind the point that make up a finite number: -0.25 → (-25, 2).
+    """Return a finite decimal as a whole number and its decimal places: -0.25 → (-25, 2).
 
-    Unlike arithmetic of Decimal, it rounds nothing, however many digits there are.
+    Unlike decimal arithmetic, this never rounds, whatever the number of digits.
     """
     sign, digits, exponent = value.as_tuple()
     number = int("".join(map(str, digits))) * 10 ** max(0, int(exponent))
@@ -584,47 +587,48 @@ _DEEPEST = 100
 
 
 def parse_expression(text: str, at: Position, *, of_places: bool = False) -> Expression:
-    """Return the tree of `text`, which begins at `at` in its file. Raises ExpressionError.
+    """Return the tree of `text`, which begins at `at` in its file. Raise ExpressionError.
 
-    `of_places`: the expression is about numbers at places of a memory. Texts in quotes are names, since addresses need
-    not be words; numbers may have fractions, and `/` divides exactly. Numbers of frames are whole.
+    `of_places`: the expression reads numbers at places of a memory. Texts in quotes are names, since an address need
+    not be a word; numbers may have fractions, and `/` divides exactly. Numbers of frames are whole.
     """
     return Expression(text, _Parser(text, at, of_places).whole())
 
 
 class OperatorGrammar(ABC):
-    """What languages of expressions have alike: operators by how strongly they bind, and lists of expressions.
+    """The common grammar of expression languages: operators by precedence, and lists of expressions.
 
-    A language says which operators it has, and what stands on both ends: a whole expression, and one behind its signs.
+    A subclass defines its operators, the whole expression (`_conditional`) and the operand after its signs
+    (`_postfix`).
     """
 
     binary: Sequence[Collection[str]]
-    """Operators of two operands, those that bind most weakly first."""
+    """Binary operators by precedence, lowest first."""
     signs: Collection[str]
-    """What may stand before an operand; `+` changes nothing."""
+    """Signs allowed before an operand; `+` has no effect."""
 
     @abstractmethod
     def _here(self) -> Position:
-        """Where the next sign or word stands."""
+        """Return the position of the next token."""
 
     @abstractmethod
     def _accept(self, *words: str) -> str | None:
-        """The next sign or word if it is one of these, which is passed over then."""
+        """Consume and return the next token if it is one of these words, else return None."""
 
     @abstractmethod
     def _expect(self, word: str) -> None:
-        """Passes over that sign or word; raises the language's error where something else is next."""
+        """Consume the next token; raise the error of the language if it is not this word."""
 
     @abstractmethod
     def _conditional(self) -> Node:
-        """A whole expression."""
+        """Parse a whole expression."""
 
     @abstractmethod
     def _comparison(self) -> Node: ...
 
     @abstractmethod
     def _postfix(self) -> Node:
-        """An operand with what stands behind it."""
+        """Parse an operand with its attributes and subscripts."""
 
     def _logic(self, operator: str) -> Node:
         def operand() -> Node:
@@ -723,7 +727,7 @@ class _Parser(OperatorGrammar):
         return node
 
     def _bounded(self, root: Node) -> None:
-        """No more operators inside each other than can be worked out, and nothing that makes endless values."""
+        """Raise if operators are nested too deeply to be evaluated, or if a value could become arbitrarily large."""
         found = [(root, 1)]
         while found:
             node, depth = found.pop()
@@ -741,7 +745,7 @@ class _Parser(OperatorGrammar):
             found += [(part, depth + 1) for part in children(node)]
 
     def _unit_hint(self, node: Node) -> str:
-        """What to write for `3 sec` and `50 msec`."""
+        """Return the remedy for unknown units, such as `3 sec` and `50 msec`."""
         kind, word, _ = self.tokens[self.place]
         if not isinstance(node, Number) or kind != "word":
             return ""

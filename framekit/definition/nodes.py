@@ -1,5 +1,7 @@
-"""YAML as nodes with positions: every scalar is text, nothing has been given a meaning yet; what is no YAML is told in
-sentences that say what to do."""
+"""Parse YAML into nodes with positions. Every scalar stays text; its meaning depends on the key and is decided later.
+
+YAML syntax errors become problems that say what is wrong and what to do.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,7 @@ from framekit.definition.problems import DefinitionError, Position, Problem
 from framekit.definition.tree import Entry, Mapping, Node, Scalar, Sequence, unread
 
 QUOTE_EXPRESSION = "quote the whole expression"
-"""What to do about everything that YAML takes for its own punctuation inside an expression."""
+"""The remedy if YAML interprets a character of an expression as its own punctuation."""
 
 _CLOSING = {"[": "]", "{": "}"}
 _KEY_BEFORE = re.compile(r"[^\s#].*:\s+\S")
@@ -24,7 +26,7 @@ _KEY_BEFORE = re.compile(r"[^\s#].*:\s+\S")
 
 @dataclass(frozen=True, slots=True)
 class _Place:
-    """A mark of the scanner, and the text around it."""
+    """A mark of the scanner: its position, the text before it on its line, and the character at it."""
 
     line: int
     column: int
@@ -33,13 +35,13 @@ class _Place:
 
     @property
     def last_sign(self) -> str:
-        """The last character before the place on its line, blanks left out."""
+        """Return the last non-blank character before the place on its line."""
         return self.before.rstrip()[-1:]
 
 
 @dataclass(frozen=True, slots=True)
 class _Error:
-    """An error of the scanner or parser: its words, where it was found, and where what it was reading began."""
+    """An error of the scanner or parser: its message, its place, and the start of the construct it was reading."""
 
     context: str
     words: str
@@ -52,7 +54,7 @@ _Finding = tuple[_Place, str, str]
 
 
 def syntax_problem(error: yaml.YAMLError, text: str, file: str) -> Problem:
-    """The problem that a YAML error of `text` is."""
+    """Return a YAML error of `text` as a problem."""
     if not isinstance(error, yaml.MarkedYAMLError):
         return Problem(Position(file, 1, 1), "this is not YAML", "save the file as plain text in UTF-8")
     lines = text.splitlines()
@@ -69,7 +71,7 @@ def syntax_problem(error: yaml.YAMLError, text: str, file: str) -> Problem:
 
 
 def _place(mark: Any, lines: list[str]) -> _Place:
-    """Where a mark of either scanner points to."""
+    """Return the place of a mark of either scanner."""
     if mark is None:
         return _Place(1, 1, "", "")
     number, column = int(mark.line), int(mark.column)
@@ -78,7 +80,7 @@ def _place(mark: Any, lines: list[str]) -> _Place:
 
 
 def _swallowing(lines: list[str], start: Any, end: Any) -> _Place | None:
-    """Where, in the lines of what was being read, a comment begins behind an open bracket."""
+    """Return the start of a comment after an open bracket, within the lines of the construct being read."""
     if start is None or end is None:
         return None
     last = min(int(end.line) + 1, len(lines))
@@ -90,7 +92,7 @@ def _swallowing(lines: list[str], start: Any, end: Any) -> _Place | None:
 
 
 def _comment_in_brackets(line: str) -> int | None:
-    """The column of a comment that begins inside brackets of this line."""
+    """Return the column of a comment that begins inside brackets of this line."""
     depth, quote = 0, ""
     for column, sign in enumerate(line):
         if quote:
@@ -105,12 +107,12 @@ def _comment_in_brackets(line: str) -> int | None:
 
 
 def _explained(error: _Error) -> _Finding:
-    """Where it is, what is wrong and what to do: by the first rule that fits."""
+    """Return place, problem and remedy of an error, by the first rule that matches."""
     found, start, words, context = error.found, error.start, error.words, error.context
     sign, last = found.sign, found.last_sign
     if sign == "\t" or "tab character" in words:
         return found, "a tab stands here", "indent with spaces"
-    if "nesting depth" in words:  # the library's own limit is met before ours where it looks far ahead
+    if "nesting depth" in words:  # the limit of the library is reached first if it looks far ahead
         return found, *TOO_DEEP
     if "mapping values are not allowed" in words:
         if _KEY_BEFORE.search(found.before):
@@ -133,7 +135,7 @@ def _explained(error: _Error) -> _Finding:
     if last in ("'", '"') and sign not in ("", ":"):
         return found, "the value goes on behind its closing quote", QUOTE_EXPRESSION
     if error.comment is not None and ("flow" in context or "node content" in words):
-        # a # in brackets has swallowed the rest of the line, closing brackets and all
+        # a # in brackets starts a comment that includes the closing brackets
         return error.comment, "everything behind '#' is a comment", "put the value in quotes"
     if "flow mapping" in context or "flow sequence" in context:
         return _in_brackets(error)
@@ -157,7 +159,7 @@ def _explained(error: _Error) -> _Finding:
 
 
 def _in_brackets(error: _Error) -> _Finding:
-    """An error inside a mapping or list in brackets."""
+    """Explain an error inside a mapping or list in brackets."""
     opening, sign = ("{" if "mapping" in error.context else "["), error.found.sign
     closing = _CLOSING[opening]
     if not sign or (error.found.line != error.start.line and sign not in _CLOSING):
@@ -170,7 +172,7 @@ def _in_brackets(error: _Error) -> _Finding:
 
 
 def _nothing_there(error: _Error) -> _Finding:
-    """A value is missing."""
+    """Explain a missing value."""
     sign = error.found.sign
     if sign in _CLOSING.values():
         return error.found, f"there is a '{sign}' too many", "remove it, or put the value in quotes"
@@ -183,14 +185,14 @@ def _nothing_there(error: _Error) -> _Finding:
 __all__ = ["Entry", "Mapping", "Node", "Scalar", "Sequence", "read_nodes", "read_text", "unread"]
 
 LARGEST_FILE = 4 << 20
-"""Bytes (or characters) of a file."""
+"""Maximum size of a file in bytes (or characters)."""
 
 DEEPEST = 64
-"""Mappings and lists inside each other."""
+"""Maximum nesting depth of mappings and lists."""
 TOO_DEEP = f"this is nested deeper than {DEEPEST}", "give parts of it names of their own"
 
 MOST_EXPANDED = 100_000
-"""Nodes of a tree in which aliases are replaced by what they stand for."""
+"""Maximum number of nodes in a tree after the expansion of aliases."""
 
 _NOT_YAML = re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 _COLON = re.compile(r"\s*:")
@@ -198,10 +200,10 @@ _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 def read_nodes(source: Path, noted: list[Problem] | None = None, *, begin: str = "protocol: NAME") -> Node:
-    """The nodes of a file. Raises DefinitionError with everything that can be told at once.
+    """Return the nodes of a file. Raise DefinitionError with all problems that can be found at once.
 
-    What leaves a tree that can be read on, such as a double key, is put into `noted` instead, if that is given.
-    `begin`: with what an empty file should begin.
+    Problems that still leave a usable tree, such as a duplicate key, are appended to `noted` instead, if it is given.
+    `begin`: the text with which a file should begin, for the message about an empty file.
     """
     file = str(source)
     try:
@@ -223,7 +225,10 @@ def read_nodes(source: Path, noted: list[Problem] | None = None, *, begin: str =
 
 
 def read_text(text: str, file: str, noted: list[Problem] | None = None, *, begin: str = "protocol: NAME") -> Node:
-    """The nodes of a text; `file` is its name in positions. Raises DefinitionError and notes like `read_nodes`."""
+    """Return the nodes of a text; `file` is its name in positions.
+
+    Raise DefinitionError and note as `read_nodes` does.
+    """
     text = text.removeprefix("\ufeff")
     if len(text) > LARGEST_FILE:
         raise _too_large(file)
@@ -242,11 +247,14 @@ def read_text(text: str, file: str, noted: list[Problem] | None = None, *, begin
 
 
 LANGUAGE = 1
-"""The version of the language that is read; a file may say it by `framekit: 1`."""
+"""The supported version of the language; a file may declare its version by `framekit: 1`."""
 
 
 def _without_version(node: Node, noted: list[Problem] | None) -> Node:
-    """The tree without the version of the language. Raises DefinitionError or notes that it is not the one read."""
+    """Return the tree without the key for the language version.
+
+    Raise DefinitionError or note an unsupported version.
+    """
     entries = node.entries if isinstance(node, Mapping) else ()
     said = next((entry for entry in entries if entry.key.text == "framekit"), None)
     if said is None or not isinstance(node, Mapping):
@@ -265,11 +273,11 @@ def _without_version(node: Node, noted: list[Problem] | None) -> Node:
 
 
 def head_of(source: Path) -> dict[str, str]:
-    """The texts at the head of a file that can be read: the first keys, up to the one that holds no text."""
+    """Return the leading text values of a file by key, up to the first value that is not a text."""
     texts: list[str] = []
     with source.open(encoding="utf-8") as stream:
         events = yaml.parse(stream.read(), Loader=_LOADER)
-        for event in islice(events, 3, None):  # behind the beginnings of the stream, the document and the mapping
+        for event in islice(events, 3, None):  # after the start events of stream, document and mapping
             if not isinstance(event, yaml.ScalarEvent):
                 break
             texts.append(event.value)
@@ -302,12 +310,15 @@ def _strange_characters(text: str, file: str) -> Iterator[Problem]:
 
 
 class _GivenUp(Exception):  # noqa: N818 - it only ends the reading; the problem has been noted
-    """Reading on makes no sense."""
+    """Raised to stop reading after a problem that makes the rest meaningless."""
 
 
 @dataclass(slots=True)
 class _Open:
-    """A mapping or list that has begun. `size` and `height` are those of the tree below it, aliases expanded."""
+    """A mapping or list that is not closed yet.
+
+    `size` and `height` describe the tree below it with aliases expanded.
+    """
 
     at: Position
     is_mapping: bool
@@ -330,7 +341,7 @@ class _Anchored:
 
 
 class _Builder:
-    """Builds nodes from the parser's events, without recursion."""
+    """Builds nodes from the events of the parser, without recursion."""
 
     def __init__(self, text: str, file: str) -> None:
         self.text = text
@@ -343,7 +354,10 @@ class _Builder:
         self.documents = 0
 
     def result(self, noted: list[Problem] | None, begin: str) -> Node:
-        """The tree. Raises DefinitionError when anything was wrong; double keys are put into `noted` if that is all."""
+        """Return the tree. Raise DefinitionError with all problems.
+
+        If only keys are duplicated, add these to `noted` if given.
+        """
         root = self.root
         if not self.problems and (root is None or (isinstance(root, Scalar) and not root.quoted and not root.text)):
             self.problems.append(Problem(Position(self.file, 1, 1), "the file is empty", f"begin with {begin}"))
@@ -354,7 +368,7 @@ class _Builder:
         return root
 
     def take(self, event: yaml.Event) -> None:
-        """Goes on with one event. Raises _GivenUp."""
+        """Process one event. Raise _GivenUp if reading cannot continue."""
         match event:
             case yaml.ScalarEvent():
                 self._scalar(event)
@@ -452,7 +466,7 @@ class _Builder:
         outer.entries.append(Entry(key, value))
 
     def _double(self, outer: _Open, key: Scalar, value: Node) -> None:
-        """Notes a key that stands twice. The first counts; two sections of a file are put together."""
+        """Note a duplicate key. The first value counts; duplicate sections of a file are merged."""
         what = f"the key '{key.text}' stands here twice, first in line {outer.known[key.text].line}"
         if isinstance(value, Scalar) and value.absent:
             self._note(key.at, what, QUOTE_EXPRESSION)
@@ -466,7 +480,7 @@ class _Builder:
             outer.entries[place] = Entry(outer.entries[place].key, Mapping(tuple(both.entries), first.at, first.flow))
 
     def _no_colon(self) -> bool:
-        """Whether the key that waits for a value has no colon behind it."""
+        """Return whether the key that waits for a value is not followed by a colon."""
         outer = self.stack[-1] if self.stack else None
         return outer is not None and outer.key is not None and _COLON.match(self.text, outer.key_end) is None
 
@@ -486,7 +500,7 @@ class _Builder:
 
 
 def without(node: Mapping, key: str) -> Mapping:
-    """A mapping less one of its keys."""
+    """Return a mapping without one of its keys."""
     return Mapping(tuple(entry for entry in node.entries if entry.key.text != key), node.at)
 
 
@@ -501,7 +515,7 @@ _EXPRESSION = re.compile(r"[()\[\]{}'\"+*/%&|^~<>=]|\s(?:if|else|and|or|not|in|-
 
 @dataclass(slots=True)
 class Cuts:
-    """What was found: the tree without the cut-off pieces, and the mappings and lists that had some."""
+    """The tree without the cut-off pieces, the problems, and the positions of the affected mappings and lists."""
 
     tree: Node
     problems: list[Problem] = field(default_factory=list)
@@ -509,19 +523,19 @@ class Cuts:
 
 
 def without_cuts(node: Node) -> Cuts:
-    """The tree without the pieces of cut expressions; one problem for each mapping or list that has some."""
+    """Return the tree without the pieces of cut expressions; report one problem for each affected mapping or list."""
     cuts = Cuts(node)
     cuts.tree = _mended(node, cuts)
     return cuts
 
 
 def is_cut(problem: Problem) -> bool:
-    """Whether a problem is one of those that are noted here."""
+    """Return whether a problem is a cut expression or a key without a value."""
     return problem.what.endswith((" was cut at a comma", " has no value"))
 
 
 def looks_cut(text: str) -> bool:
-    """Whether a key is a piece of an expression rather than a word."""
+    """Return whether a key is a piece of an expression rather than a word."""
     return _EXPRESSION.search(text) is not None
 
 
@@ -564,7 +578,7 @@ def _sequence(node: Sequence, cuts: Cuts) -> Sequence:
 
 
 def _opened(node: Node) -> int:
-    """How many parentheses stay open behind an unquoted text; those inside its own quotes do not count."""
+    """Return the number of parentheses left open by an unquoted text, without those inside its own quotes."""
     if not isinstance(node, Scalar) or node.quoted:
         return 0
     text = _QUOTED.sub("", node.text)
@@ -572,7 +586,7 @@ def _opened(node: Node) -> int:
 
 
 def _note(node: Mapping | Sequence, piece: Scalar, before: Entry | None, depth: int, cuts: Cuts) -> None:
-    """Notes the first cut of a mapping or list."""
+    """Note the first cut of a mapping or list."""
     if node.at in cuts.places:
         return
     cuts.places.add(node.at)

@@ -1,4 +1,4 @@
-"""Files of definitions: where they are, whether they are unchanged, and the cache of definitions."""
+"""Find definition files, detect changes of their content, and hold the current cache of definitions."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def _packages() -> tuple[Path, ...]:
 
     found: list[Path] = []
     for point in sorted(entry_points_of(PACKAGES), key=lambda point: point.name):
-        with suppress(ImportError, ValueError, AttributeError):  # the last one: the entry point names nothing
+        with suppress(ImportError, ValueError, AttributeError):  # AttributeError: the entry point does not exist
             package, *inside = point.module.split(".")
             spec = find_spec(package)
             places = () if spec is None else spec.submodule_search_locations or ()
@@ -154,7 +154,7 @@ def _first_file(name: str, places: Iterable[Path], suffix: str) -> Path | None:
 
 
 def definition_file(name: str | Path, folder: Path) -> Path | None:
-    """Return the file that a name or a path means, seen from `folder`; None if it does not exist."""
+    """Return the file of a name or a path, relative to `folder`; None if it does not exist."""
     path = Path(name)
     if path.suffix in (".yaml", ".yml") or os.path.isfile(path):
         return path if os.path.isfile(path) else None
@@ -200,7 +200,7 @@ class Cache(Interface):
         """Return the definition that the file gives now, and its sources; None if it has to be loaded."""
 
     def was_loaded(self, path: Path, protocol: Protocol, sources: Sources) -> None:
-        """Take note of a definition that had to be loaded."""
+        """Store a definition that had to be loaded."""
 
     def module(self, protocol: Protocol) -> ModuleType:
         """Return the module of a definition's frames. Raises DefinitionError."""

@@ -200,8 +200,9 @@ class BehaveLoader:
     # ---- order --------------------------------------------------------------------------------------------
 
     def _in_order(self, found: Sequence[Behaviour]) -> Iterator[Behaviour]:
-        """Yield each behaviour after those it depends on; note circular dependencies without a value of the previous
-        step.
+        """Yield each behaviour after those it depends on.
+
+        Note circular dependencies without a value of the previous step.
         """
         plain = {id(one.place): one for one in found if one.formula is not None and not one.goes_on}
         yield from (one for one in found if id(one.place) not in plain)
@@ -274,8 +275,9 @@ class _Value(NamedTuple):
 
 
 class _Wanted:
-    """Selects the values of one point: the named point, else the first one in the file. Keeps names for error
-    messages.
+    """Selects the values of one point: the named point, else the first one in the file.
+
+    Keeps names for error messages.
     """
 
     def __init__(self, point: str | None) -> None:
@@ -397,7 +399,7 @@ def _samples(reading: KeyReading) -> Samples:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReplayedValues(Behaviour):
-    """Replays the values of a point that a sink stored, with their original timing."""
+    """Is what a point was, as a sink has kept it, in the same time."""
 
     word: ClassVar[str] = "replay"
     samples: Samples = keys(

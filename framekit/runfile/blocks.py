@@ -140,8 +140,9 @@ class BlockLoader:
         return "command" in keys and "channel" not in keys and "commands" not in keys and self.jobs.reads_records
 
     def _command(self, number: int, set_number: int, keys: MappingNode, entry: Entry) -> Block:
-        """Return a block that starts, aborts or inspects a job; `every` of a block that starts a job is the period
-        of the job.
+        """Return a block that starts, aborts or inspects a job.
+
+        `every` of a block that starts a job is the period of the job.
         """
         instruction: Instruction = next((name for name in COMMANDS if name in keys), "command")
         self.attempts.spoilt = False
@@ -182,8 +183,9 @@ class BlockLoader:
         }
 
     def _starts(self, instruction: str, keys: MappingNode, entry: Entry) -> None:
-        """Note triggers on a RECEIVE block, which acts on every frame that arrives; warn if any other block has no
-        trigger.
+        """Note triggers on a RECEIVE block, which acts on every frame that arrives.
+
+        Warn if any other block has no trigger.
         """
         given = [key for key in TRIGGERS if key in keys]
         if given == ["once"] and self.attempts.maybe(self.reader.flag, keys.get("once")) is False:
@@ -203,8 +205,9 @@ class BlockLoader:
             self.reader.note(repeat.at, "a block that runs 0 times never runs", "give 1 or more, or enabled: no")
 
     def _channel(self, keys: MappingNode, entry: Entry) -> Channel:
-        """Return the channel of a block. Raise Broken; problems of the channel itself have been reported at the
-        channel.
+        """Return the channel of a block. Raise Broken.
+
+        Problems of the channel itself have been reported at the channel.
         """
         node = keys.get("channel")
         if node is None:

@@ -87,9 +87,7 @@ def read_clients(reader: Reader, node: Node) -> tuple[Network, ...]:
 
 
 class ChannelLoader:
-    """Reads the channels of the run in `folder`. `protocols` caches the loaded protocols; None marks an invalid
-    protocol.
-    """
+    """Reads the channels of the run in `folder`. `protocols` caches the loaded protocols; None marks an invalid one."""
 
     def __init__(self, reader: Reader, folder: Path, root: Mapping) -> None:
         self.reader = reader
@@ -151,9 +149,7 @@ class ChannelLoader:
         return channel
 
     def _unused(self, keys: Mapping, channel: Channel, name: str) -> None:
-        """Note keys without effect: keys for requests on a channel that only answers, and `map` on a channel without
-        answers.
-        """
+        """Note keys without effect: for requests on an answering channel, and `map` on a channel without answers."""
         role = None if channel.role is None else channel.protocol.roles[channel.role]
         for key in () if channel.asks else OF_ASKING:
             if (node := keys.get(key)) is not None:
@@ -285,9 +281,7 @@ def beside(name: str, folder: Path) -> str | Path:
 
 
 def needs_station(protocol: Protocol) -> bool:
-    """Return whether exchanges of a protocol use the station of the other side and the protocol has no default for
-    it.
-    """
+    """Return whether exchanges of a protocol use the station of the other side, without a default in the protocol."""
     if protocol.station.type == "none" or protocol.station.default is not None:
         return False
     holders = [row.request for row in protocol.service_rows]
@@ -564,9 +558,7 @@ class LineLoader:
             self._note("modem", "a simulated line has no modem", "leave it out")
 
     def _format(self, settings: LineSettings) -> None:
-        """Note speeds and formats that the interface does not have: Snet module guide, Table 14, and later, faster
-        speeds.
-        """
+        """Note speeds and formats that the interface does not have (Snet module guide, Table 14, and faster speeds)."""
         line = self.line
         if settings.type is None or line is None:
             return
@@ -586,8 +578,9 @@ def read_station(reader: Reader, node: Node, protocol: Protocol) -> Any:
 
 
 def line_of(protocol: Protocol, speed: int | None, format: str | None) -> LineFormat | None:
-    """Return the speed and format of a line, by default those of the protocol; None for connections. Raise
-    ValueError.
+    """Return the speed and format of a line, by default those of the protocol; None for connections.
+
+    Raise ValueError.
     """
     line = protocol.line
     if line.kind == "stream":
@@ -598,8 +591,9 @@ def line_of(protocol: Protocol, speed: int | None, format: str | None) -> LineFo
 
 
 def parse_station(text: str, protocol: Protocol) -> Any:
-    """Return the station that a text identifies. Raise ValueError with a full message if the protocol cannot have
-    it.
+    """Return the station that a text identifies.
+
+    Raise ValueError with a full message if the protocol cannot have it.
     """
     station = protocol.station
     if station.type == "none":
@@ -639,8 +633,9 @@ def _filled(text: str, station: StationType) -> bytes | None:
 def read_mapping(
     reader: Reader, node: Node | None, protocol: Protocol, grammar: AddressGrammar
 ) -> dict[str, tuple[str, int]]:
-    """Read `map: {AREA: ADDRESS}`, the start of areas of a protocol in a memory; invalid entries are noted and left
-    out.
+    """Read `map: {AREA: ADDRESS}`, the start of areas of a protocol in a memory.
+
+    Invalid entries are noted and left out.
     """
     found: dict[str, tuple[str, int]] = {}
     for entry in reader.entries(node):

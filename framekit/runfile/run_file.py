@@ -401,8 +401,7 @@ class _Stored:
 def overlaps(
     blocks: Sequence[Block], channels: MappingOf[int, Channel], sections: Sequence[BlockWords] = ()
 ) -> Iterator[Problem]:
-    """Yield a warning for each pair of blocks that store into the same place, or for a block that overwrites status
-    words.
+    """Yield a warning for each pair of blocks that store into one place, and for blocks that overwrite status words.
 
     `sections`: the status words of blocks in the memory, if the run shows them.
     """

@@ -1,4 +1,4 @@
-"""All checks of a protocol, one after the other; here those of its small sections, of command blocks and profiles."""
+"""Run all checks of a protocol in order; this module checks its small sections, its command blocks and its profile."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MOST_VARIABLES = 4
 
 
 def check_profile(protocol: Protocol) -> list[Problem]:
-    """What goes beyond the protocol's profile, if it declares one."""
+    """Return the violations of the protocol's profile, if it declares a profile."""
     if protocol.profile is None:
         return []
     if protocol.profile not in PROFILES:
@@ -40,7 +40,7 @@ def check_profile(protocol: Protocol) -> list[Problem]:
 
 
 def _user_frames(frame: Frame) -> Iterator[Problem]:
-    """User-defined frames of the Snet tool (guide, chapter 7): heads of constants, four variables a body, and so on."""
+    """Check a user-defined frame of the Snet tool (guide, chapter 7): heads of constants, four variables per body, …"""
     for segment in frame.head:
         if not isinstance(segment, Const):
             yield Problem(segment.at, "a head holds only constants in this profile", "move it to the body")
@@ -66,11 +66,11 @@ PROFILES: dict[str, Callable[[Frame], Iterable[Problem]]] = {"snet-user-frames":
 
 
 PLACES = ("area", "memory", "code", "text")
-"""The words that say which area a place is in; exactly one of them."""
+"""The words that select the area of a place; a place has exactly one of them."""
 
 
 def check_commands(protocol: Protocol, broken: Collection[str] = ()) -> Iterator[Problem]:
-    """Everything wrong with command blocks."""
+    """Yield all problems of command blocks."""
     rules = protocol.commands
     if rules is not None and protocol.kind == "protocol":
         what = "a protocol has no command blocks of its own"
@@ -122,7 +122,7 @@ RESERVED = frozenset({
     "it", "part", "request", "reply", "buffer", "reply_buffer", "expected", "own", "role", "now", "frame", "refusal",
     "station", "line", "clock", "cause", "outcome",
 })  # fmt: skip
-"""Words with a meaning of their own."""
+"""Words with a predefined meaning, which cannot be used as names."""
 
 PLAIN_TYPES = ("flag", "text", "bytes", "time", "list", "record", "frame", "number", "f32", "f64")
 _INTEGER = re.compile(r"([ui])(8|16|24|32|40|48|56|64)")
@@ -146,7 +146,7 @@ def check_sections(protocol: Protocol, is_whole: bool) -> Iterator[Problem]:
 
 
 def _groups(protocol: Protocol) -> Iterator[Problem]:
-    """Groups in which no frame is, and rows that wait for the frames of such a one, also where another file says so."""
+    """Warn about groups without frames, and about rows that wait for an empty group of any file."""
     if not protocol.frames:
         return
     empty = [group for group in protocol.groups.values() if not group.frames]
@@ -164,7 +164,7 @@ def _groups(protocol: Protocol) -> Iterator[Problem]:
 
 
 def _names(protocol: Protocol) -> Iterator[Problem]:
-    """One name means one thing, and words with a meaning are no names."""
+    """Report names with two meanings, and predefined words used as names."""
     seen: dict[str, str] = {}
     sections: dict[str, Mapping[str, Any]] = {
         "parameter": protocol.params, "variable": protocol.state, "table": protocol.tables, "queue": protocol.queues,
@@ -204,7 +204,7 @@ def _parameter(parameter: Parameter) -> Iterator[Problem]:
 
 
 def _not_told(parameter: Parameter) -> Iterator[Problem]:
-    """A secret value that the definition itself tells is none: it stands in generated code too."""
+    """Report a secret parameter whose value is in the definition: generated code would contain the secret too."""
     written = parameter.default or parameter.is_
     if written is not None and (parameter.default is not None or is_constant(written)):
         what = f"'{parameter.name}' is secret, and its value stands here and in generated code"
@@ -261,7 +261,7 @@ def _queue(queue: Queue) -> Iterator[Problem]:
 
 
 def _locals(protocol: Protocol, sequence: Sequence) -> Iterator[Problem]:
-    """No variable of a sequence is a frame: a bare word in `send` would mean that."""
+    """Report variables of a sequence with the name of a frame: a bare word in `send` would mean the frame."""
     frames: Mapping[str, Frame] = protocol.frames
     for name in (*sequence.takes, *sequence.local):
         if name in frames:
@@ -287,7 +287,7 @@ def _station(protocol: Protocol) -> Iterator[Problem]:
 
 
 def _marks(protocol: Protocol) -> Iterator[Problem]:
-    """Frames say which byte is marked where characters have nine bits, and only there."""
+    """Report a missing or useless `mark`: with nine-bit characters a frame must say which byte is marked."""
     line = protocol.line
     formats = [text.strip() for text in (line.format, *line.formats)]
     marked = [frame for frame in protocol.frames.values() if frame.mark is not None]
@@ -352,10 +352,10 @@ def _line(protocol: Protocol) -> Iterator[Problem]:
 def check_protocol(
     protocol: Protocol, broken: frozenset[str] = frozenset(), words_of_forms: frozenset[str] = frozenset()
 ) -> list[Problem]:
-    """Everything wrong with a protocol that loaded; warnings among it.
+    """Return all problems of a loaded protocol, including warnings.
 
-    `broken`: names of things that could not be loaded, whose problems have been told; that they are missing is none.
-    `words_of_forms`: the same for what broken forms of addresses may offer.
+    `broken`: names of parts that could not be loaded; their problems have been reported, and references to them are not
+    reported again. `words_of_forms`: the same for names that broken forms of addresses may define.
     """
     is_whole = not broken
     broken |= words_of_forms

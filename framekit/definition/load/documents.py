@@ -1,7 +1,7 @@
-"""Definition files and how they are joined: `extends`, `application`, `uses`.
+"""Read definition files and join them by `extends`, `application` and `uses`.
 
-A `SourceText` is a definition with its bases merged in, section by section, still as nodes. Files are looked for
-beside the definition and among the shipped ones only. What the sections mean is not known here.
+A `SourceText` is a definition with its bases merged in, section by section, still as nodes. A file is searched next to
+the definition, then in the searched folders. This module does not interpret the sections.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ T = TypeVar("T")
 
 
 def load_file(path: Path, kind: Kind, read: Callable[[Reader, Mapping], T]) -> T:
-    """What `read` makes of the nodes of one file. Raises DefinitionError with everything that is wrong."""
+    """Return the result of `read` for the nodes of one file. Raise DefinitionError with all problems."""
     reader = Reader()
     documents = Documents(reader)
     found = None
@@ -39,7 +39,7 @@ def load_file(path: Path, kind: Kind, read: Callable[[Reader, Mapping], T]) -> T
 
 @dataclass(slots=True)
 class SourceText:
-    """A merged definition. `names`: its file's name and those of its bases, by which others refer to it."""
+    """A merged definition. `names`: the names of its file and of its bases, by which other files refer to it."""
 
     root: Mapping
     path: Path
@@ -53,16 +53,16 @@ class SourceText:
         return self.root.at
 
     def section(self, key: str) -> tuple[Entry, ...]:
-        """The named entries of a section; none when it is missing or is not a mapping."""
+        """Return the named entries of a section; empty if it is missing or not a mapping."""
         node = self.root.get(key)
         return node.read_all() if isinstance(node, Mapping) else ()
 
 
 class Documents:
-    """Reads the files of one load, each once, with their problems noted in `reader`.
+    """Reads the files of one load, each once; problems are noted in `reader`.
 
-    `found`: the names by which files referred to others, the folders they were looked for in, and what was found.
-    `texts`: what counts instead of the content of these files.
+    `found`: the names in references between files, each with the folder of the search and the resulting file. `texts`:
+    replacements for the content of files.
     """
 
     def __init__(self, reader: Reader, texts: MappingOf[Path, str] | None = None) -> None:
@@ -76,7 +76,7 @@ class Documents:
         self.found: set[tuple[str, Path, Path]] = set()
 
     def root(self, path: Path, kind: Kind = "protocol") -> Mapping:
-        """The validated nodes of a file. Raises Broken when it can't be read at all."""
+        """Return the validated nodes of a file. Raise Broken if it cannot be read at all."""
         path = path.resolve()
         if path not in self.roots:
             doubles: list[Problem] = []
@@ -107,7 +107,7 @@ class Documents:
         return self.roots[path]
 
     def _with_areas(self, root: Mapping) -> Mapping:
-        """The file with an entry of its own for each area of a list, `PV, SL: {…}`."""
+        """Return the file with a separate entry for each area of a list such as `PV, SL: {…}`."""
         areas = root.value("areas")
         if not isinstance(areas, Mapping) or not any("," in entry.key.text for entry in areas.entries):
             return root
@@ -123,10 +123,10 @@ class Documents:
         return Mapping(tuple(entries), root.at, root.flow)
 
     def first_words(self, problems: list[Problem], file: Path | None = None) -> list[Problem]:
-        """The problems sorted, each once; where the schema spoke, what loaders said of the same place is left out.
+        """Return the problems, sorted and without duplicates or consequences.
 
-        So is what they said of a line in which YAML has cut something: the pieces mean nothing. In a `file` without
-        errors, keys that no loader has read are problems too.
+        A problem of a loader is dropped if the schema reports its position, or if YAML has cut an expression in its
+        line. In a `file` without errors, keys that no loader has read are problems too.
         """
         root = None if file is None else self.roots.get(file.resolve())
         if root is not None and all(problem.warning for problem in problems):
@@ -139,7 +139,7 @@ class Documents:
         ]
 
     def find(self, name: Node, beside: Path) -> Path:
-        """The file a definition names: beside it, else in a folder that is searched. Raises Broken."""
+        """Return the file that a definition names: next to it, else in a searched folder. Raise Broken."""
         text = self.reader.text(name)
         if not text or leaves_folder(text, beside.parent):
             raise self.reader.broken(name.at, f"'{text}' leaves the definition's folder", INSIDE)
@@ -156,9 +156,9 @@ class Documents:
         return did_you_mean(name, known) or f"put {name}.yaml beside {beside.name}"
 
     def source(self, path: Path, named: Position | None = None) -> SourceText:
-        """The definition in `path` with everything it extends and uses; `named`: where it was asked for.
+        """Return the definition in `path` with everything it extends and uses; `named`: the position of the reference.
 
-        Raises Broken for cycles and missing files.
+        Raise Broken for cycles and missing files.
         """
         path = path.resolve()
         if path in self.under_way:
@@ -197,11 +197,11 @@ class Documents:
         application = self._named(carried, path) or application
         missing = (own.get("extends") is not None and base is None) or (carried is not None and application is None)
         if missing or any(one is None for _, one in used):
-            raise Broken(str(path))  # without them nearly everything would be unknown
+            raise Broken(str(path))  # nearly every name would be unknown without them
         return SourceText(root, path, names, files, uses, application)
 
     def _named(self, name: Node | None, path: Path) -> SourceText | None:
-        """The definition that a node of `path` names; None for no node, and for a file that cannot be had."""
+        """Return the definition that a node of `path` names; None without a node, or if the file cannot be read."""
         if name is None:
             return None
         with self.reader.going_on():
@@ -210,12 +210,12 @@ class Documents:
 
 
 def without_effect(entry: Entry, where: str = "here") -> Problem:
-    """The problem that no loader reads a key."""
+    """Return the problem of a key that no loader reads."""
     return Problem(entry.key.at, f"'{entry.key.text}' has no effect {where}", "remove it")
 
 
 def merged(base: Mapping, own: Mapping) -> Mapping:
-    """`own` on top of `base`: sections joined by name, other keys replaced."""
+    """Return `own` on top of `base`: sections are joined by name, other keys are replaced."""
     sections = {entry.key.text: entry for entry in base.entries if entry.key.text != "extends"}
     for entry in own.entries:
         key = entry.key.text
@@ -228,7 +228,10 @@ def merged(base: Mapping, own: Mapping) -> Mapping:
 
 
 def joined(base: Mapping, own: Mapping, depth: int) -> Mapping:
-    """Entries of both; a key of `own` replaces that of `base`, or is joined with it while `depth` is above 1."""
+    """Return the entries of both.
+
+    A key of `own` replaces the key of `base`, or is joined with it while `depth` exceeds 1.
+    """
     entries = {entry.key.text: entry for entry in base.entries}
     for entry in own.entries:
         old = entries.get(entry.key.text)

@@ -1,5 +1,7 @@
-"""A definition file to a `Protocol`: the loaders of all sections, in the order they need each other; and the doors: a
-protocol by name or path, or from a text; a simulated device from its file."""
+"""Load a `Protocol` from a definition file, by name, by path or from a text; load a simulated device from its file.
+
+`ProtocolLoader` runs the loaders of all sections in the order of their dependencies.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,7 @@ T = TypeVar("T")
 
 
 class ProtocolLoader:
-    """Reads one source. Problems go to the reader; what is broken is missing from the result."""
+    """Reads one source. Problems go to the reader; broken parts are missing from the result."""
 
     def __init__(self, reader: Reader, documents: Documents, source: SourceText) -> None:
         self.reader = reader
@@ -51,7 +53,7 @@ class ProtocolLoader:
         self.words_of_forms: set[str] = set()
 
     def load(self) -> Protocol:
-        """The protocol as far as it could be read."""
+        """Return the protocol as far as it could be read."""
         frames = self.frames.load_all()
         groups = self.frames.load_groups()
         procedure = self.procedure
@@ -103,7 +105,7 @@ class ProtocolLoader:
         parameters: Mapping[str, Parameter],
         forms: Iterable[AddressForm],
     ) -> dict[str, Sequence]:
-        """The sequences with their rows' `station:` carried out."""
+        """Return the sequences with the `station:` of their rows resolved."""
         of_places = {name for form in forms for name in form.names}
         built: list[tuple[FrameOf, set[str], set[str]]] = []
         for row in (row for found in services.values() for row in found):
@@ -117,7 +119,7 @@ class ProtocolLoader:
         return {name: stations.compared(self.reader, sequence) for name, sequence in sequences.items()}
 
     def _head(self) -> dict[str, Any]:
-        """What a definition says of itself, and where it was read from."""
+        """Return the description of a definition, such as its name and source, and the files it was read from."""
         source, root = self.source, self.source.root
         profile = root.get("profile")
         return {
@@ -135,7 +137,10 @@ class ProtocolLoader:
         }
 
     def broken(self, loaded: Protocol) -> frozenset[str]:
-        """Names of things that could not be read, or of sequences only in part: what is missing there is no problem."""
+        """Return the names of parts that could not be read completely.
+
+        References to them are not reported as unknown.
+        """
         named = {*self.frames.outlines, *self.space.section("frames")}
         missing = (named - loaded.frames.keys()) | self.broken_layouts | self.procedure.partly
         missing |= self.space.twice
@@ -149,7 +154,7 @@ class ProtocolLoader:
         return self._text("protocol") or self._text("application") or self._text("device")
 
     def _own(self, key: str) -> Any:
-        """A section of the definition, or of its application."""
+        """Return a section of the definition, or else of its application."""
         node = self.source.root.get(key)
         if node is None and self.source.application is not None:
             node = self.source.application.root.get(key)
@@ -166,18 +171,21 @@ class ProtocolLoader:
         return found
 
     def _section(self, part: type[T], key: str) -> T:
-        """A section that is one mapping; what it usually says where it is missing or broken."""
+        """Return a section that is a single mapping; its defaults if it is missing or broken."""
         node = self._own(key)
         with self.reader.going_on():
             return part() if node is None else read_part(part, self, node)
         return part()
 
     def _named(self, part: type[T], entry: Entry, **known: Any) -> T:
-        """What stands under a name that the file's author chooses. Raises Broken."""
+        """Return the part under a name that the author of the file chooses. Raise Broken."""
         return read_part(part, self, entry.value, name=entry.key.text, at=entry.key.at, **known)
 
     def _elsewhere(self, key: str) -> Namespace:
-        """The namespace of `areas: FILE` or `addresses: FILE`; this one when the section stands here."""
+        """Return the namespace of `areas: FILE` or `addresses: FILE`.
+
+        Return the own namespace if the section is in this file.
+        """
         name = scalar_of(self._own(key))
         if name is None:
             return self.space
@@ -214,7 +222,7 @@ class ProtocolLoader:
         return None
 
     def _commands(self, services: ServiceLoader) -> CommandRules | None:
-        """How records are command blocks; a protocol only names the application that says so."""
+        """Return the rules for command blocks; None for a protocol, which only names an application with rules."""
         node = self.source.root.get("commands")
         if isinstance(node, MappingNode):
             with self.reader.going_on():
@@ -230,7 +238,7 @@ class ProtocolLoader:
         return tuple(found)
 
     def _layouts(self, parts: list[Any], areas: Mapping[str, Area]) -> dict[str, Layout]:
-        """The layouts that are built or read by themselves; the others are only included."""
+        """Return the layouts that are built or parsed by themselves; all other layouts are only included in frames."""
         wanted = {value.layout: value.at for value in parts_of(parts, LayoutOf)}
         wanted |= {value.layout: value.at for value in parts_of(parts, ReadAs)}
         wanted |= {area.layout: area.at for area in areas.values() if area.layout}
@@ -241,7 +249,7 @@ class ProtocolLoader:
                     wanted[node.text] = node.at
         found: dict[str, Layout] = {}
         own = {name: owned.entry.key.at for name, owned in self.space.section("layouts").items()}
-        for name, at in (own | wanted).items():  # what is wrong in one is told even if nothing includes it
+        for name, at in (own | wanted).items():  # report the problems of a layout even if no frame includes it
             before = len(self.reader.problems)
             with self.reader.going_on():
                 loader = SegmentLoader(self.space, self.frames)
@@ -261,7 +269,7 @@ class ProtocolLoader:
     def _variables(
         self, parts: list[Any], frames: Mapping[str, Frame]
     ) -> tuple[dict[str, Parameter], dict[str, StateVariable], dict[str, Table]]:
-        """Own parameters, state and tables, and those of used files that something here mentions."""
+        """Return the own parameters, state and tables, and those of used files that this definition reads."""
         announced = {one.name for frame in frames.values() for one in frame.announces}
         result: dict[str, dict[str, Any]] = {"params": {}, "state": {}, "tables": {}}
 
@@ -295,7 +303,10 @@ class ProtocolLoader:
                 return result["params"], result["state"], result["tables"]
 
     def _joined(self, section: str) -> dict[str, Owned]:
-        """Entries of a section; for params and state the protocol's keys go over those of its application."""
+        """Return the entries of a section.
+
+        In params and state, keys of the protocol override those of its application.
+        """
         entries = dict(self.space.section(section))
         application = self.source.application
         if application is None or section == "tables":
@@ -314,30 +325,30 @@ class ProtocolLoader:
 
 @dataclass(frozen=True, slots=True)
 class Loaded:
-    """A protocol and what it was read from."""
+    """A protocol and the files it was read from."""
 
     protocol: Protocol
     sources: Sources
 
 
 MOST_KEPT = 32
-"""So many loaded definitions are kept in a process, those asked for last."""
+"""Number of loaded definitions that a process keeps, by their most recent use."""
 _kept: dict[tuple[str, Path], Loaded] = {}
 
 
 def load_protocol(name: str | Path, folder: Path | None = None) -> Protocol:
-    """The protocol in a file, or of a name: beside `folder` (default: here), else shipped.
+    """Return the protocol in a file, or by name: from `folder` (default: the working folder) or a searched folder.
 
-    Raises DefinitionError with every problem of it and of the files it stands on; warnings are in the result.
+    Raise DefinitionError with all problems of the file and of its bases; the result contains the warnings.
     """
     return load_with_files(name, folder).protocol
 
 
 def load_with_files(name: str | Path, folder: Path | None = None) -> Loaded:
-    """As `load_protocol`, with what was read.
+    """Return the result of `load_protocol` with the files that were read.
 
-    What was loaded before in this process is given again while its files hold what they held, and every name in them
-    still means the same file: runs and devices of one protocol share it, and what was compiled of it.
+    A definition loaded earlier in this process is returned again while its files have the same content and every name
+    in them still leads to the same file. Runs and devices of one protocol thus share it and its compiled code.
     """
     path = definition_path(name, folder)
     key = str(path), path.resolve()
@@ -375,7 +386,7 @@ def _load(path: Path) -> Loaded:
 
 
 def load_protocol_text(text: str, name: str = "definition", folder: Path | None = None) -> Protocol:
-    """A protocol from its text, as if it stood in `NAME.yaml` in `folder`. Raises DefinitionError."""
+    """Return a protocol from its text, as if it were the file `NAME.yaml` in `folder`. Raise DefinitionError."""
     with TemporaryDirectory() as temporary:
         path = Path(temporary) / f"{name}.yaml"
         path.write_text(text, encoding="utf-8")
@@ -384,13 +395,13 @@ def load_protocol_text(text: str, name: str = "definition", folder: Path | None 
                 beside = Path(temporary) / other.name
                 try:
                     beside.symlink_to(other.resolve())
-                except OSError:  # Windows lets few users make links
+                except OSError:  # Windows restricts links to few users
                     copyfile(other, beside)
         return _load(path).protocol
 
 
 def definition_path(name: str | Path, folder: Path | None = None) -> Path:
-    """Where a definition stands. Raises DefinitionError when there is none of that name."""
+    """Return the path of a definition. Raise DefinitionError if it does not exist."""
     found = definition_file(name, folder or Path.cwd())
     if found is None and os.path.isdir(Path(folder or Path.cwd(), name)):
         what = "this is a folder, not a file"
@@ -419,10 +430,10 @@ OWN_SECTIONS = (
 
 @dataclass(frozen=True, slots=True)
 class DeviceDefinition:
-    """A device file as far as this layer reads it. `root` still holds `memory`, `station` and `params` as nodes.
+    """A device file as read by this layer. `root` still holds `memory`, `station` and `params` as nodes.
 
-    `broken`: names of things in it that could not be read. `plain`: the device has no rules of its own; its
-    protocol is as it is loaded by itself, checked, and shared with all that load it.
+    `broken`: names of its parts that could not be read. `plain`: the device has no rules of its own; it shares the
+    checked protocol with everything else that loads it.
     """
 
     name: str
@@ -434,7 +445,10 @@ class DeviceDefinition:
 
 
 def load_device_definition(reader: Reader, documents: Documents, name: str | Path, folder: Path) -> DeviceDefinition:
-    """Raises Broken when it can't be read, DefinitionError when there is no such file; problems go to the reader."""
+    """Return the definition of a device. Raise Broken if it cannot be read, DefinitionError if the file does not exist.
+
+    Problems go to the reader.
+    """
     path = definition_path(name, folder)
     root = documents.root(path, "device")
     found = documents.find(_required(reader, root, "protocol"), path)
@@ -451,7 +465,7 @@ def load_device_definition(reader: Reader, documents: Documents, name: str | Pat
 
 
 def _own(entry: Entry) -> Entry:
-    """A section of the device's own; of `params` only new definitions, what is set to a value is no part of it."""
+    """Return a section of the device; `params` without the entries that only set a value."""
     if entry.key.text != "params" or not isinstance(entry.value, MappingNode):
         return entry
     defined = tuple(item for item in entry.value.entries if isinstance(item.value, MappingNode))
@@ -463,7 +477,7 @@ def _says(entry: Entry) -> bool:
 
 
 def _protocol(path: Path) -> Protocol | None:
-    """The protocol in a file; None if it is no right one, which is told when it is read with the device's own rules."""
+    """Return the protocol in a file; None if it is invalid, which the full load of the device reports."""
     try:
         found = load_protocol(path)
     except DefinitionError:

@@ -1,7 +1,7 @@
 """Typed access to nodes for the loaders, with one list of problems, and the parsers of scalars.
 
-A loader that can't go on with a thing (a frame, a sequence, a row) raises `Broken` after the problem is noted; the
-caller leaves that thing out and goes on with the next, so that all problems of a file come at once.
+A loader that cannot continue with a part (a frame, a sequence, a row) notes the problem and raises `Broken`. The caller
+leaves that part out and continues with the next, so that all problems of a file are reported at once.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from framekit.definition.tree import Entry, Mapping, Node, Scalar, Sequence
 
 T = TypeVar("T")
 MOST_BYTES = 1_048_576
-"""Bytes of a frame, and items of its lists, at most."""
+"""Maximum number of bytes of a frame, and of items of its lists."""
 MOST_ELEMENTS = 16_777_216
-"""An area of memory has so many elements at most."""
+"""Maximum number of elements of a memory area."""
 
 
-class Broken(Exception):  # noqa: N818 - it is a signal between loaders, no error of its own
-    """The thing being loaded cannot be used; the problem has been noted."""
+class Broken(Exception):  # noqa: N818 - a signal between loaders, not an error by itself
+    """Raised if the part being loaded is unusable; the problem has been noted."""
 
 
 class Reader:
@@ -39,14 +39,14 @@ class Reader:
     # ---- problems -----------------------------------------------------------------------------------------
 
     def note(self, at: Position, what: str, todo: str = "") -> None:
-        """Adds a problem and goes on."""
+        """Add a problem; reading continues."""
         self.problems.append(Problem(at, what, todo))
 
     def warn(self, at: Position, what: str, todo: str = "") -> None:
         self.problems.append(Problem(at, what, todo, warning=True))
 
     def broken(self, at: Position, what: str, todo: str = "") -> Broken:
-        """Adds a problem; the caller raises what this returns."""
+        """Add a problem and return the exception for the caller to raise."""
         self.note(at, what, todo)
         return Broken(what)
 
@@ -94,7 +94,7 @@ class Reader:
         return self._parsed(node, parse_number)
 
     def count(self, node: Node | None, most: int, of: str) -> int:
-        """A number from 0 to `most`: how many `of` something a device holds, whose work and room have a bound."""
+        """Return a number from 0 to `most`; `of` names the counted items in the message."""
         number = self.number(node)
         if not 0 <= number <= most:
             what = f"{number} {of} are not possible: 0 to {most} are"
@@ -102,11 +102,11 @@ class Reader:
         return number
 
     def bytes_at_most(self, node: Node | None) -> int:
-        """A number of bytes, digits or items in a frame."""
+        """Return a number of bytes, digits or items in a frame, at most `MOST_BYTES`."""
         return self.count(node, MOST_BYTES, "bytes or items in a frame")
 
     def constant(self, node: Node | None) -> Constant:
-        """A number, a time, `h'…'` bytes or a text."""
+        """Return a number, a time, `h'…'` bytes or a text."""
         return self._parsed(node, parse_constant)
 
     def cell(self, node: Node | None) -> Constant:
@@ -130,7 +130,7 @@ class Reader:
         return self._parsed(node, parse_range)
 
     def time(self, node: Node | None) -> int:
-        """A time in nanoseconds: `10 ms`, or a unit alone for one of it."""
+        """Return a time in nanoseconds: `10 ms`, or a unit alone, such as `ms` for 1 ms."""
         return self._parsed(node, lambda text: parse_time(f"1 {text}" if text in UNITS else text))
 
     def places(self, node: Node | None) -> tuple[int, int]:
@@ -169,7 +169,7 @@ class Reader:
         return None if node is None else read(node)
 
     def tried(self, read: Callable[[Node], T], node: Node | None) -> T | None:
-        """As `maybe`; None for something broken, too: the rest is read all the same."""
+        """Read a node as `maybe` does, but return None if it is broken; reading continues."""
         with self.going_on():
             return None if node is None else read(node)
         return None
@@ -200,7 +200,7 @@ class Reader:
 
     def _shape(self, node: Node | None, wanted: str) -> Broken:
         if node is None:
-            return Broken(f"{wanted} is missing")  # the schema has said so
+            return Broken(f"{wanted} is missing")  # the schema has reported it
         return self.broken(node.at, f"{wanted} is wanted here")
 
 
@@ -214,7 +214,7 @@ _CONTROLS = (
 )
 CONTROL_NAMES = {name: code for code, name in enumerate(_CONTROLS.split()) if name != "-"}
 CONTROL_NAMES |= {"SP": 0x20, "DEL": 0x7F, "TAB": 0x09, "XON": 0x11, "XOFF": 0x13}
-"""Names of control characters; form feed has none, since `FF` is the byte."""
+"""Names of control characters; form feed has no name, since `FF` is the byte."""
 
 FLAGS = {"yes": 1, "true": 1, "on": 1, "no": 0, "false": 0, "off": 0}
 
@@ -231,7 +231,7 @@ def parse_number(text: str) -> int:
 
 
 def parse_flag(text: str) -> int:
-    """`yes` or `no` (also true, false, on, off) as 1 or 0."""
+    """Parse `yes` or `no` (also true, false, on, off) as 1 or 0. Raise ValueError."""
     try:
         return FLAGS[text.strip().lower()]
     except KeyError:
@@ -239,7 +239,7 @@ def parse_flag(text: str) -> int:
 
 
 def parse_bytes(text: str) -> bytes:
-    """Hex pairs and names of control characters: `1B 54`, `DLE STX`, `0D0A`."""
+    """Parse hex pairs and names of control characters: `1B 54`, `DLE STX`, `0D0A`. Raise ValueError."""
     result = bytearray()
     for word in text.split():
         if word.upper() in CONTROL_NAMES and word.isupper():
@@ -254,7 +254,7 @@ def parse_bytes(text: str) -> bytes:
 
 
 def parse_range(text: str) -> tuple[int, int]:
-    """`a..b` of numbers or times, both ends included."""
+    """Parse `a..b` with numbers or times, both ends included. Raise ValueError."""
     first, dots, last = text.partition("..")
     if not dots:
         raise ValueError(f"'{text}' is not a range – write it like 1..16")
@@ -275,7 +275,7 @@ def _end_of_range(text: str) -> int:
 
 
 def parse_places(text: str) -> tuple[int, int]:
-    """Bit places `5` or `4-7`, lowest first."""
+    """Parse bit places `5` or `4-7`, lowest first. Raise ValueError."""
     low, dash, high = text.partition("-")
     places = parse_number(low), parse_number(high if dash else low)
     if not 0 <= places[0] <= places[1]:
@@ -284,7 +284,10 @@ def parse_places(text: str) -> tuple[int, int]:
 
 
 def parse_constant(text: str) -> Constant:
-    """A value of a table or a column: a number, a time, `h'…'` bytes, `'quoted'` or bare text."""
+    """Parse a value of a table or a column: a number, a time, `h'…'` bytes, `'quoted'` or bare text.
+
+    Raise ValueError.
+    """
     text = text.strip()
     if _NUMBER.fullmatch(text):
         return parse_number(text)
@@ -308,11 +311,11 @@ def parse_quoted(text: str) -> Constant:
 
 
 def parse_key(text: str) -> int | str:
-    """A table's key: a number, or text."""
+    """Parse the key of a table: a number or a text."""
     text = text.strip()
     return parse_number(text) if _NUMBER.fullmatch(text) else text
 
 
 def literal_bytes(scalar: Scalar) -> Expression:
-    """Bytes written as hex pairs, as an expression. Raises ValueError."""
+    """Return bytes written as hex pairs, as an expression. Raise ValueError."""
     return Expression(scalar.text, Bytes(scalar.at, parse_bytes(scalar.text) if scalar.text.strip() else b""))
