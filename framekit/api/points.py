@@ -1,6 +1,6 @@
-"""The points of a run: named values with quality and time, read, waited for and written by name.
+"""The points of a run: named values with quality and time, to read, await and write by name.
 
-And points as files: register lists turned into them, and the values that runs have kept of them.
+This module also converts register lists to points files, and reads the stored values of runs.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ from framekit.sinks.base import fits
 from framekit.sinks.sqlite import HistoryError, HistoryRow, SqliteHistory, read_history
 
 Do = Callable[[Callable[[], Any]], Any]
-"""Carries a function out in the run's thread, and gives its result."""
+"""Call a function in the thread of the run and return its result."""
 
 OnPoint = Callable[[PointValue], None]
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 class RunPoint:
-    """One point of a run, as it is whenever it is asked."""
+    """One point of a run. Its properties return the current state at each access."""
 
     def __init__(self, name: str, service: PointService, do: Do) -> None:
         self.name = name
@@ -56,35 +56,35 @@ class RunPoint:
 
     @property
     def now(self) -> PointValue:
-        """Value, quality, reason and time together, of one moment."""
+        """Return value, quality, reason and time of the same moment."""
         found: PointValue = self._do(lambda: self._service.table[self.name])
         return found
 
     @property
     def value(self) -> Any:
-        """The last good value, in the point's own scale; None before there was one."""
+        """Return the last good value, scaled; None before the first."""
         return self.now.value
 
     @property
     def quality(self) -> Quality:
-        """good; stale, when it was not read for too long; or failed."""
+        """Return `good`, `stale` (not read for too long) or `failed`."""
         return self.now.quality
 
     @property
     def reason(self) -> str:
-        """Why it is not good."""
+        """Return why the point is not good."""
         return self.now.reason
 
     @property
     def time(self) -> datetime | None:
-        """When its reply came, or when it failed or became stale (UTC); None before that."""
+        """Return the time of its reply, or of its failure or aging (UTC); None before the first."""
         if not self.now.time:
             return None
         return _EPOCH + timedelta(microseconds=self.now.time // 1000)
 
     @property
     def unit(self) -> str:
-        """In what it is measured."""
+        """Return the unit of measurement."""
         return self._point.unit
 
     def text_of(self, value: Any) -> str:
@@ -93,33 +93,36 @@ class RunPoint:
 
     @property
     def about(self) -> str:
-        """What it is, in a sentence."""
+        """Return the description of the point."""
         return self._point.about
 
     @property
     def place(self) -> str:
-        """Where it stands: its address, with channel and station where a device has it."""
+        """Return the address, with channel and station if a device has the point."""
         point = self._point
         station = "" if point.station is None else f" station {shown(point.station)}"
         return point.address if point.channel is None else f"ch {point.channel}{station} {point.address}"
 
     @property
     def is_writable(self) -> bool:
-        """Whether its `access:` allows it to be written."""
+        """Return whether its `access:` allows writing."""
         return self._point.is_writable
 
     @property
     def names(self) -> Mapping[int, str]:
-        """Words that stand for numbers."""
+        """Return the words for its numbers."""
         return self._point.names
 
     @property
     def range(self) -> tuple[float, float] | None:
-        """The least and the greatest value that may be written, where the run says them."""
+        """Return the minimum and maximum that may be written, if the run defines them."""
         return self._point.limits
 
     def value_of(self, text: str) -> int | float | str:
-        """The value that a text says: a word or a number, or the text where it holds texts. Raises RequestError."""
+        """Return the value for a text: a word, a number, or the text itself if the point is a string.
+
+        Raise RequestError.
+        """
         if self._point.form.type == "string" or text in self._point.names.values():
             return text
         try:
@@ -128,9 +131,9 @@ class RunPoint:
             raise RequestError(f"{text!r} is no value of {self.name}") from None
 
     async def changed(self, *, timeout: float | None = None) -> PointValue:
-        """What it is after its next change of value or quality; in the run's own loop.
+        """Wait for the next change of value or quality and return it; call it in the event loop of the run.
 
-        Raises NoReplyError after `timeout` seconds.
+        Raise NoReplyError after `timeout` seconds.
         """
         told: asyncio.Future[PointValue] = asyncio.get_running_loop().create_future()
 
@@ -149,9 +152,9 @@ class RunPoint:
             listeners.remove(listen)
 
     def write(self, value: Any, *, who: str = "a program", done: Written = lambda failure: None) -> None:
-        """Has a value written, in the point's own scale. `done` hears how it ended, in the run's thread.
+        """Request to write a scaled value. `done` is called with the result in the thread of the run.
 
-        Raises RequestError, and nothing is written, for a point that may not be written or a value that does not fit.
+        Raise RequestError without writing if the point is not writable or the value does not fit.
         """
         self._do(lambda: self._write(value, who, done))
 
@@ -162,7 +165,10 @@ class RunPoint:
             raise RequestError(str(error)) from None
 
     async def put(self, value: Any, *, who: str = "a program") -> None:
-        """Writes a value and waits until it has arrived; in the run's own loop. Raises RequestError, ExchangeError."""
+        """Write a value and wait for the reply; call it in the event loop of the run.
+
+        Raise RequestError or ExchangeError.
+        """
         ended: asyncio.Future[Failure | None] = asyncio.get_running_loop().create_future()
         self._write(value, who, lambda failure: None if ended.done() else ended.set_result(failure))
         failure = await ended
@@ -171,14 +177,14 @@ class RunPoint:
 
 
 class RunPoints(Mapping[str, RunPoint]):
-    """The points of a run by name; `watch` tells of every change."""
+    """The points of a run by name; `watch` reports every change."""
 
     def __init__(self, service: PointService, do: Do) -> None:
         self._service, self._do = service, do
         self._names = dict.fromkeys(value.name for value in service.table)
 
     def __getitem__(self, name: str) -> RunPoint:
-        """Raises KeyError for a point there is not."""
+        """Return a point. Raise KeyError if the run does not have it."""
         if name not in self._names:
             raise KeyError(no_such("there is no point", name, self._names))
         return RunPoint(name, self._service, self._do)
@@ -190,12 +196,12 @@ class RunPoints(Mapping[str, RunPoint]):
         return len(self._names)
 
     def now(self) -> list[PointValue]:
-        """All of them, of one moment."""
+        """Return the values of all points at the same moment."""
         found: list[PointValue] = self._do(lambda: list(self._service.table))
         return found
 
     def watch(self, callback: OnPoint) -> Callable[[], None]:
-        """Calls back in the run's thread for each change of value or quality; what is given ends that."""
+        """Call back in the thread of the run on each change of value or quality; the returned function ends it."""
         listeners = self._service.table.listeners
         self._do(lambda: listeners.append(callback))
 
@@ -210,7 +216,7 @@ class RunPoints(Mapping[str, RunPoint]):
 
 
 def points_text(imported: Imported, name: str, source: str) -> str:
-    """A points file with what was read of a register list."""
+    """Return the text of a points file for an imported register list."""
     lines = [f"points: {label_of(name) or 'points'}", f"source: {_scalar(source)}", "values:"]
     for point, keys in imported.points.items():
         inside = ", ".join(f"{key}: {_scalar(value)}" for key, value in keys.items())
@@ -219,7 +225,7 @@ def points_text(imported: Imported, name: str, source: str) -> str:
 
 
 def _scalar(text: str) -> str:
-    """A text as YAML writes it in braces, in quotes where it has to be."""
+    """Return a text as YAML flow style writes it, quoted if necessary."""
     written: str = yaml.safe_dump([text], default_flow_style=True, allow_unicode=True, width=10**9)
     return written.strip()[1:-1]
 
@@ -227,9 +233,9 @@ def _scalar(text: str) -> str:
 def history_of(
     path: Path, points: Sequence[str] = ("*",), since: int | None = None, until: int | None = None
 ) -> Iterator[HistoryRow]:
-    """The kept values of a run, by its file or by that of its history; times in ns since 1970 (UTC).
+    """Yield the stored values of a run, given its run file or its history file; times in ns since 1970 (UTC).
 
-    Raises RequestError for a run without a history, DefinitionError for a run file that is wrong.
+    Raise RequestError for a run without a history, DefinitionError for an invalid run file.
     """
     if path.suffix in (".yaml", ".yml"):
         run = load_run(path)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 FAULTY = ("bad", "noise", "trouble")
 LONGEST_SHOWN = 64
-"""Bytes of a frame that a line shows."""
+"""Maximum number of bytes of a frame in a line."""
 LONGEST_CELL = 48
 FRAME_HEAD = ("no.", "time", "ch", "", "size", "result", "frame", "bytes")
 FIELD_HEAD = ("field", "offset", "bytes", "value")
@@ -31,7 +31,7 @@ FIELD_HEAD = ("field", "offset", "bytes", "value")
 
 @dataclass(frozen=True, slots=True)
 class FrameEntry:
-    """One thing seen. `number` counts all of them from 1."""
+    """An event of a line. `number` counts all events from 1."""
 
     number: int
     channel: int
@@ -50,12 +50,12 @@ class FieldRow:
 
 
 def spaced(data: bytes) -> str:
-    """Upper-case hex pairs."""
+    """Return the bytes as upper-case hex pairs."""
     return data.hex(" ").upper()
 
 
 def ascii_of(data: bytes) -> str:
-    """Printable characters as they are, others as a dot."""
+    """Return the bytes as ASCII, with a dot for each unprintable character."""
     return "".join(chr(byte) if 32 <= byte < 127 else "·" for byte in data)
 
 
@@ -67,14 +67,14 @@ def shown_hex(data: bytes) -> str:
 
 
 def shown_bytes(data: bytes, as_ascii: bool = False, longest: int = LONGEST_SHOWN) -> str:
-    """The bytes as hex pairs or as ASCII, no more than `longest` of them."""
+    """Return at most `longest` bytes as hex pairs or as ASCII."""
     if len(data) > longest:
         return f"{shown_bytes(data[:longest], as_ascii)} …"
     return ascii_of(data) if as_ascii else spaced(data)
 
 
 LONGEST_VALUE = 40
-"""Characters of a list or of bytes that a line of fields shows."""
+"""Maximum number of characters of a value in a line of fields."""
 
 
 def fields_text(fields: Mapping[str, Any]) -> str:
@@ -92,7 +92,7 @@ def fields_text(fields: Mapping[str, Any]) -> str:
 
 
 def what_was_seen(seen: Seen) -> str:
-    """The frame's name, of a bad one with the reason and where the fault is; or what else happened."""
+    """Return the name of a frame, with reason and place if it is bad, or the description of another event."""
     if seen.kind == "bad":
         segment = f", {seen.segment}" if seen.segment else ""
         return f"bad {seen.frame}".rstrip() + f" ({seen.reason} at byte {seen.place}{segment})"
@@ -102,7 +102,7 @@ def what_was_seen(seen: Seen) -> str:
 
 
 def frame_row(entry: FrameEntry, seconds: float, as_ascii: bool = False) -> tuple[str, ...]:
-    """One thing seen, `seconds` after the beginning; a bad one is marked."""
+    """Return the row of an event, `seconds` after the start; a faulty event is marked."""
     seen = entry.seen
     arrow = {"in": "←", "out": "→"}.get(seen.direction, "")
     mark = "! " if seen.kind in FAULTY else ""
@@ -114,7 +114,7 @@ def frame_row(entry: FrameEntry, seconds: float, as_ascii: bool = False) -> tupl
 
 
 def field_row(row: FieldRow, as_ascii: bool = False) -> tuple[str, ...]:
-    """One field of a frame."""
+    """Return the row of a field of a frame."""
     return row.path, str(row.offset), shown_bytes(row.data, as_ascii, LONGEST_CELL), row.value
 
 
@@ -173,7 +173,7 @@ def removed_row(one: RemovedBlocks) -> tuple[str, ...]:
 
 
 def job_row(one: JobStatus) -> tuple[str, ...]:
-    """A slot with the job in it, or that was in it last."""
+    """Return the row of a slot, with its present or last job."""
     every = "-" if not one.period else format_time(one.period)
     left = "-" if one.left is None else str(one.left)
     counters = one.counters
@@ -189,7 +189,7 @@ def sink_row(one: SinkStatus) -> tuple[str, ...]:
 
 
 def trouble_row(one: Trouble, now: int) -> tuple[str, ...]:
-    """A part that fails, and how long; or that has lost data."""
+    """Return the row of a part that fails, with the duration, or that has lost data."""
     since = lasted(now - one.since) if one.reason else "-"
     return one.name, since, str(one.waiting), one.loss or "-", one.reason or "works again"
 
@@ -200,7 +200,7 @@ def station_row(one: StationStatus) -> tuple[str, ...]:
 
 
 def point_rows(points: RunPoints) -> list[tuple[str, ...]]:
-    """The points as they are now: value, unit, quality."""
+    """Return the rows of the points at this moment: value, unit, quality."""
     rows: list[tuple[str, ...]] = []
     for value in points.now():
         point, quality = points[value.name], value.quality + (f", {value.reason}" if value.reason else "")

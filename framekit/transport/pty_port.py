@@ -1,4 +1,4 @@
-"""Pairs of pseudo-terminals, for tests, demos and real peers: a port on one, a program on the other."""
+"""Pairs of pseudo-terminals, for tests, demos and real peers: a port at one terminal, a program at the other."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ PAIR_READ_SIZE = 4096
 
 
 class PtyPair:
-    """Two terminals wired to each other; `first` and `second` are their paths. Closed at the end of a `with`.
+    """Two connected terminals; `first` and `second` are their paths. The end of a `with` block closes them.
 
-    A thread carries the bytes; it keeps at most `PAIR_READ_SIZE` of them in each direction. Raises OSError.
+    A thread moves the bytes; it buffers at most `PAIR_READ_SIZE` bytes in each direction. Raises OSError.
     """
 
     def __init__(self) -> None:
@@ -56,7 +56,7 @@ class PtyPair:
                     waiting[other[master]] = os.read(master, PAIR_READ_SIZE)
 
     def close(self) -> None:
-        """Pulls both out: a program that has one open gets an error or the end."""
+        """Close both terminals: a program at one of them gets an error or the end of the stream."""
         if self._closed:
             return
         self._closed = True
@@ -73,10 +73,11 @@ class PtyPair:
 
 
 class PtyPort(PassingPort):
-    """A port on a new pair of terminals, for one program at the other terminal until `release`.
+    """A port at a new pair of terminals, for a program at the other terminal until `release`.
 
-    `link`: the path of a symbolic link to the other terminal; it replaces a link to a terminal, for example of an
-    earlier start. Raises OSError if the link cannot be made, and ValueError if the path is no such link.
+    `link`: the path of a symbolic link to the other terminal; it replaces an existing link to a terminal, such as from
+    an earlier start. Raises OSError if the link cannot be created, and ValueError if the path exists and is no such
+    link.
     """
 
     name: str
@@ -98,23 +99,23 @@ class PtyPort(PassingPort):
     def release(self) -> None:
         if self._link:
             with contextlib.suppress(OSError):
-                if os.readlink(self._link) == self._pair.second:  # no later start has replaced it
+                if os.readlink(self._link) == self._pair.second:  # unless a later start has replaced it
                     os.unlink(self._link)
         self._pair.close()
 
 
 TERMINALS = ("/dev/pts/", "/dev/ttys", "/dev/tty")
-"""How the paths of pseudo-terminals begin on Linux, macOS and BSD."""
+"""Prefixes of the paths of pseudo-terminals on Linux, macOS and BSD."""
 
 
 def _refuse_other_files(link: str) -> None:
-    """Raise ValueError if a path exists that is no link to a terminal."""
+    """Raise ValueError if the path exists and is no link to a terminal."""
     if link and os.path.lexists(link) and not (os.path.islink(link) and os.readlink(link).startswith(TERMINALS)):
         raise ValueError(f"'{link}' exists and is no link to a terminal – name a path that is free")
 
 
 def _replace_link(link: str, terminal: str) -> None:
-    """Make a symbolic link, in one step where it exists. Raises OSError."""
+    """Create a symbolic link, or replace it in one step if it exists. Raise OSError."""
     fresh = f"{link}.{os.getpid()}"
     os.symlink(terminal, fresh)
     try:
@@ -125,7 +126,7 @@ def _replace_link(link: str, terminal: str) -> None:
 
 
 def _raw_pty() -> tuple[int, int]:
-    """Both ends of a pseudo-terminal that changes no byte. The other end stays open, so that peers may come and go."""
+    """Return both ends of a pseudo-terminal that changes no byte. The other end stays open while peers come and go."""
     master, slave = pty.openpty()
     tty.setraw(slave)
     return master, slave

@@ -1,8 +1,8 @@
-"""The kinds of ports: one table by scheme, the word before the colon of what a run file or a command line calls a port.
+"""Open ports by URL: a table of the kinds of ports by scheme, the word before the colon of a port.
 
-A new kind is one module and one row: `SCHEMES["can"] = Scheme(form="can:NAME", open=…, listen=…)`, or an entry point
-of the group `framekit.ports` whose name is the scheme and whose value is the row. A device of this machine has no
-scheme. Simulated lines (`sim:`) are made above this layer.
+A new kind is one module and one row: `SCHEMES["can"] = Scheme(form="can:NAME", open=…, listen=…)`, or an entry point of
+the group `framekit.ports` with the scheme as its name and the row as its value. A local serial device has no scheme.
+Simulated lines (`sim:`) are created above this layer.
 """
 
 from __future__ import annotations
@@ -30,33 +30,33 @@ SIMULATED = "sim"
 """The scheme of simulated lines."""
 
 Open = Callable[[str, "LineFormat | None", "AsyncioClock", LineSettings], "Port"]
-"""Makes a port of a whole URL, not yet opened. Raises ValueError, with a sentence, for what is no such URL."""
+"""Create a port from a whole URL, not yet opened. Raise ValueError with a full message for an invalid URL."""
 
 Listen = Callable[[str, "AsyncioClock", "Accepted"], "PortListener"]
-"""Makes a listener of a whole URL, not yet listening. Raises ValueError, with a sentence, for what is no such URL."""
+"""Create a listener from a whole URL, not yet listening. Raise ValueError with a full message for an invalid URL."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scheme:
-    """A kind of port. `form`: how it is written, for messages and help.
-
-    `open`: what opens one; None where it only listens. `listen`: what makes a port of each connection that comes; None
-    where there are no connections. `wires`: whether there is a line with wires, so that its type, duplex, direction,
-    echo and handshake can be said. `names_host`: whether the URL names the host that it connects to. `served`: whether
-    only servers can open it, since others learn from them where it is. `placed`: what gives the URL with the files that
-    it names in a folder; None where it names none. Raises ValueError.
-    """
+    """A kind of port."""
 
     form: str
+    """The form of its URLs, for messages and help."""
     open: Open | None = None
+    """Creates a port; None if the kind only listens."""
     listen: Listen | None = None
+    """Creates a listener, which makes a port of each incoming connection; None if the kind does not listen."""
     wires: bool = False
+    """Whether the line has wires, and thus a type, duplex, direction, echo and handshake."""
     names_host: bool = False
+    """Whether the URL contains the host to connect to."""
     served: bool = False
+    """Whether only servers can open it, since other programs learn the path of the port from the server."""
     placed: Callable[[str, Path], str] | None = None
+    """Resolves the files in the URL relative to a folder; None if the URL has no files. Raises ValueError."""
 
 
-# ---- the kinds that are here ----------------------------------------------------------------------------------
+# ---- built-in kinds --------------------------------------------------------------------------------------------
 
 
 def _open_serial(url: str, settings: LineFormat | None, clock: AsyncioClock, wiring: LineSettings) -> Port:
@@ -133,15 +133,15 @@ for _name in PYSERIAL:
     SCHEMES[_name] = Scheme(form=f"{_name}://", open=_open_serial, wires=True)
 
 
-# ---- finding and using them -----------------------------------------------------------------------------------
+# ---- finding and using ports -----------------------------------------------------------------------------------
 
 
 _WINDOWS_DEVICE = re.compile(r"(?:\\\\\.\\)?COM\d+:?", re.IGNORECASE)
-"""How Windows names a serial device: `COM3`, `COM3:`, `\\\\.\\COM12`."""
+"""Serial device names of Windows: `COM3`, `COM3:`, `\\\\.\\COM12`."""
 
 
 def scheme_name(url: str) -> str:
-    """The word before the colon, in small letters; empty for a device of this machine."""
+    """Return the word before the colon in lower case; empty for a local serial device."""
     if _WINDOWS_DEVICE.fullmatch(url):
         return ""
     found = re.match(r"([A-Za-z][A-Za-z0-9+.-]*):", url)
@@ -149,19 +149,19 @@ def scheme_name(url: str) -> str:
 
 
 def writes_files(url: str) -> bool:
-    """Whether a port writes what goes over it into a file that its name gives."""
+    """Return whether a port logs its traffic to a file given in its URL."""
     return scheme_name(url) == "spy" or "file=" in url.lower()
 
 
 def scheme_of(url: str) -> Scheme | None:
-    """The kind of a port; None where no kind has that scheme."""
+    """Return the kind of a port; None for a simulated line and for an unknown scheme."""
     name = scheme_name(url)
     return None if name == SIMULATED else SCHEMES.get(name) or _installed(name)
 
 
 @cache
 def _installed(name: str) -> Scheme | None:
-    """The kind that an installed package registers under that name, kept in the table from then on."""
+    """Return the kind that an installed package registers under this name, and add it to the table."""
     from importlib.metadata import entry_points
     from traceback import format_exception_only
 
@@ -169,7 +169,7 @@ def _installed(name: str) -> Scheme | None:
         what = f"the ports '{name}:' of {point.value} can't be used"
         try:
             found = point.load()
-        except Exception as error:  # another package's code: whatever is wrong there, its ports alone do not work
+        except Exception as error:  # code of another package: any error disables its ports only
             return _unusable(name, f"{what}: {format_exception_only(error)[-1].strip()}")
         if not isinstance(found, Scheme):
             return _unusable(name, f"{what}: it is no Scheme but {type(found).__name__}")
@@ -186,7 +186,7 @@ def _unusable(name: str, why: str) -> Scheme:
 
 
 def forms(*, opened: bool = False, listening: bool = False, served: bool = False) -> list[str]:
-    """How ports are written: those that can be opened, those that listen, those that servers open."""
+    """Return the forms of the URLs of ports: those to open, those that listen, those for servers."""
     return [kind.form for name, kind in SCHEMES.items() if name and _is_one(kind, opened, listening, served)]
 
 
@@ -197,7 +197,7 @@ def _is_one(kind: Scheme, opened: bool, listening: bool, served: bool) -> bool:
 
 
 def help_on_ports(*others: str, serves: bool = False) -> str:
-    """What a command line says of `--port`."""
+    """Return the help text for `--port` on a command line."""
     hidden = {SCHEMES[name].form for name in PYSERIAL}
     known = [form for form in forms(opened=not serves, listening=serves, served=serves) if form not in hidden]
     listed = ["/dev/ttyUSB0, COM3, any pyserial URL", *known, *others]
@@ -213,11 +213,11 @@ def open_port(
     listen_only: bool = False,
     serves: bool = False,
 ) -> Port:
-    """A port, not yet opened, with its wiring carried out around it. `serves`: it is a server that asks for it.
+    """Return a port, not yet opened, inside the ports that implement its wiring.
 
-    `listen_only`: a serial port is opened with RTS and DTR off.
+    `listen_only`: open a serial port with RTS and DTR off. `serves`: the caller is a server.
 
-    Raises ValueError, with a sentence, for what is no port and for a real port on a clock that is not real.
+    Raise ValueError with a full message for an invalid port, and for a real port on a virtual clock.
     """
     kind = scheme_of(url) if url.strip() else None
     if kind is None or kind.open is None or (kind.served and not serves) or not _is_written_so(url, kind):
@@ -234,7 +234,7 @@ def open_port(
 
 
 def make_listener(url: str, clock: Clock, accepted: Accepted) -> PortListener:
-    """A listener, not yet listening. Raises ValueError as `open_port`."""
+    """Return a listener, not yet listening. Raise ValueError as `open_port` does."""
     kind = scheme_of(url)
     if kind is None or kind.listen is None:
         raise ValueError(f"'{url}' does not listen – known are {', '.join(forms(listening=True))}")
@@ -244,7 +244,7 @@ def make_listener(url: str, clock: Clock, accepted: Accepted) -> PortListener:
 
 
 def real(url: str, clock: Clock) -> AsyncioClock:
-    """The clock, for a real port. Raises ValueError for one that is not real."""
+    """Return the clock for a real port. Raise ValueError for a virtual clock."""
     from framekit.transport.clock import AsyncioClock
 
     if not isinstance(clock, AsyncioClock):
@@ -253,13 +253,13 @@ def real(url: str, clock: Clock) -> AsyncioClock:
 
 
 def without_files(url: str) -> str:
-    """A port's name without the files that it names, for people."""
+    """Return the URL of a port without its files, for display."""
     kind = scheme_of(url)
     return url if kind is None or kind.placed is None else url.partition("?")[0]
 
 
 def host_of(url: str) -> str:
-    """The host that a port connects to; empty where it names none."""
+    """Return the host that a port connects to; empty if the URL contains no host."""
     kind = scheme_of(url)
     found = re.match(r"(?:\[([^\]]+)\]|([^:/]+))(?::\d+)?", url.partition("://")[2])
     return "" if kind is None or not kind.names_host or found is None else found[1] or found[2]
@@ -269,20 +269,20 @@ _HOST_AND_PORT = re.compile(r"[A-Za-z0-9.-]+:\d+")
 
 
 def _is_written_so(url: str, kind: Scheme) -> bool:
-    """Whether a URL has what its form has behind the scheme; `192.168.0.5:502` lacks its own."""
+    """Return whether a URL matches its form after the scheme; `192.168.0.5:502` has no scheme."""
     if _HOST_AND_PORT.fullmatch(url):
         return False
     return "://" not in kind.form or "://" in url
 
 
 def is_known(url: str) -> bool:
-    """Whether a channel can have a port of that name: a simulated line, or a known kind written as its form is."""
+    """Return whether a channel can use this port: a simulated line, or a known kind in its form."""
     kind = scheme_of(url)
     return scheme_name(url) == SIMULATED or (kind is not None and not kind.served and _is_written_so(url, kind))
 
 
 def no_port(url: str) -> tuple[str, str]:
-    """That this is no port, and what to write: the scheme that may be meant, and the forms there are."""
+    """Return the problem of an invalid port, and the remedy: a similar scheme, or the known forms."""
     if _HOST_AND_PORT.fullmatch(url):
         return f"'{url}' is no port", f"write tcp://{url} for a connection to that host"
     name, known = scheme_name(url), [name for name in SCHEMES if name]

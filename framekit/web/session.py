@@ -1,6 +1,6 @@
-"""One browser: what it has been shown, what it wants to see, and what it may do.
+"""The session of one browser: its filter, its updates, and its permitted actions.
 
-Nothing is kept for it but the rounds that it knows, so that a slow browser loses what came in between.
+A session stores only the numbers of the rounds that the browser has seen. A slow browser misses intermediate updates.
 """
 
 from __future__ import annotations
@@ -28,24 +28,24 @@ log = logging.getLogger(__name__)
 
 VALUES_EVERY = 0.2
 TABLES_EVERY = 1.0
-"""Seconds between two looks at the points, and at the tables."""
+"""Minimum interval in seconds between two reads of the points, and of the tables."""
 PIECE = 500
-"""So many values or rows are in one message."""
+"""Maximum number of values or rows in one message."""
 MOST_FRAMES = 40
 KEPT_FRAMES = 200
-"""Frames in one message; frames that are looked for when the filter is another."""
+"""Maximum number of frames in one message, and of earlier frames shown after a change of the filter."""
 LOOKED_AT = 1_000
 LOOKED_THROUGH = 3_000
-"""So many frames are compared with a filter at once, of those that came since, and of those before a new filter."""
+"""Maximum number of frames compared with a filter at once: of new frames, and of earlier frames after a change."""
 LONGEST_CELL = 300
-"""Characters of decoded fields."""
+"""Maximum length of decoded fields, in characters."""
 MOST_HISTORIES = 64
 HISTORY_EVERY = 1.0
-"""Seconds between two moments of the history."""
+"""Interval in seconds between two moments of the history."""
 
 
 class WebBoard:
-    """What all browsers are shown of one run; looked at when one of them wants it, and not too often."""
+    """The content shared by all browsers of one run, read on request and at limited rates."""
 
     home = "page.html"
 
@@ -60,7 +60,7 @@ class WebBoard:
         self._plain: dict[int, PlainValues] = {}
 
     def look(self) -> None:
-        """Looks at what may be older than it should."""
+        """Read the points and the tables, each if its last read is old enough."""
         now = self._now()
         if now - self._values_at >= 0.9 * VALUES_EVERY:
             self._values_at = now
@@ -71,11 +71,11 @@ class WebBoard:
                 self.tables[name].put(rows)
 
     def session(self, access: Access, who: str) -> WebSession:
-        """That of one browser."""
+        """Return a new session for a browser."""
         return WebSession(self, access, who)
 
     async def go_on(self) -> None:
-        """Remembers the values, moment after moment."""
+        """Record the values at regular intervals."""
         while True:
             try:
                 self.remember(time.time())
@@ -84,19 +84,19 @@ class WebBoard:
             await asyncio.sleep(HISTORY_EVERY)
 
     def remember(self, at: float) -> None:
-        """One more moment of the history, at this time (seconds since 1970)."""
+        """Add a moment to the history, at this time (seconds since 1970)."""
         self.look()
         self.history.take(at, self.values.values)
 
     def fields_text(self, entry: FrameEntry) -> str:
-        """The decoded fields of a frame in one line."""
+        """Return the decoded fields of a frame in one line."""
         protocol = self.shown.log.protocol(entry.channel)
         plain = self._plain.get(entry.channel)
         if plain is None or plain.protocol is not protocol:
             plain = self._plain[entry.channel] = PlainValues(protocol)
         try:
             fields = plain.to_plain(entry.seen.frame, entry.seen.fields)
-        except Exception as error:  # a frame may be anything
+        except Exception as error:  # a frame may contain anything
             return f"({explain(error)})"
         text = ", ".join(f"{name}={_flat(value)}" for name, value in fields.items())
         return text if len(text) <= LONGEST_CELL else text[:LONGEST_CELL] + " …"
@@ -109,7 +109,7 @@ def _flat(value: Any) -> str:
 
 
 class WebSession:
-    """One browser at `who`. `news` is what it has not seen; `answer` does what it asks for."""
+    """The session of a browser at address `who`. `news` returns its updates; `answer` executes its requests."""
 
     def __init__(self, board: WebBoard, access: Access, who: str) -> None:
         self.board = board
@@ -132,13 +132,13 @@ class WebSession:
 
     @property
     def wrong_tokens(self) -> int:
-        """So many it has given."""
+        """Return the number of wrong tokens it has sent."""
         return self.visitor.wrong_tokens
 
-    # ---- what it is shown ---------------------------------------------------------------------------------
+    # ---- updates to the browser ------------------------------------------------------------------------------
 
     def hello(self) -> Message:
-        """What stays as it is: the tables' heads, and what the points are."""
+        """Return the constant content: the titles of the tables and the descriptions of the points."""
         shown = self.board.shown
         return {
             "hello": shown.title,
@@ -150,7 +150,7 @@ class WebSession:
         }
 
     def news(self) -> Iterator[Message]:
-        """What has changed since the last time, in messages of bounded size."""
+        """Yield the changes since the last call, in messages of bounded size."""
         board = self.board
         board.look()
         for name, table in board.tables.items():
@@ -169,7 +169,7 @@ class WebSession:
             yield frames
 
     def _frames(self) -> Message | None:
-        """Frames that the filter wants: the newest of those that came, or the last of those that are kept."""
+        """Return the frames that pass the filter: the newest, or after a change of the filter the latest of the log."""
         shown = self.board.shown
         if self._paused and not self._anew:
             return None
@@ -183,7 +183,7 @@ class WebSession:
         return {"frames": rows, "anew": anew, "missed": missed, "counts": counted}
 
     def _newer(self) -> tuple[list[FrameEntry], int]:
-        """What came since the last time, and how many of these are left out."""
+        """Return the new frames since the last call, and how many were left out."""
         shown = self.board.shown
         newer = shown.log.since(self._frame_seen, LOOKED_AT)
         missed = shown.log.last_number - self._frame_seen - len(newer)
@@ -197,10 +197,10 @@ class WebSession:
         latest = self.board.shown.log.latest(self._filter, self._frame_seen, LOOKED_THROUGH)
         return list(islice(latest, KEPT_FRAMES))[::-1], 0
 
-    # ---- what it asks for ---------------------------------------------------------------------------------
+    # ---- requests of the browser -----------------------------------------------------------------------------
 
     async def answer(self, told: Any) -> Message | None:
-        """Does what a message says; what is to be told. Raises ValueError for what is no message of the page."""
+        """Execute a message and return the answer. Raise ValueError if it is no message of the page."""
         return await answered(self._actions, told)
 
     def _filtered(self, text: Any, told: Told) -> None:
@@ -211,7 +211,7 @@ class WebSession:
         self._paused = on is True
 
     def _frame(self, number: Any, told: Told) -> Message:
-        """A frame's bytes, and its fields with their places."""
+        """Return the bytes of a frame, and its fields with their offsets."""
         entry = self.board.shown.log.entry(whole_number(number))
         if entry is None:
             return {"fields": number, "gone": True}
@@ -221,7 +221,7 @@ class WebSession:
         return {"fields": number, "what": seen.frame or seen.kind, "bytes": seen.raw.hex(), "rows": rows, **fault}
 
     def _history(self, points: Any, told: Told) -> Message:
-        """The last moments of some points."""
+        """Return the latest moments of some points."""
         if not isinstance(points, list):
             raise ValueError("this is no message")
         most = whole_number(told.get("last"))
@@ -229,7 +229,7 @@ class WebSession:
         return {"history": {str(one): self.board.history.last(one, most) for one in known}}
 
     def _do(self, line: Any, told: Told) -> Message:
-        """A block is to be fired, or a block, set or channel to be switched."""
+        """Fire a block, or enable or disable a block, a set or a channel."""
         control = self.board.shown.control
 
         def carry_out() -> None:
@@ -242,7 +242,7 @@ class WebSession:
         return self._tried(told, carry_out)
 
     def _tried(self, told: Told, action: Callable[[], None]) -> Message:
-        """Whether it was done, and why not."""
+        """Execute an action if the visitor may; return whether it was done, or why not."""
         answer: Message = {"done": whole_number(told.get("id"))}
         why = self.visitor.refused()
         if why:
@@ -255,7 +255,7 @@ class WebSession:
         return answer
 
     async def _write(self, point: Any, told: Told) -> Message:
-        """A point is to be written; it is told when that has ended."""
+        """Write a point and return the answer when the write has ended."""
         number = whole_number(point)
         if number >= len(self.board.points):
             raise ValueError("this is no message")
@@ -276,7 +276,7 @@ class WebSession:
 
 
 def _pieces(head: Message, key: str, rows: Mapping[Any, Any]) -> Iterator[Message]:
-    """Messages with so many rows each; the first has the head."""
+    """Yield messages with at most `PIECE` rows each; the first has the head."""
     items = iter(rows.items())
     piece = dict(islice(items, PIECE))
     yield {**head, key: piece}
@@ -286,7 +286,7 @@ def _pieces(head: Message, key: str, rows: Mapping[Any, Any]) -> Iterator[Messag
 
 
 def _about(group: str, point: RunPoint) -> list[Any]:
-    """Name, unit, place, what it is, whether it may be written, and what may be written."""
+    """Return name, unit, place, description, whether the point is writable, its range, and its words."""
     name = f"{group}: {point.name}" if group else point.name
     place = point.place if point.place != point.name else ""
     limits = "" if point.range is None else f"{point.range[0]:g}..{point.range[1]:g}"

@@ -1,7 +1,7 @@
-"""What a page shows of a run or of devices: the tables, the points, the frames, and what may be done there.
+"""The content of a page for a run or for devices: tables, points, frames, and the available controls.
 
-And what has changed since when: rows by their keys, and the values of points. Nothing waits: what is asked for is made
-of what is so now, so that who asks rarely gets less, and never anything old.
+Rows and point values have the number of the round in which they last changed. Updates are not queued: each query reads
+the current state, so that a slow reader gets fewer updates but never an old state.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from framekit.run.points import PointValue
 
 
 class ShownRow(NamedTuple):
-    """Cells of text; `state`: one word that the page may show by a colour."""
+    """Cells of text; `state`: a word that the page may show as a color."""
 
     state: str
     cells: tuple[str, ...]
@@ -45,14 +45,14 @@ class ShownRow(NamedTuple):
 
 @dataclass(slots=True)
 class ChangingRows:
-    """A table. `put` begins a new round; every row knows the round in which it has changed."""
+    """A table. `put` begins a new round; every row has the number of the round of its last change."""
 
     round: int = 0
     keys_round: int = 0
     _rows: dict[str, tuple[int, ShownRow]] = field(default_factory=dict)
 
     def put(self, rows: Mapping[str, ShownRow]) -> None:
-        """The rows as they are now, in their order."""
+        """Replace the rows by their current state, in this order."""
         self.round += 1
         before = self._rows
         if list(rows) != list(before):
@@ -68,7 +68,7 @@ class ChangingRows:
         return list(self._rows)
 
     def since(self, number: int) -> dict[str, ShownRow]:
-        """The rows that have changed after a round."""
+        """Return the rows that have changed after a round."""
         return {key: row for key, (seen, row) in self._rows.items() if seen > number}
 
 
@@ -82,7 +82,7 @@ class ChangingValues:
         self._rounds: list[int] = []
 
     def look(self) -> None:
-        """A new round. What was only read anew, and is as it was, has not changed."""
+        """Begin a new round. A value that was read again without a difference has not changed."""
         self.round = number = self.round + 1
         now = [value for group in self._groups for value in group.now()]
         if len(now) != len(self.values):
@@ -112,7 +112,7 @@ def value_cells(value: PointValue, point: RunPoint) -> list[Any]:
 
 
 def number_of(value: PointValue) -> float:
-    """What is drawn of a value; nan where it is not good, or no number."""
+    """Return the number to draw for a value; nan if it is not good, or not a number."""
     number = value.number
     if value.quality != "good" or not isinstance(number, (int, float)):
         return nan
@@ -124,11 +124,11 @@ def number_of(value: PointValue) -> float:
 
 MOST_KEPT = 600
 MOST_NUMBERS = 2_000_000
-"""Moments that are kept of each point, and numbers in all (8 bytes each)."""
+"""Limits of the history: moments per point, and numbers in all (8 bytes each)."""
 
 
 class PointHistory:
-    """The last moments of all points: `size` numbers of each, all taken at the same times (seconds since 1970)."""
+    """The latest moments of all points: `size` numbers for each, taken at common times (seconds since 1970)."""
 
     def __init__(self, points: int) -> None:
         self.size = max(2, min(MOST_KEPT, MOST_NUMBERS // max(1, points)))
@@ -137,7 +137,7 @@ class PointHistory:
         self._numbers = [array("d", bytes(8 * self.size)) for _ in range(points)]
 
     def take(self, time: float, values: Sequence[PointValue]) -> None:
-        """One more moment; the oldest goes."""
+        """Add a moment; it replaces the oldest if the history is full."""
         at = self.taken % self.size
         self._times[at] = time
         for numbers, value in zip(self._numbers, values, strict=True):
@@ -145,7 +145,7 @@ class PointHistory:
         self.taken += 1
 
     def last(self, point: int, most: int) -> tuple[list[float], list[float | None]]:
-        """The last moments of a point, oldest first: times, and numbers, None where there was none."""
+        """Return the latest moments of a point, oldest first: times, and numbers or None."""
         count = min(most, self.taken, self.size)
         places = [at % self.size for at in range(self.taken - count, self.taken)]
         numbers = self._numbers[point]
@@ -157,11 +157,11 @@ class PointHistory:
 
 Rows = Mapping[str, ShownRow]
 STATES = {"open": "", "closed": "off", "switched off": "off"}
-"""How channels are shown that are as they should be; the state of all others says what is wrong."""
+"""The states of healthy channels, with the state that the page shows; all other states count as lost."""
 
 
 class ShownTable(NamedTuple):
-    """A table of the page by its name, with the heads of its columns."""
+    """A table of the page: its name and the titles of its columns."""
 
     name: str
     head: tuple[str, ...]
@@ -169,17 +169,17 @@ class ShownTable(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shown:
-    """What one page shows. `rows` gives those of every table; `groups` are the points, each group with its name.
-
-    `control` carries out a line such as `fire 3`, and raises RequestError; None: there is nothing to be fired.
-    """
+    """The content of one page."""
 
     title: str
     view: LiveView
     tables: tuple[ShownTable, ...]
     rows: Callable[[], Mapping[str, Rows]]
+    """Returns the rows of every table by its name."""
     groups: Sequence[tuple[str, RunPoints]]
+    """The points in groups, each with the name of the group."""
     control: Callable[[str], None] | None = None
+    """Executes a command such as `fire 3`, and raises RequestError; None if the page has no commands."""
 
     @property
     def log(self) -> FrameLog:
@@ -187,7 +187,7 @@ class Shown:
 
 
 def shown_run(run: RunCalls, view: LiveView) -> Shown:
-    """A run with its channels, stations, blocks, jobs, sinks, troubles and points."""
+    """Return the content for a run: channels, stations, blocks, jobs, sinks, troubles and points."""
 
     def load_now(channel: int) -> str:
         line = view.lines.get(channel)
@@ -234,7 +234,7 @@ def shown_run(run: RunCalls, view: LiveView) -> Shown:
 
 
 def shown_server(server: AsyncServer, view: LiveView) -> Shown:
-    """Devices that answer, with the values of their memory. It has been opened."""
+    """Return the content for devices that answer, with the values of their memory. The server must be open."""
     alone = [device for device in server.devices if not device.shares]
 
     def rows() -> Mapping[str, Rows]:
