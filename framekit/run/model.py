@@ -1,9 +1,9 @@
-"""What run files and job profiles say, as frozen values: channels, memory, blocks, jobs.
+"""The content of run files and job profiles as frozen values: channels, memory, blocks, jobs.
 
-Block instructions and their words are those of the P2P service (Snet module guide, chapter 6): READ, WRITE, SEND,
-RECEIVE with trigger conditions. Addresses of the own memory are resolved; those of the other side are kept as text,
-for the protocol of the block's channel to read. A job profile is the content of a file `NAME.jobs.yaml`: how many slots
-a family of devices has, its limits, where its status bits stand and what its codes are.
+Block instructions and their terms follow the P2P service (Snet module guide, chapter 6): READ, WRITE, SEND, RECEIVE
+with trigger conditions. Addresses of the own memory are resolved; addresses of the other side stay text, for the
+protocol of the channel to parse. A job profile is the content of a file `NAME.jobs.yaml`: the number of job slots of a
+family of devices, its limits, its status bits and its codes.
 """
 
 from __future__ import annotations
@@ -31,21 +31,21 @@ from framekit.transport.schemes import scheme_of
 
 
 class CodeClass(Enum):
-    """What becomes of a job whose transfer ends with a code."""
+    """The effect of an end code of a transfer on its job."""
 
     GOOD = "good"
     TRANSIENT = "transient"
-    """It goes on."""
+    """The job continues."""
     RESOURCE = "resource"
-    """It goes on, and something was short: shown for a while by a bit of its own."""
+    """The job continues; a status bit reports a shortage of resources for a while."""
     SYNTAX = "syntax"
-    """It never began."""
+    """The job never began."""
     FATAL = "fatal"
-    """It ends."""
+    """The job ends."""
 
 
 class AfterLate(Enum):
-    """When the next transfer starts after one that took longer than its period."""
+    """When the next transfer starts after a transfer that took longer than its period."""
 
     NEXT_PERIOD = "next_period"
     AT_ONCE = "at_once"
@@ -53,15 +53,16 @@ class AfterLate(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Minor:
-    """What the high byte of a word adds to its low byte; `kind` None: as the low byte says."""
+    """A code in the high byte of a word, which details the code in its low byte."""
 
     text: str
     kind: CodeClass | None = None
+    """None: the class of the low byte."""
 
 
 @dataclass(frozen=True, slots=True)
 class Major:
-    """What the low byte of a word says, and its minor codes by their numbers."""
+    """A code in the low byte of a word, with its minor codes by number."""
 
     text: str
     kind: CodeClass
@@ -70,15 +71,20 @@ class Major:
 
 @dataclass(frozen=True, slots=True)
 class TimeUnit:
-    """A unit in which periods are counted: how long one is (ns), and how many there may be."""
+    """A unit for counting periods."""
 
     time: int
+    """The length of the unit (ns)."""
     most: int
+    """The maximum number of units in a period."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StatusBits:
-    """Which bit of the status area shows what; bits count from 1, 0 is none. `done` and `error`: first and step."""
+    """The bits of the status area. Bits count from 1; 0 means no bit.
+
+    `done` and `error`: bit of the first slot, and step.
+    """
 
     size: int
     any_error: int
@@ -91,18 +97,17 @@ class StatusBits:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JobOutcome:
-    """How a transfer can end badly: its word, and whether an exchange was completed all the same.
-
-    `word` is an expression over `code`, the device's own code.
-    """
+    """The report of a transfer that ends badly."""
 
     word: Expression
+    """The word, as an expression over `code`, the code of the device."""
     completed: bool
+    """Whether the transfer counts as a completed exchange."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EventCode:
-    """The number of an event in the log and what stands beside it."""
+    """The number of an event in the log, and its additional entries."""
 
     number: int
     entries: tuple[int, ...] = ()
@@ -112,38 +117,42 @@ WORDS = (
     "good", "late", "period", "replaced", "no_slot", "unknown_host", "no_resolver", "no_channel", "not_connected",
     "connect_timeout", "closed", "no_word", "no_place", "unsupported",
 )  # fmt: skip
-"""The words a profile gives: what a command is answered with, beside the outcomes of transfers."""
+"""The words that a profile defines: answers to commands, in addition to the outcomes of transfers."""
 
 OTHERWISE = "otherwise"
-"""The outcome that stands for those a profile does not name."""
+"""The outcome for all outcomes that a profile does not name."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JobProfile:
-    """Everything a profile says. Times in nanoseconds.
-
-    `commands` may come in a scan. `connect`: how long the first connection may take. `pause`: after a word whose low
-    byte is in `pause_after` the next transfer waits at least so long. `late_unit` and `late_most` limit how a time-out
-    is given. `late_again`: a late transfer is told again with every further period.
-    """
+    """The content of a job profile. Times are in nanoseconds."""
 
     name: str
     about: str
     source: str
     first: int
+    """The number of the first slot."""
     last: int
     commands: int
+    """Maximum number of commands per scan."""
     scan: int
     log: int
     connect: int
+    """Time limit of the first connection."""
     pause: int
+    """Minimum delay of the next transfer after a word in `pause_after`."""
     pause_after: frozenset[int]
+    """Low bytes of the words that cause `pause`."""
     units: Mapping[int, TimeUnit]
     late_unit: int
+    """The unit of a time-out."""
     late_most: int
+    """Maximum number of units in a time-out."""
     lengths: Mapping[str, int]
+    """Maximum number of elements of a transfer, by unit."""
     after_late: AfterLate
     late_again: bool
+    """Whether a late transfer is reported again with every further period."""
     bits: StatusBits
     words: Mapping[str, int]
     outcomes: Mapping[str, JobOutcome]
@@ -153,11 +162,11 @@ class JobProfile:
 
     @property
     def slots(self) -> range:
-        """The numbers of the slots."""
+        """Return the numbers of the slots."""
         return range(self.first, self.last + 1)
 
     def kind_of(self, word: int) -> CodeClass:
-        """What becomes of a job with this word; what no code says ends it."""
+        """Return the effect of a word on its job; an unknown word ends the job."""
         major = self.codes.get(word & 0xFF)
         if major is None:
             return CodeClass.FATAL
@@ -165,7 +174,7 @@ class JobProfile:
         return major.kind if minor is None or minor.kind is None else minor.kind
 
     def text_of(self, word: int) -> str:
-        """A word by name; empty for 0, which nothing ever answers."""
+        """Return a word as text; empty for 0, which is never an answer."""
         if word == 0:
             return ""
         major = self.codes.get(word & 0xFF)
@@ -177,7 +186,7 @@ class JobProfile:
         return major.text if word < 0x100 else f"{major.text}, {code_text(word >> 8, 2)}"
 
     def mismatch_period(self, period: int) -> str | None:
-        """Why a period cannot be counted in any of the units; None when it can."""
+        """Return why a period cannot be counted in any unit, or None if it can."""
         if period == 0 or any(
             period % unit.time == 0 and period // unit.time <= unit.most for unit in self.units.values()
         ):
@@ -196,28 +205,34 @@ FaultKind = Literal[
 Side = Literal["replies", "requests"]
 
 LINE_KINDS: frozenset[FaultKind] = frozenset(("noise", "stray"))
-"""Faults that happen to a line and not to a single frame."""
+"""Faults of a line, not of a single frame."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FaultRule:
-    """One fault. Times are ns; `begin` and `end` count from the first opening of the port.
+    """One fault. Times are in ns.
 
-    `rate` is the probability for each frame (of noise: for each bit), `every` hits each so many frames; with neither it
-    always happens, at most `times` times. `of` is None where the file does not say. What `time`, `size` (bytes), `data`
-    and `code` mean is the kind's business; None: its usual value.
+    A rule without `rate` and `every` applies to every frame. `time`, `size`, `data` and `code` are settings of the kind
+    of fault; None selects the default of the kind.
     """
 
     kind: FaultKind
     of: Side | None = None
+    """The side whose frames are affected; None if the file does not say."""
     rate: float | None = None
+    """The probability per frame (for noise: per bit)."""
     every: int | None = None
+    """The rule affects every n-th frame."""
     times: int | None = None
+    """Maximum number of occurrences."""
     begin: int = 0
+    """Start of the window in ns since the port was first opened."""
     end: int = NEVER
+    """End of the window, in the same form."""
     frame: str | None = None
     time: int | None = None
     size: int | None = None
+    """A number of bytes."""
     data: bytes | None = None
     before: bool = False
     code: int | None = None
@@ -225,13 +240,13 @@ class FaultRule:
 
     @property
     def is_window(self) -> bool:
-        """Whether it is a disconnection that begins and ends by itself, whatever is sent."""
+        """Return whether it is a disconnection that begins and ends at fixed times, independent of frames."""
         return self.kind == "disconnect" and self.every is None and self.rate is None and self.end < NEVER
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FaultPlan:
-    """Rules in the order of the file. One that does not say `of` is about replies."""
+    """Rules in the order of the file. A rule without `of` is about replies."""
 
     name: str = "faults"
     seed: int = 0
@@ -239,44 +254,44 @@ class FaultPlan:
     at: Position = NOWHERE
 
     def rules_of(self, side: Side) -> tuple[FaultRule, ...]:
-        """The rules about what one side sends."""
+        """Return the rules about the frames that one side sends."""
         return tuple(rule for rule in self.rules if (rule.of or "replies") == side)
 
     def of_line(self) -> FaultPlan:
-        """The plan of a whole line: the side that asks hears itself.
+        """Return the plan for a whole line: the echo of a request goes to the side that sent it.
 
-        A device alone can only give it that by sending back what it hears.
+        A single device can only simulate that echo by sending back its requests.
         """
         usual: dict[FaultKind, Side] = {"echo": "requests"}
         return replace(self, rules=tuple(replace(one, of=one.of or usual.get(one.kind)) for one in self.rules))
 
     def joined(self, other: FaultPlan | None) -> FaultPlan:
-        """Its own rules, then those of another plan."""
+        """Return the rules of this plan, followed by those of another."""
         return self if other is None else replace(self, rules=self.rules + other.rules)
 
 
 STATIONED = ("read", "write", "call")
-"""Instructions of blocks that talk to one station; the others have none."""
+"""Instructions of blocks with a station; blocks with other instructions have none."""
 
 BLOCKS_IN_SET = 64
-"""A parameter set of a module has so many blocks (Snet module guide, chapter 6)."""
+"""Number of blocks in a parameter set of a module (Snet module guide, chapter 6)."""
 
 POINTS_SET = 0
-"""The set of the blocks that read points; no file can name it, and there may be any number of blocks."""
+"""The set of the blocks that read points: not available in files, with any number of blocks."""
 
 POINTS_AREA = "(points)"
-"""The area of memory in which points stand that are read from a channel; no address names it."""
+"""The memory area of the points that are read from channels; no address can name it."""
 
 
 def block_label(set_: int, number: int) -> str:
-    """A block as people write it: `5`, `2.5` for block 5 of set 2, `p5` for one that reads points."""
+    """Return a block as in messages: `5`, `2.5` for block 5 of set 2, `p5` for a block that reads points."""
     if set_ == POINTS_SET:
         return f"p{number}"
     return str(number) if set_ == 1 else f"{set_}.{number}"
 
 
 def block_id(set_number: int, number: int) -> int:
-    """One number for set and block: that of the block in set 1, and 64 more for each further set.
+    """Return one number for set and block: the number of a block in set 1, plus 64 for each further set.
 
     Blocks of points count down from -1.
     """
@@ -288,7 +303,7 @@ Instruction = Literal["read", "write", "send", "receive", "call", "command", "jo
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OwnPlace:
-    """A piece of the own memory that a variable or a field is read from or written to."""
+    """A place in the own memory for a variable or a field."""
 
     address: Address
     text: str
@@ -296,7 +311,7 @@ class OwnPlace:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArgumentPlace:
-    """Where an argument of a call comes from: a place of the own memory, and `size` elements or bytes from there on."""
+    """The source of an argument of a call: `size` elements or bytes from a place of the own memory."""
 
     place: OwnPlace
     type: str
@@ -306,63 +321,73 @@ class ArgumentPlace:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResultPlace:
-    """Where a result of a call goes. `size`: the elements of a list, or bytes, that there is room for.
-
-    `scale`: a number that is a time goes as so many nanoseconds each. `bits`: how much of the memory is its.
-    `float_bits`: each number goes as a floating-point number of so many bits; 0: as it is.
-    """
+    """The destination of a result of a call."""
 
     result: Expression
     place: OwnPlace
     bits: int
+    """The size of the destination in bits."""
     size: int | None = None
+    """The size of a list in elements, or of data in bytes."""
     scale: int = 1
+    """Nanoseconds per count of a stored time; 1 for other numbers."""
     float_bits: int = 0
+    """Numbers are stored as floating-point numbers with this many bits; 0: as they are."""
     is_required: bool = False
     """Whether a reply without the result fails, instead of leaving the place as it is."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Block:
-    """One exchange of a run.
-
-    `targets`: addresses on the other side as text (READ, WRITE), `units`: what an element of each is, `unit`: the
-    block's own type, if it gives one. `places`: own memory, one for each target; a single one for `count` elements.
-    `frame`, `data` (field → own memory) and `sizes` (bytes of a field whose frame leaves that open): SEND and RECEIVE;
-    `sized_by`: fields whose size is a parameter of the protocol, which gets it for the exchange.
-    `service` and `arguments`: CALL, with `argument_places` (argument → own memory), the `addresses` on the other side
-    that it is about, and where its `results` go; data among them are packed as `packing` says. `station`: a constant,
-    or the place it is read from at each start. `values`: constants to write or send. `commands`: the application that
-    reads the words at the block's place (COMMAND), and `fault` the bit that shows words it cannot carry out. `job`: the
-    command that it gives to the job table; such a block has no channel of its own, and the number 0 there.
-    """
+    """One exchange of a run, or one command to its jobs."""
 
     number: int
     set: int
     name: str
     instruction: Instruction
     channel: int
+    """The number of the channel; 0 for a command to jobs, which uses no channel."""
     targets: tuple[str, ...] = ()
+    """Addresses on the other side as text (READ, WRITE)."""
     units: tuple[str, ...] = ()
+    """The unit of the elements at each target."""
     places: tuple[OwnPlace, ...] = ()
+    """Places of the own memory: one for each target, or a single place for `count` elements."""
     unit: str | None = None
+    """The type given in the block, if any."""
     count: int = 1
     station: Any = None
+    """The station of the other side, if it is a constant."""
     station_from: OwnPlace | None = None
+    """The place from which the station is read at each start."""
     frame: str | None = None
+    """The frame (SEND, RECEIVE)."""
     data: Mapping[str, OwnPlace] = field(default_factory=dict)
+    """Places of the own memory by field (SEND, RECEIVE)."""
     sizes: Mapping[str, int] = field(default_factory=dict)
+    """Bytes of the fields whose size the frame leaves open (SEND, RECEIVE)."""
     sized_by: Mapping[str, str] = field(default_factory=dict)
+    """Parameters of the protocol that give the size of a field, by field; set for the exchange (SEND)."""
     values: Any = None
+    """Constants to write or send."""
     job: JobCommand | JobRecord | None = None
+    """The command to the job table."""
     service: str | None = None
+    """The service (CALL)."""
     arguments: Mapping[str, Any] = field(default_factory=dict)
+    """Constant arguments (CALL)."""
     argument_places: Mapping[str, ArgumentPlace] = field(default_factory=dict)
+    """Places of the own memory by argument (CALL)."""
     addresses: tuple[str, ...] = ()
+    """The addresses on the other side that a call refers to."""
     results: tuple[ResultPlace, ...] = ()
+    """The destinations of results (CALL)."""
     packing: Packing | None = None
+    """How elements are packed into data of results."""
     commands: Protocol | None = None
+    """The application that decodes the words at the place of the block (COMMAND)."""
     fault: OwnPlace | None = None
+    """The bit that reports words which are no valid command."""
     triggers: tuple[Trigger, ...] = ()
     unless: Expression | None = None
     repeat: int | None = None
@@ -374,22 +399,22 @@ class Block:
 
     @property
     def id(self) -> int:
-        """One number for set and block; see `block_id`."""
+        """Return one number for set and block; see `block_id`."""
         return block_id(self.set, self.number)
 
     @property
     def lane(self) -> int:
-        """What it waits for: its channel; a command waits only for itself."""
+        """Return the queue of the block: its channel, or a separate number for a command to jobs."""
         return self.channel if self.job is None else -1 - self.id
 
     @property
     def label(self) -> str:
-        """As people write it."""
+        """Return the block as in messages; see `block_label`."""
         return block_label(self.set, self.number)
 
     @property
     def what(self) -> str:
-        """What it does: `READ M0100, M0110`, `SEND WR.REQ`."""
+        """Return a description: `READ M0100, M0110`, `SEND WR.REQ`."""
         if isinstance(self.job, JobCommand):
             slot = "ALL" if self.job.slot is None else str(self.job.slot)
             order = self.job.order
@@ -399,7 +424,7 @@ class Block:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Silence:
-    """Least silence on a channel (ns): between two exchanges, after opening the port, before another station's turn."""
+    """Minimum silence on a channel (ns): between exchanges, after opening the port, before another station's turn."""
 
     between: int = 0
     connect: int = 0
@@ -408,7 +433,7 @@ class Silence:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DeadRule:
-    """A station that has not answered `failures` times in a row, for `after` ns at least, is asked every `every` ns."""
+    """A station without an answer in `failures` attempts, over `after` ns or more, is retried every `every` ns."""
 
     failures: int = 3
     after: int = 10_000_000_000
@@ -417,7 +442,7 @@ class DeadRule:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Merge:
-    """Neighbouring reads become one: at most `most` elements (None: as the protocol can), `gap` of them in vain."""
+    """Joins neighbouring reads: at most `most` elements (None: limit of the protocol), with gaps of up to `gap`."""
 
     gap: int = 0
     most: int | None = None
@@ -425,18 +450,19 @@ class Merge:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StationRules:
-    """What a channel does otherwise with one station: parameters of the protocol, and when it counts as dead."""
+    """The settings of a channel for one station: parameters of the protocol, and when it counts as dead."""
 
     params: Mapping[str, Any] = field(default_factory=dict)
     dead: DeadRule | None = None
     own_dead: bool = False
+    """Whether `dead` replaces the rule of the channel."""
 
 
 Network = ipaddress.IPv4Network | ipaddress.IPv6Network
 
 
 def network_of(text: str) -> Network:
-    """An address, or a network such as `192.168.1.0/24`. Raises ValueError."""
+    """Return the network of an address, or of a text such as `192.168.1.0/24`. Raise ValueError."""
     try:
         return ipaddress.ip_network(text.strip())
     except ValueError:
@@ -449,7 +475,10 @@ def network_of(text: str) -> Network:
 
 
 def in_both(some: Sequence[Network], others: Sequence[Network]) -> tuple[Network, ...]:
-    """The addresses that are in both; no networks at all are all addresses. Raises ValueError where none is."""
+    """Return the addresses in both lists; an empty list means all addresses.
+
+    Raise ValueError if they have none in common.
+    """
     if not some or not others:
         return (*some, *others)
     found = [
@@ -465,16 +494,17 @@ def in_both(some: Sequence[Network], others: Sequence[Network]) -> tuple[Network
 
 @dataclass(frozen=True, slots=True)
 class ConnectionLimits:
-    """What keeps a few clients from locking the others out, and strangers outside.
+    """Limits that keep clients from locking each other out, and unwanted clients from connecting.
 
-    `idle`: a connection over which no good frame went for so long (ns) is closed. `per_address`: connections that one
-    client address may have at once. `allowed`: where clients may come from; from everywhere, if it is empty. Raises
-    ValueError for limits that let no client in.
+    Raises ValueError for limits that admit no client.
     """
 
     idle: int = 600_000_000_000
+    """A connection is closed after this time without a good frame (ns)."""
     per_address: int = 64
+    """Maximum number of simultaneous connections per client address."""
     allowed: tuple[Network, ...] = ()
+    """The addresses of permitted clients; all clients if empty."""
 
     def __post_init__(self) -> None:
         if self.idle <= 0:
@@ -483,7 +513,7 @@ class ConnectionLimits:
             raise ValueError("an address may have 1 connection at least")
 
     def lets_in(self, host: str) -> bool:
-        """Whether a client with this address may come in."""
+        """Return whether a client with this address may connect."""
         if not self.allowed:
             return True
         try:
@@ -499,13 +529,7 @@ DEFAULT_LIMITS = ConnectionLimits()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Channel:
-    """A port with a line, a protocol and a role. `own`: the own station; `params` as written, in their YAML form.
-
-    `port_at`: where the port is named. `mapping`: areas of the protocol that stand elsewhere in the own memory when
-    others are answered (area → memory area and the number of its first element there). `answer`: how long devices are
-    taken to need for an answer (ns) when the load is worked out; nothing at work depends on it. `host`: how jobs call
-    the other side. `read_only`: those that it answers may write nothing.
-    """
+    """A port with a line, a protocol and a role."""
 
     number: int
     port: str
@@ -513,38 +537,46 @@ class Channel:
     role: str | None
     line: LineFormat | None
     own: Any
+    """The own station."""
     station: Any
+    """The default station of the other side."""
     params: Mapping[str, Any]
+    """Parameters in their YAML form."""
     silence: Silence = Silence()
     dead: DeadRule | None = None
     merge: Merge | None = None
     stations: Mapping[Any, StationRules] = field(default_factory=dict)
     enabled: bool = True
     answer: int = 0
+    """Assumed response time of devices (ns), for estimates of the load only."""
     mapping: Mapping[str, tuple[str, int]] = field(default_factory=dict)
+    """Areas of the protocol at other places of the own memory: area → memory area and number of its first element."""
     faults: FaultPlan | None = None
     wiring: LineSettings = PLAIN
     host: str = ""
+    """The name by which jobs refer to the other side."""
     limits: ConnectionLimits = DEFAULT_LIMITS
     read_only: bool = False
+    """Whether clients of the channel may only read."""
     at: Position
     port_at: Position
+    """The position of the port in the file."""
 
     @property
     def asks(self) -> bool:
-        """Whether its role begins exchanges; a protocol without roles may."""
+        """Return whether its role begins exchanges; a protocol without roles may."""
         return self.role is None or any(lane.exchange for lane in self.protocol.roles[self.role].lanes)
 
     @property
     def listens(self) -> bool:
-        """Whether others make connections to it, each of which is answered by itself."""
+        """Return whether it accepts connections, each of which it serves separately."""
         kind = scheme_of(self.port)
         return kind is not None and kind.listen is not None and (kind.open is None or not self.asks)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KeptState:
-    """Where a run keeps its state: the file, the areas of the memory that are kept, how often it is written (ns)."""
+    """The saved state of a run: its file, the saved memory areas, and the interval of saving (ns)."""
 
     file: str
     areas: tuple[str, ...]
@@ -554,61 +586,57 @@ class KeptState:
 
 @dataclass(frozen=True, slots=True)
 class Scaling:
-    """A value is what stands in memory times `factor`, and `offset` more; both are exact."""
+    """A value is the number in memory times `factor`, plus `offset`; both are exact."""
 
     factor: Decimal = Decimal(1)
     offset: Decimal = Decimal(0)
 
     @property
     def is_whole(self) -> bool:
-        """Whether whole numbers stay whole."""
+        """Return whether whole numbers stay whole."""
         return self.factor == self.factor.to_integral_value() and self.offset == self.offset.to_integral_value()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Point:
-    """A named value of a run: `bits` bits of its memory at `place`, read as `form`, then scaled and named.
-
-    `address` on `station` of `channel`; without a channel it is a place of the run's own memory. `blocks`: the ids of
-    those whose good end brings it. `names`: words for numbers. `deadband`: what changes by no more is not told. `stale`
-    (ns): a value that is older is stale. `limits`: what may be written, in the value's own scale; `writer`: the block
-    that writes it, whose place in memory takes the value first.
-    """
+    """A named value of a run: the memory at `place`, read as `form`, then scaled and named."""
 
     name: str
     form: Typed
     place: OwnPlace
     address: str
+    """The address on `station` of `channel`, or of the own memory."""
     channel: int | None = None
+    """None for a place of the own memory."""
     station: Any = None
     blocks: tuple[int, ...] = ()
+    """The ids of the blocks that store the value."""
     scaling: Scaling | None = None
     unit: str = ""
     decimals: int | None = None
     names: Mapping[int, str] = field(default_factory=dict)
+    """Words for numbers."""
     deadband: float = 0.0
+    """Changes up to this size are not reported."""
     stale: int = NEVER
+    """The age at which the value is stale (ns)."""
     limits: tuple[float, float] | None = None
+    """The range of written values, scaled."""
     writer: int | None = None
+    """The id of the block that writes the value, from a place in memory of its own."""
     is_writable: bool = False
     about: str = ""
     at: Position
 
     @property
     def bits(self) -> int:
-        """How much of the memory it takes."""
+        """Return its size in memory in bits."""
         return self.form.bits
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunModel:
-    """A whole run: what `framekit run` carries out.
-
-    `status`: whether blocks have their words in memory, where the memory profile has places for them. `points_words`:
-    how much memory the points of channels take. `sinks`: where values go, each a `SinkKind` of the layer above.
-    `files`: those that sinks and the state have (absolute paths). `fleet`: which one it is of, if any. `only_reads`: it
-    writes into no device, and others write nothing into it.
-    """
+    """A whole run, as `framekit run` executes it."""
 
     name: str
     about: str
@@ -619,19 +647,25 @@ class RunModel:
     sets: Mapping[int, bool] = field(default_factory=lambda: {1: True})
     folder: str
     status: bool = True
+    """Whether blocks have status words in memory, if the memory profile has places for them."""
     state: KeptState | None = None
     jobs: JobsSection | None = None
     points: tuple[Point, ...] = ()
     points_words: int = 0
+    """The memory of the points that are read from channels, in words."""
     sinks: tuple[Any, ...] = ()
+    """The destinations of values, each a `SinkKind` of the layer above."""
     files: tuple[str, ...] = ()
+    """Absolute paths of the files of the sinks and of the saved state."""
     fleet: Any = None
+    """The fleet that the run belongs to, if any."""
     only_reads: bool = False
+    """Whether the run writes to no device and its clients may only read."""
     warnings: tuple[Problem, ...]
     at: Position
 
     def create_memory(self) -> DeviceMemory:
-        """The own memory, all 0; behind the areas of the profile one for the points that are read from channels."""
+        """Return the own memory, all 0: the areas of the profile, then the area of points read from channels."""
         memory = self.memory.create()
         if self.points_words:
             memory.add(Area(POINTS_AREA, size=self.points_words))
@@ -639,7 +673,7 @@ class RunModel:
 
     @property
     def triggers(self) -> Iterator[Trigger]:
-        """Those of all blocks."""
+        """Return the triggers of all blocks."""
         return (trigger for block in self.blocks for trigger in block.triggers)
 
 
@@ -649,11 +683,9 @@ CommandKind = Literal["job", "abort", "inspect"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Order:
-    """A transfer that is repeated. `remote` is read into `place`, or written from it; a report has no `remote`.
+    """A repeated transfer: `remote` is read into `place` or written from it; a report has no `remote`.
 
-    `count` elements of `unit` (None: what the address says). The other side is `host`, by number or name, or `channel`
-    of the run. `period` 0: back to back. `late` (ns) 0: no time-out is told. `times` 0: until it is aborted.
-    `params` go before the protocol's parameters.
+    The other side is `host`, by number or name, or a `channel` of the run.
     """
 
     slot: int
@@ -661,98 +693,98 @@ class Order:
     place: OwnPlace
     remote: str = ""
     unit: str | None = None
+    """None: the unit of the address."""
     count: int = 1
     host: str = ""
     channel: int | None = None
     station: Any = None
     params: Mapping[str, Any] = field(default_factory=dict)
+    """Values that take precedence over the parameters of the protocol."""
     period: int = 0
+    """The period (ns); 0: transfers without a pause."""
     late: int = 0
+    """The time-out (ns); 0: none."""
     times: int = 0
+    """The number of transfers; 0: until the job is aborted."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JobCommand:
-    """Establishes a job (`order`), aborts one, or all (`slot` None), or stores the two detail words of one (`into`).
-
-    `status`: where the answer is written; `id`: for what wants to hear of it. Two commands are never the same.
-    """
+    """Starts a job (`order`), aborts one or all (`slot` None), or stores the two detail words of a job (`into`)."""
 
     kind: CommandKind
     slot: int | None
     order: Order | None = None
     into: OwnPlace | None = None
     status: OwnPlace | None = None
+    """The place of the answer."""
     id: int | None = None
+    """The id of the block that waits for the answer."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JobRecord:
-    """A command whose words stand in the own memory at `place`, as `application` reads them when it is given.
-
-    `fault`: the own bit that shows words that are no command; `id` as for commands.
-    """
+    """A command whose words are in the own memory at `place`; `application` decodes them when the block starts."""
 
     place: OwnPlace
     application: Protocol
     fault: OwnPlace | None = None
+    """The own bit that reports words which are no valid command."""
     id: int | None = None
+    """As in `JobCommand`."""
 
 
 HOST = "{host}"
-"""Stands for a host's address in the port of channels that are opened when they are wanted."""
+"""Placeholder of the host address in the port of channels that are opened on demand."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Opening:
-    """The channel that is opened for a host to which none leads: `{host}` in its port stands for the address.
-
-    `connections`: so many of these at once.
-    """
+    """The template of channels for hosts without a channel: the address replaces `{host}` in its port."""
 
     channel: Channel
     connections: int
+    """Maximum number of these channels at the same time."""
 
     @property
     def leads_anywhere(self) -> bool:
-        """Whether the port is the same for every host: then it is not asked where one is."""
+        """Return whether the port is the same for every host, so that no address has to be resolved."""
         return HOST not in self.channel.port
 
     def port_to(self, address: str) -> str:
-        """The port that leads to an address."""
+        """Return the port for an address."""
         port = self.channel.port
         return port.replace(HOST, f"[{address}]" if ":" in address and "://" in port else address)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JobsSection:
-    """The profile with what the run changes of it, where status bits stand, and addresses of hosts by name.
-
-    `waits`: commands of blocks that are too many for a scan wait for the next one; else they are lost. `commands` reads
-    commands whose words stand in memory. `opening`: what is done for hosts without a channel; None: nothing.
-    """
+    """The jobs of a run: its profile with the changes of the run, the place of the status bits, and hosts by name."""
 
     profile: JobProfile
     status: OwnPlace | None = None
     hosts: Mapping[str, str] = field(default_factory=dict)
     waits: bool = True
+    """Whether surplus commands of a scan wait for the next scan; otherwise they are dropped."""
     commands: Protocol | None = None
+    """The application that decodes commands in memory."""
     opening: Opening | None = None
+    """The template of channels for hosts without a channel; None: no such channels."""
     at: Position
 
 
 def host_of(channel: Channel) -> str:
-    """How jobs call the other side of a channel; empty where nothing says it."""
+    """Return the name by which jobs refer to the other side of a channel; empty if it has none."""
     return channel.host or port_host(channel.port)
 
 
 def channel_to(host: str, channels: Mapping[int, Channel]) -> int | None:
-    """The first channel that leads to a host, by what it is called there."""
+    """Return the first channel whose other side has this name."""
     return next((number for number, channel in channels.items() if host_of(channel) == host), None)
 
 
 def is_address(host: str) -> bool:
-    """Whether a host is given by its address, and needs no name service."""
+    """Return whether a host is given by its address, without a need for a name service."""
     try:
         ipaddress.ip_address(host)
     except ValueError:

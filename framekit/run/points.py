@@ -1,8 +1,8 @@
 """Points: named, scaled values of a run, each with its quality and the time of its reply.
 
-A point is a place in the run's memory. One that is read from a channel has its place in an area of its own, which no
-address names; reads of such points are planned here: neighbours that one request can bring become one block.
-`PointTable` follows blocks and memory, and tells of every change.
+A point is a place in the memory of the run. A point that is read from a channel has its place in a separate area, which
+no address can name. This module plans the reads of these points: neighbours that fit into one request form one block.
+`PointTable` follows blocks and memory, and reports every change.
 """
 
 from __future__ import annotations
@@ -42,43 +42,44 @@ Quality = Literal["good", "stale", "failed"]
 
 @dataclass(frozen=True, slots=True)
 class PointValue:
-    """A point at one moment. `value`: the last good one, None before there was one.
-
-    `quality`: good; stale, it was not read for too long; failed, with the `reason`. `time`: nanoseconds since 1970
-    (UTC) of the reply, or of the moment when it failed or became stale. `number`: the value before `enum` names it.
-    """
+    """The state of a point at one moment."""
 
     name: str
     value: Any = None
+    """The last good value; None before the first."""
     quality: Quality = "stale"
+    """`good`, `stale` (not read for too long), or `failed`."""
     reason: str = "not read yet"
+    """Why the value is not good."""
     time: int = 0
+    """The time of the reply, or of the failure or aging, in nanoseconds since 1970 (UTC)."""
     number: Any = None
+    """The value before `enum` replaces it by a word."""
 
     @property
     def text_time(self) -> str:
-        """The time as ISO 8601 writes it; '' before there is one."""
+        """Return the time in ISO 8601 form; '' before the first reading."""
         return iso_time(self.time) if self.time else ""
 
 
 def iso_time(time: int) -> str:
-    """Nanoseconds since 1970 (UTC) in milliseconds, as ISO 8601 writes them: `2026-03-01T12:00:00.250Z`."""
+    """Return nanoseconds since 1970 (UTC) as ISO 8601 with milliseconds: `2026-03-01T12:00:00.250Z`."""
     seconds, rest = divmod(time, 1_000_000_000)
     return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{rest // 1_000_000:03d}Z"
 
 
 def nanoseconds_of(text: str) -> int:
-    """Return a time that `iso_time` has written, in nanoseconds since 1970."""
+    """Return a time written by `iso_time` in nanoseconds since 1970."""
     moment = datetime.fromisoformat(text)
     return round(moment.timestamp() * 1000) * 1_000_000
 
 
 EXACT = Context(prec=80, traps=[])
-"""Scaling is exact whatever the program has set for decimals: no number of 64 bits and no scale has more digits."""
+"""The context for exact scaling, independent of the context of the program: 64-bit numbers and scales fit into it."""
 
 
 def scaled(point: Point, number: Any) -> Any:
-    """The value of what stands in memory. Raises ValueError for a floating-point number that is none."""
+    """Return the scaled value of a number in memory. Raise ValueError for nan, for infinity, and for an overflow."""
     scaling = point.scaling
     if isinstance(number, float) and not math.isfinite(number):
         raise ValueError(f"{number} is no number")
@@ -93,7 +94,7 @@ def scaled(point: Point, number: Any) -> Any:
 
 
 def value_text(point: Point, value: Any) -> str:
-    """Return a value of a point as people read it: with the digits of `decimals`, `-` for None."""
+    """Return a value of a point as text: with the digits of `decimals`, `-` for None."""
     if value is None:
         return "-"
     is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
@@ -101,7 +102,7 @@ def value_text(point: Point, value: Any) -> str:
 
 
 def unscaled(point: Point, value: Any) -> Any:
-    """What stands in memory for a value: the nearest whole number where it holds one. Raises ValueError."""
+    """Return the number to store for a value, rounded if the place stores whole numbers. Raise ValueError."""
     if point.names and isinstance(value, str):
         found = next((number for number, name in point.names.items() if name == value), None)
         if found is None:
@@ -118,7 +119,7 @@ def unscaled(point: Point, value: Any) -> Any:
     if point.scaling is not None:
         exact = EXACT.divide(EXACT.subtract(exact, point.scaling.offset), point.scaling.factor)
     number: int | float = float(exact) if point.form.is_float else int(exact.to_integral_value(context=EXACT))
-    _within(point, scaled(point, number), value)  # the nearest number may lie beyond the limit
+    _within(point, scaled(point, number), value)  # the nearest number may be outside the limits
     return number
 
 
@@ -132,7 +133,7 @@ def _within(point: Point, number: float, value: Any) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PointCall:
-    """The call of a service whose reply brings a point."""
+    """The call of a service whose reply contains a point."""
 
     service: str
     arguments: Mapping[str, Any]
@@ -140,7 +141,7 @@ class PointCall:
     result: Expression
     """The path of the result that is the value."""
     scale: int
-    """Nanoseconds for each count of a result that is a time, else 1."""
+    """Nanoseconds per count of a result that is a time, else 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,17 +150,17 @@ class PointRead:
 
     point: Point
     address: Address
-    """The address on the channel; of no use with `call`."""
+    """The address on the channel; unused with `call`."""
     every: int
-    """The period of its reading (ns)."""
+    """The read period (ns)."""
     call: PointCall | None = None
 
 
 def planned(asked: Sequence[PointRead], channels: Mapping[int, Channel]) -> tuple[list[Block], dict[str, Point], int]:
-    """Return the blocks that read and write the points, the points by name with their places, and the words they take.
+    """Return the blocks that read and write the points, the points by name with places, and their memory in words.
 
-    Points of one channel and station with one period share a request where one can bring them: results of the same
-    call, neighbours, and addresses no further apart than the channel's `merge: {gap}`.
+    Points of one channel and station with the same period share a request if possible: results of the same call,
+    neighbours, and addresses no further apart than `merge: {gap}` of the channel.
     """
     groups: dict[tuple[Any, ...], list[PointRead]] = {}
     for one in asked:
@@ -184,7 +185,7 @@ def planned(asked: Sequence[PointRead], channels: Mapping[int, Channel]) -> tupl
 
 
 def _writing(point: Point, number: int, first_word: int) -> Block:
-    """The block that writes a point from a place of its own; nothing but a program makes it due."""
+    """Return the block that writes a point from a separate place; only a program starts it."""
     assert point.channel is not None
     place = OwnPlace(address=Address(POINTS_AREA, "word", first_word, "", {}), text=point.name)
     return Block(
@@ -197,7 +198,7 @@ def _writing(point: Point, number: int, first_word: int) -> Block:
 def _place_call(
     members: Sequence[PointRead], number: int, first_word: int, blocks: list[Block], points: list[Point]
 ) -> int:
-    """Add the block of one call and the points that its reply brings; return the words they take."""
+    """Add the block of one call, and the points in its reply; return their memory in words."""
     first, results, words = members[0], [], first_word
     assert first.call is not None and first.point.channel is not None
     names = ", ".join([one.point.name for one in members[:3]] + ["…"] * (len(members) > 3))
@@ -230,15 +231,16 @@ def _place_call(
 
 @dataclass(slots=True)
 class _Run:
-    """Points that one read brings: `count` elements from `address` on. `is_plain`: one point, read as it was given."""
+    """Points that one read covers: `count` elements from `address` on."""
 
     members: list[PointRead]
     address: Address
     count: int
     is_plain: bool = False
+    """A single point, read exactly as its file says."""
 
     def place(self, number: int, first_word: int, blocks: list[Block], points: list[Point]) -> int:
-        """Adds the block and its points; how many words they take."""
+        """Add the block and its points; return their memory in words."""
         first = self.members[0]
         point = first.point
         asked_unit = point.form.unit if self.is_plain else None
@@ -274,7 +276,7 @@ class _Planning:
         )  # fmt: skip
 
     def runs(self, members: Sequence[PointRead]) -> Iterator[_Run]:
-        """What is read together."""
+        """Yield the reads, each with the points that it covers."""
         waiting: list[Read[_Run]] = []
         for one in members:
             run = self._alone(one)
@@ -287,11 +289,11 @@ class _Planning:
             yield self._joined(waiting)
 
     def _order(self, address: Address) -> tuple[str, str, str, int]:
-        """Places beside each other of one file or table, as its first place is called, come one after the other."""
+        """Return a sort key: neighbouring places of the same file or table, by its first place, are consecutive."""
         return address.area, address.unit, self.grammar.advance(address, -address.start).text, address.start
 
     def _alone(self, asked: PointRead) -> _Run:
-        """The point by itself, in the elements in which a request carries it."""
+        """Return the read of a single point, in the elements that a request transfers."""
         form, address = asked.point.form, asked.address
         try:
             bits = unit_bits(form.unit or address.unit)
@@ -300,11 +302,14 @@ class _Planning:
                 if piece is not None:
                     return _Run([asked], piece.address, piece.count)
         except (*EVALUATION_ERRORS, ValueError):
-            pass  # what cannot be asked is told when it is read as it was given
+            pass  # the plain read reports the error
         return _Run([asked], address, form.units, is_plain=True)
 
     def _single(self, address: Address, count: int, station: Any) -> Piece | None:
-        """What one request carries for so many elements; None where it takes more, or no text names the place."""
+        """Return the elements that one request transfers.
+
+        None if it takes several requests, or if no text names the place.
+        """
         plan = self.planner.plan("read", Piece(address, count), Names({"station": station}, self.scope))
         if len(plan.exchanges) != 1 or len(plan.exchanges[0]) != 1:
             return None
@@ -318,7 +323,10 @@ class _Planning:
         return replace(piece, address=replace(piece.address, text=text))
 
     def _joined(self, waiting: list[Read[_Run]]) -> _Run:
-        """Takes the last of those that wait, and those before it that come with it: they are in order, last first."""
+        """Remove the last waiting read and those before it that join it, and return the joined read.
+
+        The waiting reads are sorted, last first.
+        """
         run = waiting.pop().key
         while waiting:
             read, following = Read(run, run.address, run.count), waiting[-1]
@@ -337,15 +345,15 @@ class _Planning:
 
 
 def _place(address: Address) -> tuple[str, str, int, int]:
-    """Where it is, however it is written."""
+    """Return the location of an address, independent of its text."""
     return address.area, address.unit, address.start, address.shift
 
 
-# ---- at work ----------------------------------------------------------------------------------------------------
+# ---- at run time --------------------------------------------------------------------------------------------------
 
 
 def decoder_of(point: Point) -> Callable[[bytes], Any]:
-    """What makes a point's value of its data in memory. It raises ValueError where they hold none."""
+    """Return the function from the data of a point in memory to its value; it raises ValueError for invalid data."""
     form = point.form
     if form.view is not None and (form.is_float or not isinstance(form.view, NumberView)):
         return lambda data: scaled(point, form.values(data, ())[0])
@@ -357,7 +365,7 @@ def decoder_of(point: Point) -> Callable[[bytes], Any]:
 
 
 def _exactly(point: Point) -> Callable[[int], Any]:
-    """The same as `scaled`, for whole numbers: the scale as a fraction, which is worked out once."""
+    """Return `scaled` for whole numbers, with the scale as a precomputed fraction."""
     scaling, decimals = point.scaling, point.decimals
     if scaling is None:
         return lambda number: number
@@ -369,7 +377,7 @@ def _exactly(point: Point) -> Callable[[int], Any]:
 
     def value(number: int) -> float:
         try:
-            found = (number * a + b) / under  # rounded once, to the nearest
+            found = (number * a + b) / under  # rounded once, to the nearest number
         except OverflowError:
             raise ValueError("the scaled value is beyond all numbers") from None
         return found if decimals is None else round(found, decimals)
@@ -378,10 +386,10 @@ def _exactly(point: Point) -> Callable[[int], Any]:
 
 
 class _State:
-    """A point at work: what it is now, and how it is read from memory.
+    """The state of a point at run time, and its access to memory.
 
-    `data`: what its `number` was made of; `read_at`: when it was read last. `made_at`: the reading that `value` is of;
-    while the point is good, another one is made when it is asked for.
+    `data`: the bytes of `number`; `read_at`: the time of the last read; `made_at`: the time of the read that `value`
+    shows. While the point is good, `value` is only updated on access.
     """
 
     __slots__ = (
@@ -402,16 +410,17 @@ class _State:
 
     @property
     def last_read(self) -> int:
-        """When it was read last, alone or with its block."""
+        """Return the time of the last read, alone or with its block."""
         return max(self.read_at, *(group.same_at for group in self.groups))
 
 
 class _Group:
-    """The points that a block brings, or one that none does.
+    """The points that a block stores, or a single point without a block.
 
-    `read`: reads all that is theirs, where it stands together and no other block brings any of it; `data`: what that
-    was when all of them were good; `same_at`: when it was the same again. `read_at`: when they were read last. `stale`:
-    how soon one of them is too old; `waits`: it is among those that are looked at then.
+    `read`: reads the memory of all these points at once, if it is contiguous and no other block stores into it. `data`:
+    the bytes of the last read after which all were good; `same_at`: the time of the last read with the same bytes.
+    `read_at`: the time of the last read. `stale`: the shortest maximum age of a point; `waits`: the group is in the
+    queue for ages.
     """
 
     __slots__ = ("data", "read", "read_at", "same_at", "stale", "states", "waits")
@@ -433,11 +442,11 @@ class _Group:
 
 
 class PointTable:
-    """The points of a run. `wall` gives the time of day (ns since 1970, UTC) at a time of the run's clock.
+    """The points of a run. `wall` converts a time of the clock of the run to the time of day (ns since 1970, UTC).
 
-    Listeners hear of every value that has changed by more than its dead band, and of every change of quality; they are
-    called in the order in which they came, in the run's thread. `wake`: something in memory has changed, `tick` should
-    be called soon.
+    Listeners are called on every change of value that exceeds the dead band, and on every change of quality, in the
+    order of their registration, in the thread of the run. `wake`: called after a change of memory, to request a `tick`
+    soon.
     """
 
     def __init__(
@@ -456,14 +465,14 @@ class PointTable:
                 by_block.setdefault(block, []).append(state)
             if not point.blocks:
                 _Group([state], memory)
-            if point.channel is None:  # others than its blocks may write it, too
+            if point.channel is None:  # other blocks or clients may write it too
                 self._watch(state, memory)
                 if not point.blocks:
                     self._changed[point.name] = state
         self._by_block = {block: _Group(states, memory) for block, states in by_block.items()}
 
     def _watch(self, state: _State, memory: DeviceMemory) -> None:
-        """Notes changes of the bits of a point, and of no others in the words that they stand in."""
+        """Watch the bits of a point in memory, and no other bits of its words."""
         place = state.point.place.address
         first, end = place.first_bit, place.first_bit + state.point.bits
         for word in range(first // 16, -(-end // 16)):
@@ -478,17 +487,17 @@ class PointTable:
         return iter([self._value(state) for state in self._states.values()])
 
     def __getitem__(self, name: str) -> PointValue:
-        """What a point is now. Raises KeyError."""
+        """Return the state of a point. Raise KeyError."""
         return self._value(self._states[name])
 
     def _value(self, state: _State) -> PointValue:
-        """What a point is, with the time of its last reading."""
+        """Return the state of a point with the time of its last read."""
         if state.value.quality == "good" and (last := state.last_read) > state.made_at:
             self._make(state, last)
         return state.value
 
     def _make(self, state: _State, at: int) -> PointValue:
-        """The value of a good point, read at that time."""
+        """Update and return the state of a good point that was read at this time."""
         point, number = state.point, state.number
         name = point.names.get(number, number) if point.names else number
         state.made_at = at
@@ -496,22 +505,22 @@ class PointTable:
         return value
 
     def point(self, name: str) -> Point:
-        """What a point is. Raises KeyError."""
+        """Return the description of a point. Raise KeyError."""
         return self._states[name].point
 
     def __len__(self) -> int:
         return len(self._states)
 
-    # ---- what happens -------------------------------------------------------------------------------------
+    # ---- events ----------------------------------------------------------------------------------------------
 
     def follows(self, block: int) -> bool:
-        """Whether the ends of a block say something about a point."""
+        """Return whether a block stores a point."""
         return block in self._by_block
 
     def ended(self, block: int, failure: Failure | None, now: int) -> None:
-        """A block has ended: its points have been read anew, or could not be.
+        """Update the points of a block that has ended.
 
-        A point that several blocks store in is good when the last end of each was.
+        A point that several blocks store is good if the last end of each block was good.
         """
         group = self._by_block.get(block)
         if group is None:
@@ -539,17 +548,17 @@ class PointTable:
         group.data = data if good else None
 
     def closed(self, channel: int, reason: str, now: int) -> None:
-        """A channel has no port: its points that were never read have failed. Others grow old."""
+        """Mark the points of a closed channel as failed if they were never read. Others become stale with age."""
         for state in self._states.values():
             if state.point.channel == channel and state.value.value is None and state.value.quality != "good":
                 self._fail(state, reason, now)
 
     def forget_changes(self) -> None:
-        """What has come into memory from before the start is no reading of points that blocks bring."""
+        """Discard changes of memory before the start, for points that blocks store."""
         self._changed = {name: state for name, state in self._changed.items() if not state.point.blocks}
 
     def tick(self, now: int) -> None:
-        """Reads what has changed in memory, and sees what has become too old."""
+        """Read the points whose memory has changed, and mark points that are too old."""
         if self._changed:
             changed, self._changed = self._changed, {}
             for state in changed.values():
@@ -564,7 +573,7 @@ class PointTable:
             self._wait(group, due if due > now else self._grown_old(group, now))
 
     def _grown_old(self, group: _Group, now: int) -> int:
-        """Tells which of them are too old; when the next one is."""
+        """Mark the points of a group that are too old; return when the next point is."""
         due = NEVER
         for state in group.states:
             if state.value.quality == "good":
@@ -579,24 +588,24 @@ class PointTable:
 
     @staticmethod
     def _is_new(state: _State) -> None:
-        """Whatever is read of it next says something new."""
+        """Clear the stored bytes, so that the next read counts as a change."""
         state.data = None
         for group in state.groups:
             group.data = None
 
     def _wait(self, group: _Group, due: int) -> None:
-        """Looks again when one of them is too old; each group has one place among those that wait."""
+        """Add a group to the queue for ages, unless it is in the queue or never becomes stale."""
         if not group.waits and due < NEVER:
             group.waits = True
             heapq.heappush(self._ages, (due, next(self._order), group))
 
     @property
     def deadline(self) -> int:
-        """When the next point may be too old."""
+        """Return when the next point may be too old."""
         return self._ages[0][0] if self._ages else NEVER
 
     def _read(self, state: _State, now: int) -> bool:
-        """Reads a point, whatever its blocks say; whether it is good."""
+        """Read a point, independent of its blocks; return whether it is good."""
         data = state.read()
         state.read_at = now
         if data == state.data:

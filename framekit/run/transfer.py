@@ -1,4 +1,4 @@
-"""What a block does on its channel: memory into requests, replies into memory; arguments and results of calls."""
+"""Execute the transfers of blocks: memory to requests, replies to memory; arguments and results of calls."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ from framekit.run.own_memory import (
 )
 
 Ended = Callable[[Failure | None], None]
-"""Told once how a block's exchange ended; None when all is well."""
+"""Called once with the result of an exchange of a block; None for success."""
 
 
 class BlockTransfers:
@@ -72,29 +72,29 @@ class BlockTransfers:
         self._sending: list[Ended] = []
 
     def closed(self, reason: str) -> None:
-        """The connection is gone: frames that have not left yet never will."""
+        """Report failure of all frames that were not sent before the connection closed."""
         sending, self._sending = self._sending, []
         for ended in sending:
             ended(Failure(outcome="closed", cause=reason))
 
     def forget(self, block: Block) -> None:
-        """A block is no more: what was prepared for it is not kept."""
+        """Discard the prepared data of a removed block."""
         self._fields.pop((block.set, block.number), None)
 
     def prepare(self, block: Block) -> None:
-        """Works out what the first start of a block would take longer for; what is wrong is told then."""
+        """Prepare the first start of a block; errors are reported at the start."""
         if block.instruction == "send":
             with suppress(DeviceMemoryError, ValueError):
                 self.fields_of(block)
 
     def starts_of(self, block: Block, ended: Ended, carry_out: Callable[[list[Command]], None]) -> BlockStarts:
-        """Return what starts the exchanges of a block, as often as it comes due."""
+        """Return the object that starts the exchanges of a block, each time it is due."""
         if block.instruction == "read" and len(block.targets) == 1:
             return BlockReads(self, block, ended, carry_out)
         return BlockStarts(self, block, ended, carry_out)
 
     def begin(self, block: Block, station: Any, now: int, ended: Ended) -> list[Command]:
-        """Begins one exchange. Raises DeviceMemoryError, EVALUATION_ERRORS."""
+        """Begin one exchange. Raise DeviceMemoryError or EVALUATION_ERRORS."""
         if block.frame is not None and block.instruction == "send":
             fields, told = self.fields_of(block).read(), partial(self._has_sent, ended)
             commands = self.engine.send_frame(block.frame, now, fields, told)
@@ -122,7 +122,7 @@ class BlockTransfers:
         )  # fmt: skip
 
     def start_joined(self, reads: Sequence[Read[tuple[Block, Ended]]], now: int) -> list[Command]:
-        """One read for several blocks of one station; each gets its own part, and its own end."""
+        """Begin one read for several blocks of a station; each block gets its own part and its own result."""
         assert self.client is not None
         address, count = joined(reads)
 
@@ -145,7 +145,7 @@ class BlockTransfers:
             return []
 
     def read_of(self, block: Block, ended: Ended) -> Read[tuple[Block, Ended]] | None:
-        """What a READ block with one place reads, as others may join it; None for every other block."""
+        """Return the read of a READ block with one place, for joining with others; None for every other block."""
         if block.instruction != "read" or len(block.targets) != 1 or not block.merge or self.client is None:
             return None
         try:
@@ -155,7 +155,7 @@ class BlockTransfers:
         return Read((block, ended), address, block.count)
 
     def station_of(self, block: Block) -> Any:
-        """The other side's station: fixed, or from the own memory as it is now. Raises ValueError."""
+        """Return the station of the other side: fixed, or read from the own memory now. Raise ValueError."""
         place = block.station_from
         if place is None:
             return block.station
@@ -170,7 +170,7 @@ class BlockTransfers:
     # ---- READ and WRITE -----------------------------------------------------------------------------------
 
     def values_of(self, block: Block) -> list[int]:
-        """What a WRITE block writes now: its constants, or elements from its places."""
+        """Return the elements that a WRITE block writes now: its constants, or elements from its places."""
         if block.values is not None:
             return list(block.values)
         if len(block.targets) > 1:
@@ -180,7 +180,7 @@ class BlockTransfers:
         return values_of(read_piece(self.memory, block.places[0], block.count * unit_bits(unit)), unit, block.count)
 
     def _done(self, block: Block, ended: Ended, result: TransferResult) -> None:
-        """What a transfer has brought goes into memory, and its end is told."""
+        """Store the data of a transfer in memory, and report the result."""
         if result.ok and (block.instruction == "read" or block.results):
             try:
                 if block.results:
@@ -196,7 +196,7 @@ class BlockTransfers:
         ended(None if result.ok else failure_of(result))
 
     def pieces_of(self, block: Block, data: bytes) -> list[Piece]:
-        """What a READ block of several places has read, in memory's form, at each."""
+        """Return the data of a READ block with several places, in the form of the memory, by place."""
         starts = [0]
         for unit in block.units:
             starts.append(starts[-1] + unit_bits(unit))
@@ -206,7 +206,7 @@ class BlockTransfers:
     # ---- SEND and RECEIVE ---------------------------------------------------------------------------------
 
     def _has_sent(self, ended: Ended) -> None:
-        """The frame of a block has left."""
+        """Report that the frame of a block was sent."""
         if ended in self._sending:
             self._sending.remove(ended)
             ended(None)
@@ -217,7 +217,7 @@ class BlockTransfers:
         return self._parts[frame]
 
     def fields_of(self, block: Block) -> FrameFields:
-        """What reads the fields of a SEND block's frame. Raises DeviceMemoryError, ValueError."""
+        """Return the reader of the fields of a SEND block. Raise DeviceMemoryError or ValueError."""
         key = block.set, block.number
         found = self._fields.get(key)
         if found is None or found.block is not block:
@@ -226,7 +226,10 @@ class BlockTransfers:
         return found
 
     def store_frame(self, block: Block, frame: FrameValue) -> None:
-        """Puts the fields of a received frame where the block says, or none. Raises DeviceMemoryError, ValueError."""
+        """Store all fields of a received frame at the places of a block, or none.
+
+        Raise DeviceMemoryError or ValueError.
+        """
         parts = self._parts_of(frame.frame)
         pieces: list[Piece] = []
         for name, place in block.data.items():
@@ -238,9 +241,9 @@ class BlockTransfers:
 
 
 class BlockStarts:
-    """Start the exchanges of one block on one channel, with everything worked out that does not change.
+    """Starts the exchanges of one block on one channel, with the constant parts prepared.
 
-    `ended` is called exactly once for each, perhaps before `go` returns.
+    `ended` is called exactly once for each exchange, perhaps before `go` returns.
     """
 
     def __init__(
@@ -262,7 +265,7 @@ class BlockStarts:
 
 
 class BlockReads(BlockStarts):
-    """The reads of one block with one place: what they ask for, and what puts it where the block says."""
+    """The reads of a block with one place: the prepared request, and the writer of the place."""
 
     def __init__(
         self, transfers: BlockTransfers, block: Block, ended: Ended, carry_out: Callable[[list[Command]], None]
@@ -271,9 +274,9 @@ class BlockReads(BlockStarts):
         assert transfers.client is not None
         self._client, self._engine = transfers.client, transfers.engine
         self.write: Callable[[bytes], None] = self._write_first
-        """Store what was read. Raises DeviceMemoryError."""
+        """Store the data of a read. Raises DeviceMemoryError."""
         self.spare: BlockRead | None = None
-        """A read that is over, to be begun again."""
+        """A finished read that can be begun again."""
         self._asked: ReadKey = block.targets[0], block.unit, block.count, block.station
 
     def _begin(self, now: int) -> list[Command]:
@@ -289,14 +292,14 @@ class BlockReads(BlockStarts):
         return BlockRead(plan, self._engine, now, self).commands
 
     def _write_first(self, data: bytes) -> None:
-        """Store what was read, and keep the writer of the place."""
+        """Store the data of a read, and keep the writer of the place."""
         bits = self.block.count * unit_bits(self.block.units[0])
         self.write = piece_writer(self.transfers.memory, self.block.places[0], bits)
         self.write(data)
 
 
 class BlockRead(Transfer):
-    """One read of a block. Its data go into memory as they come, without a list of their numbers."""
+    """One read of a block. Its data go directly into memory, without a list of numbers."""
 
     __slots__ = ("_reads",)
 
@@ -316,7 +319,7 @@ class BlockRead(Transfer):
             reads.ended(None)
 
     def over(self, result: TransferResult) -> None:
-        """Report an end that took more than one exchange, or a failure."""
+        """Report the result of a read with several exchanges, or a failure."""
         reads, failure = self._reads, failure_of(result)
         if failure is None:
             try:
@@ -343,7 +346,7 @@ class Read(Generic[Key]):
 
 
 def neighbours(first: Read[Key], others: Sequence[Read[Key]], merge: Merge, grammar: AddressGrammar) -> list[Read[Key]]:
-    """Those of the others that one read can bring with the first: no gap too wide, not too many elements in all."""
+    """Return the reads that fit into one request with the first: gaps and total size are within the limits."""
     chosen = [first]
     least, end = first.address.start, first.end
     added = True
@@ -361,7 +364,7 @@ def neighbours(first: Read[Key], others: Sequence[Read[Key]], merge: Merge, gram
 
 
 def _same_row(one: Address, other: Address, grammar: AddressGrammar) -> bool:
-    """Whether the second place is so many elements from the first: a file or another table is somewhere else."""
+    """Return whether both addresses are in the same sequence of elements, not in another file or table."""
     if (one.area, one.unit) != (other.area, other.unit):
         return False
     try:
@@ -371,13 +374,13 @@ def _same_row(one: Address, other: Address, grammar: AddressGrammar) -> bool:
 
 
 def joined(reads: Sequence[Read[Key]]) -> tuple[Address, int]:
-    """Where one read for all of them begins, and how many elements it has."""
+    """Return the first address of a read for all reads, and its number of elements."""
     first = min(reads, key=lambda read: read.address.start)
     return first.address, max(read.end for read in reads) - first.address.start
 
 
 Later = Callable[[int, Callable[[], None]], None]
-"""Calls something back after so many nanoseconds."""
+"""Call a function after this number of nanoseconds."""
 
 
 class CommandTransfers:
@@ -396,7 +399,7 @@ class CommandTransfers:
         self._commands: dict[str, CommandBlocks] = {}
 
     def start(self, block: Block, station: Any, now: int, ended: Ended) -> list[Command]:
-        """The words of a command block are copied now; what happens to them later changes nothing."""
+        """Start a command block with a copy of its words; later changes of the words have no effect."""
         assert block.commands is not None
         commands, place = self.commands_of(block.commands), block.places[0]
         area = self._memory.area(place.address.area)
@@ -426,12 +429,12 @@ class CommandTransfers:
         return commands.start(data, station, now, done, lambda station: self._params(block, station))
 
     def _params(self, block: Block, station: Any) -> dict[str, Any]:
-        """What the channel says for a station, and the block does not."""
+        """Return the parameters of the channel for a station, without those that the block sets."""
         given = {} if self._params_of is None else self._params_of(station)
         return {name: value for name, value in given.items() if name not in block.params}
 
     def commands_of(self, application: Protocol) -> CommandBlocks:
-        """The command blocks of an application on this channel."""
+        """Return the command blocks of an application on this channel."""
         found = self._commands.get(application.name)
         if found is None or found.words.application != application:
             found = self._commands[application.name] = CommandBlocks(
@@ -451,27 +454,31 @@ class CommandTransfers:
 
 MILLISECOND = 1_000_000
 LONGEST = 65536
-"""Most elements of a list, or bytes, that one result or argument can have."""
+"""Maximum number of elements of a list, or of bytes, of one result or argument."""
 
 
-# ---- what kind of value a result is -----------------------------------------------------------------------
+# ---- shapes of results -----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shape:
-    """What is known about a result. `size`: bytes of data or text that always has so many; `is_real`: a number that may
-    have a fraction; `scale`: nanoseconds a number counts; `item`: of a list; `parts`: of a record."""
+    """The statically known properties of a result."""
 
     kind: Literal["any", "number", "bytes", "text", "list", "record"] = "any"
     is_real: bool = False
+    """Whether a number may have a fraction."""
     size: int | None = None
+    """The number of bytes of data or text with a fixed size."""
     scale: int = 1
+    """Nanoseconds per count of a time; 1 for other numbers."""
     item: Shape | None = None
+    """The shape of the items of a list."""
     parts: Mapping[str, Shape] | None = None
+    """The shapes of the fields of a record."""
 
     @property
     def is_long(self) -> bool:
-        """Whether there may be any number of elements or bytes."""
+        """Return whether the number of elements or bytes is not fixed."""
         return self.kind == "list" or (self.kind in ("bytes", "text") and self.size is None)
 
 
@@ -480,7 +487,7 @@ _WORDS = {"number": "a number", "bytes": "bytes", "text": "a text"}
 
 
 class NoResultError(ValueError):
-    """A service does not give what is named; `hint` is what could be meant."""
+    """Raised if a service does not return the named result; `hint` is the remedy."""
 
     def __init__(self, what: str, hint: str) -> None:
         super().__init__(what)
@@ -488,7 +495,7 @@ class NoResultError(ValueError):
 
 
 def shapes_of(protocol: Protocol, row: ServiceRow) -> dict[str, Shape]:
-    """What one row of a service gives, with the reply's frame and the bytes beside it."""
+    """Return the shapes of the results of one row of a service, including the frame and the buffer of the reply."""
     frames = [reply.frame.frame for reply in row.reply if reply.frame is not None]
     parts = [_parts(protocol.frames[name].segments) for name in frames if name in protocol.frames]
     known = {"buffer": Shape(kind="bytes")}
@@ -498,12 +505,12 @@ def shapes_of(protocol: Protocol, row: ServiceRow) -> dict[str, Shape]:
 
 
 def shape_at(expression: Expression, known: Mapping[str, Shape]) -> Shape:
-    """The kind of the result that an expression names. Raises NoResultError."""
+    """Return the shape of the result that an expression names. Raise NoResultError."""
     return _followed(expression.root, known)
 
 
 def is_path(node: Node) -> bool:
-    """Whether an expression only names something: `time.hour`, `faults[0].code`."""
+    """Return whether an expression is only a path: `time.hour`, `faults[0].code`."""
     if isinstance(node, Index):
         return isinstance(node.index, Number) and is_path(node.value)
     return isinstance(node, Name) or (isinstance(node, Attribute) and is_path(node.value))
@@ -558,7 +565,7 @@ def _given(protocol: Protocol, value: Value, known: Mapping[str, Shape]) -> Shap
 
 
 def _either(records: Sequence[Mapping[str, Shape]]) -> dict[str, Shape]:
-    """The parts that a value has which is one of these records."""
+    """Return the fields of a value that is one of these records; a field with different shapes can be anything."""
     found: dict[str, Shape] = {}
     for record in records:
         for name, shape in record.items():
@@ -602,11 +609,11 @@ def _of_type(type_: FieldType) -> Shape:
     return Shape(kind="number", is_real=type_.has_fractions)
 
 
-# ---- results into memory ----------------------------------------------------------------------------------
+# ---- results into memory ---------------------------------------------------------------------------------
 
 
 def result_pieces(block: Block, result: TransferResult) -> Iterator[Piece]:
-    """What a call gave, at the places that the block names. Raises ValueError for what cannot be stored there."""
+    """Yield the results of a call at the places of its block. Raise ValueError for a result that cannot be stored."""
     names = Names({"reply": result.reply, "buffer": result.buffer, **result.gives})
     for place in block.results:
         try:
@@ -622,7 +629,10 @@ def result_pieces(block: Block, result: TransferResult) -> Iterator[Piece]:
 
 
 def _stored(place: ResultPlace, value: Any, packing: Packing) -> tuple[int, bytes]:
-    """Bits and content, in memory's form; what is shorter than its room is filled with zeros."""
+    """Return size in bits and content in the form of the memory.
+
+    A value shorter than its place is filled with zeros.
+    """
     address, name = place.place.address, str(place.result)
     if isinstance(value, (int, float, Decimal)):
         return _numbers(place, [value])
@@ -652,8 +662,7 @@ def _elements(place: ResultPlace) -> int | None:
 
 
 def _numbers(place: ResultPlace, values: Sequence[float | Decimal]) -> tuple[int, bytes]:
-    """Numbers that may have a fraction, and all that go to places of such, as floating-point numbers; others as they
-    are."""
+    """Return numbers in the form of the memory, as floating-point numbers if the place holds such numbers."""
     address = place.place.address
     scaled: list[Any] = [value // place.scale if place.scale > 1 else value for value in values]
     bits = place.float_bits
@@ -661,7 +670,7 @@ def _numbers(place: ResultPlace, values: Sequence[float | Decimal]) -> tuple[int
 
 
 def _bytes(place: ResultPlace, data: bytes, packing: Packing) -> tuple[int, bytes]:
-    """Data as elements of the place, as the service's row packs them."""
+    """Return data as elements of the place, as the row of the service packs them."""
     packer = Packer(packing, place.place.address.unit)
     count = packer.count_in(0, len(data))
     return count * packer.bits, packer.to_memory(data, 0, count)
@@ -671,11 +680,11 @@ def _shown(value: Any) -> str:
     return "a list of such" if isinstance(value, list) else "nothing" if value is None else "a record of several"
 
 
-# ---- arguments from memory --------------------------------------------------------------------------------
+# ---- arguments from memory -------------------------------------------------------------------------------
 
 
 def arguments_of_call(block: Block, memory: DeviceMemory) -> dict[str, Any]:
-    """The arguments of a call as they are now. Raises DeviceMemoryError."""
+    """Return the arguments of a call at this moment. Raise DeviceMemoryError."""
     return {**block.arguments, **{name: _argument(place, memory) for name, place in block.argument_places.items()}}
 
 
@@ -695,5 +704,5 @@ def _argument(given: ArgumentPlace, memory: DeviceMemory) -> Any:
 
 
 def argument_bits(type_: str, size: int, unit: str) -> int:
-    """How many bits of the memory an argument takes."""
+    """Return the size of an argument in memory, in bits."""
     return 8 * size if type_ in ("text", "choice", "bytes") else size * unit_bits(unit)
