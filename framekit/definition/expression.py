@@ -291,7 +291,7 @@ Undone = tuple[str, bool, Expression]
 def inverse_steps(expression: Expression) -> tuple[str, tuple[Undone, ...]] | None:
     """Return the single name that can be computed from the result, with the operations to undo.
 
-    None if this is impossible.
+    Return None if this is impossible.
     """
     undone: list[Undone] = []
     node = expression.root

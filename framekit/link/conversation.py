@@ -1,4 +1,4 @@
-"""Runs vectors: frames to bytes and back, and conversations of one engine with a script, on virtual time."""
+"""Run test vectors on virtual time: frames to bytes and back, and conversations of one engine with a script."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ from framekit.link.variables import same_number
 
 
 def run_frame_vector(vector: FrameVector, protocol: Protocol, codec: ProtocolCodec) -> list[str]:
-    """The differences, a sentence each; empty if the case holds."""
+    """Return the differences, a sentence each; empty if the case holds."""
     try:
         return _Case(vector, protocol, codec).run()
     except EVALUATION_ERRORS as error:
@@ -59,7 +59,7 @@ def _title(vector: FrameVector) -> str:
 
 
 def default_line(protocol: Protocol) -> LineFormat | None:
-    """The line of a definition without line settings; a stream has no line settings."""
+    """Return the default line of a definition; None for a stream, which has no line settings."""
     return None if protocol.line.kind == "stream" else parse_format(protocol.line.format, protocol.line.speed)
 
 
@@ -105,7 +105,7 @@ class _Case:
         return problems
 
     def _built(self, name: str, values: dict[str, Any]) -> bytes:
-        """Fill the fields of a reply that repeat the request."""
+        """Return the bytes of a frame; fields of a reply that repeat the request are filled in."""
         value = FrameValue(name, dict(values))
         self.table.fill_echo(value, self.names["request"])
         return self.table.encode(value, self.names)
@@ -126,7 +126,7 @@ class _Case:
                 problems.append(f"{source} read as {path} = {fields[path]!r}, not {wanted!r}")
         return problems
 
-    # ---- what becomes of bytes ----------------------------------------------------------------------------
+    # ---- results of received bytes ---------------------------------------------------------------------------
 
     def _what_becomes(self) -> list[str]:
         vector = self.vector
@@ -182,7 +182,10 @@ def _told(arrivals: list[Arrival]) -> str:
 
 
 def agrees(found: Any, wanted: Any) -> bool:
-    """Whether a value read has everything that was given; names of numbers deeper inside are not compared."""
+    """Return whether a parsed value contains all expected parts.
+
+    Words for numbers in nested values are not compared.
+    """
     if isinstance(wanted, Mapping):
         return isinstance(found, Mapping) and all(key in found and agrees(found[key], wanted[key]) for key in wanted)
     if isinstance(wanted, list):
@@ -197,7 +200,7 @@ def agrees(found: Any, wanted: Any) -> bool:
 
 
 def set_state(scope: Scope, state: Mapping[str, Any]) -> None:
-    """Sets state variables from plain values. Raises ValueError for an unknown one or a value that does not fit."""
+    """Set state variables from plain values. Raise ValueError for an unknown variable or a value that does not fit."""
     for name, value in state.items():
         variable = scope.protocol.state.get(name)
         if variable is None:
@@ -217,7 +220,7 @@ def set_state(scope: Scope, state: Mapping[str, Any]) -> None:
 
 
 def state_value(type_: str, value: Any) -> Any:
-    """A plain value as a variable of this type holds it."""
+    """Return a plain value as a variable of this type holds it."""
     from framekit.definition.load.reader import FLAGS, parse_bytes, parse_number
     from framekit.definition.times import parse_time
 
@@ -235,7 +238,10 @@ def state_value(type_: str, value: Any) -> Any:
 
 
 def result_agrees(found: Any, wanted: Any) -> bool:
-    """Return whether a value is that of the case in plain text; of a record only the fields of the case count."""
+    """Return whether a value equals the plain value of the case.
+
+    Only the fields of a record that the case names count.
+    """
     if isinstance(wanted, Mapping):
         return isinstance(found, Mapping) and all(
             name in found and result_agrees(found[name], value) for name, value in wanted.items()
@@ -251,32 +257,35 @@ def _kind_of(value: Any) -> str:
 
 
 PATIENCE = 3_600_000_000_000
-"""So long a script waits for something to be sent, and a service for its end (ns)."""
+"""Time limit for a script to wait for a transmission, and for a service to end (ns)."""
 
 LONGEST_CHECK = 8
-"""A check code that is computed for `receive` has at most so many bytes."""
+"""Maximum number of bytes of a check code that is computed for `receive`."""
 
 Asked = Callable[[Any], None]
 
 
 @dataclass(slots=True)
 class SideUnderTest:
-    """The parts of the tested side besides its engine.
-
-    `start` begins the call of the case: engine, the case's `do`, its station, the time, the callback for the result;
-    it returns commands. The result has `ok`, `values`, `outcome`, `code`. `read_memory` returns
-    elements from an address on, `typed` their usual type.
-    `monitor` gets the records; `troubles` collects failed expressions.
-    """
+    """The parts of the tested side besides its engine."""
 
     server: RequestHandler | None = None
     memory: MemoryAccess | None = None
     ask: Callable[[Engine], Ask] | None = None
     start: Callable[[Engine, Mapping[str, Any], Any, int, Asked], list[Command]] | None = None
+    """Begins the call of the case and returns commands.
+
+    Takes the engine, `do` of the case, its station, the time, and the callback for the result, which has `ok`,
+    `values`, `outcome` and `code`.
+    """
     read_memory: Callable[[str, int], list[int]] | None = None
+    """Returns elements from an address on."""
     typed: Callable[[str, int], Typed] | None = None
+    """Returns the default type of the elements from an address on."""
     monitor: Monitor | None = None
+    """Receives the events."""
     troubles: list[str] = field(default_factory=list)
+    """Collects failed expressions."""
 
 
 MakeSide = Callable[[Conversation, Protocol, ProtocolCodec], SideUnderTest]
@@ -292,15 +301,15 @@ class _Sent:
 
 @dataclass(slots=True)
 class _Line:
-    """The state of the wire: transmissions that are not yet compared, and commands that wait.
-
-    `closed_at`: when the tested side has closed its connection, until the script mentions it.
-    """
+    """The state of the wire."""
 
     sent: deque[_Sent] = field(default_factory=deque)
+    """Transmissions that have not been compared yet."""
     waiting: deque[Command] = field(default_factory=deque)
+    """Commands that wait for the wire."""
     outgoing: _Sent | None = None
     closed_at: int | None = None
+    """When the tested side closed its connection, until the script mentions it."""
 
 
 def run_conversation(
@@ -314,14 +323,14 @@ def run_conversation(
 
 
 class _Random:
-    """What `random:` of a case gives, in its order; `short` says when it was not enough."""
+    """Returns the bytes of `random:` of a case in order; `short` is set when they run out."""
 
     def __init__(self, data: bytes) -> None:
         self.left = data
         self.short = ""
 
     def take(self, size: int) -> bytes:
-        """The next bytes. Raises ValueError when there are not so many."""
+        """Return the next bytes. Raise ValueError if fewer are left."""
         if size > len(self.left):
             self.short = f"random({size}) wants {plural(size, 'byte')}, random: of the case has {len(self.left)} left"
             raise ValueError(self.short)
@@ -392,7 +401,7 @@ class Player:
         self._begin_sending()
 
     def _begin_sending(self) -> None:
-        """Hands the next command to the line when its time has come."""
+        """Pass the next command to the line when it is due."""
         line = self.line
         while line.waiting and line.outgoing is None:
             command = line.waiting[0]
@@ -436,7 +445,7 @@ class Player:
         self.now = max(self.now, end)
 
     def _reach(self, at: int) -> None:
-        """One thing that is due: something has left, may leave, or the engine's time has come."""
+        """Process one event: the end of a transmission, the start of the next, or a deadline of the engine."""
         self.now = at
         line = self.line
         if line.outgoing is not None and line.outgoing.ended <= at:
@@ -497,7 +506,10 @@ class Player:
         self.before = self.now
 
     def with_check(self, wire: Wire) -> bytes | None:
-        """Return the bytes with the check code of the first frame that they fit; None if no frame has one there."""
+        """Return the bytes with the check code of the first frame that they fit.
+
+        Return None if no frame has a code at this place.
+        """
         if wire.tail is None:
             return wire.exact
         head, tail = (bytes(byte for byte in part if byte is not None) for part in (wire.head, wire.tail))
@@ -512,7 +524,7 @@ class Player:
         return None
 
     def _corrected(self, name: str, head: bytes, code: bytes, tail: bytes) -> bytes | None:
-        """Return a frame with the code that reading it with a wrong code shows; None if it does not become good."""
+        """Return a frame with its correct code, as shown by the error for a wrong code; None if the frame stays bad."""
         frame, names = self.codec.frames[name], Names({"request": None, "buffer": b""}, self.engine.scope)
         try:
             frame.decode(head + code + tail, names)
@@ -549,7 +561,7 @@ class Player:
         self.fault = LineFault(script.word)
 
     def _connection(self, script: ScriptLine) -> None:
-        """The other side closes it, the tested side has to, or it is open again."""
+        """Let the other side close the connection, expect the tested side to close it, or open it again."""
         line = self.line
         if script.word == "opened":
             self._do(self.engine.opened(self.now))
@@ -588,7 +600,7 @@ class Player:
         self._compare_afterwards()
 
     def _validate(self, result: Any) -> None:
-        """Values, error and outcome as far as the case names them; without any of them it has to have gone well."""
+        """Compare values, error and outcome with the case; a case that names none of them requires success."""
         wanted = self.case.result
         told = f"outcome '{result.outcome}', {getattr(result, 'cause', '')}"
         if wanted.outcome is None and wanted.error is None and not result.ok:
@@ -606,7 +618,7 @@ class Player:
                 self._note(None, f"values {list(result.values)}, expected {numbers}")
 
     def _elements_read(self, values: list[Any]) -> list[int]:
-        """Return the values of a read: in the unit of the addresses, unless the case reads another unit."""
+        """Return the expected values of a read: in the unit of the addresses, unless the case reads another unit."""
         do = self.case.do or {}
         read = do.get("read")
         if read is None or "unit" in do:
@@ -635,9 +647,9 @@ class Player:
 
 
 def elements_at(protocol: Protocol, where: str | Sequence[str], values: Sequence[Any]) -> list[int]:
-    """The elements that a client writes or reads for plain values: from one address on, or one at each address.
+    """Return the elements of plain values that a client reads or writes: from one address on, or at each address.
 
-    Raises ValueError for a value that does not fit.
+    Raise ValueError for a value that does not fit.
     """
     grammar = AddressGrammar(protocol.addresses, protocol.areas, protocol.tables)
     if isinstance(where, str):
@@ -649,7 +661,7 @@ def elements_at(protocol: Protocol, where: str | Sequence[str], values: Sequence
 
 
 def elements_of(how: Typed, values: Sequence[Any]) -> list[int]:
-    """The elements for plain values of a type; a number in hexadecimal is the element itself. Raises ValueError."""
+    """Return the elements of plain values of a type; a hexadecimal number is the element itself. Raise ValueError."""
     return [_element(how, value) for value in values]
 
 
@@ -663,19 +675,19 @@ def _element(how: Typed, value: Any) -> int:
 
 
 def station_of(protocol: Protocol, value: Any) -> Any:
-    """A station as text to the kind of value that names stations here."""
+    """Return a station given as text in the form that the protocol uses."""
     return value if value is None else state_value(protocol.station.type, value)
 
 
 class Starter:
-    """Begin the call of a case: `read`, `write`, another service, or `send: {FRAME: {…}}` for a frame by itself."""
+    """Begins the call of a case: `read`, `write`, another service, or `send: {FRAME: {…}}` for a frame by itself."""
 
     def __init__(self, protocol: Protocol, codec: ProtocolCodec) -> None:
         self.protocol = protocol
         self.codec = codec
 
     def start(self, engine: Engine, do: Mapping[str, Any], station: Any, now: int, on_done: Asked) -> list[Command]:
-        """Raises ValueError for what cannot be asked for at all."""
+        """Begin the call and return its commands. Raise ValueError for an invalid call."""
         given = dict(do)
         unit, count = given.pop("unit", None), parse_number(given.pop("count", "1"))
         if "station" in given:
@@ -703,7 +715,7 @@ class Starter:
     def _write(
         self, client: Client, where: Any, values: Any, station: Any, unit: str | None, now: int, on_done: Asked
     ) -> list[Command]:
-        """`write: ADDRESS, values: [...]` for consecutive places, `write: [ADDRESSES], values: [...]` for one each."""
+        """Write `values: [...]` to consecutive places (`write: ADDRESS`), or one to each of `write: [ADDRESSES]`."""
         if isinstance(where, Mapping):
             where, values = list(where), list(where.values())
             if len(where) == 1:
@@ -717,7 +729,7 @@ class Starter:
         return client.write(where, numbers, station=station, unit=unit, now=now, on_done=on_done).commands
 
     def _send(self, engine: Engine, what: Any, now: int, on_done: Asked) -> list[Command]:
-        """A frame by itself; done when it has left."""
+        """Send a frame by itself; it is done when the frame has been sent."""
         ((frame, fields),) = what.items()
         values = PlainValues(self.protocol).from_plain(frame, fields or {})
         return engine.send_frame(frame, now, values, on_sent=lambda: on_done(TransferResult(True)))
@@ -725,7 +737,7 @@ class Starter:
     def _exchange(
         self, engine: Engine, given: Mapping[str, Any], station: Any, now: int, on_done: Asked
     ) -> list[Command]:
-        """`exchange: {FRAME: {…}}` with `expected: [FRAMES]` and `run: SEQUENCE`: the procedure without a service."""
+        """Run a procedure without a service: `exchange: {FRAME: {…}}`, `expected: [FRAMES]`, `run: SEQUENCE`."""
         ((frame, fields),) = given["exchange"].items()
         values = PlainValues(self.protocol).from_plain(frame, fields or {})
         expected = given.get("expected", [])

@@ -308,7 +308,7 @@ class _Planning:
     def _single(self, address: Address, count: int, station: Any) -> Piece | None:
         """Return the elements that one request transfers.
 
-        None if it takes several requests, or if no text names the place.
+        Return None if it takes several requests, or if no text names the place.
         """
         plan = self.planner.plan("read", Piece(address, count), Names({"station": station}, self.scope))
         if len(plan.exchanges) != 1 or len(plan.exchanges[0]) != 1:

@@ -340,6 +340,7 @@ def _values(path: Path, wanted: _Wanted) -> Iterator[_Value]:
 
 
 def _objects(path: Path, wanted: _Wanted) -> Iterator[_Value]:
+    """Yield the good values of one point in a `jsonl` file. Raise RecordedError for any other line."""
     with path.open(encoding="utf-8", newline="\n") as lines:
         for number, line in enumerate(lines, 1):
             try:
@@ -354,6 +355,7 @@ def _objects(path: Path, wanted: _Wanted) -> Iterator[_Value]:
 
 
 def _table(path: Path, wanted: _Wanted) -> Iterator[_Value]:
+    """Yield the good values of one point in a table. Raise RecordedError for any other form."""
     with path.open(encoding="utf-8-sig", newline="") as lines:
         rows = csv.reader(lines)
         head = next(rows, [])
@@ -386,6 +388,7 @@ Samples = tuple[tuple[int, ...], tuple[float, ...]]
 
 
 def _samples(reading: KeyReading) -> Samples:
+    """Return the samples that `replay:` and `point:` name. Raise Broken."""
     reader, node, named = reading.reader, reading.keys.get("replay"), reading.keys.get("point")
     name = reader.text(node)
     point = None if named is None else reader.text(named)

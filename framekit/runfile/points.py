@@ -527,7 +527,7 @@ class PointsLoader:
         self._useless(keys, useless)
 
     def _useless(self, keys: Mapping, found: Sequence[tuple[str, str]]) -> None:
-        """Notes keys without effect, each with the reason."""
+        """Note keys without effect, each with the reason."""
         for key, why in found:
             entry = next(one for one in keys.entries if one.key.text == key)
             self.reader.note(entry.key.at, f"'{key}' has no effect: {why}", "remove it")

@@ -35,32 +35,32 @@ from framekit.transport.port import Port
 log = logging.getLogger(__name__)
 
 REPEATS = "retries"
-"""The parameter that says how often an exchange is repeated, where a protocol has it."""
+"""The parameter for the number of repeated attempts, in protocols that have it."""
 
 
 @dataclass(slots=True)
 class ChannelCounters:
-    """What a channel does beside the exchanges of blocks: requests `served` here, and transfers of jobs."""
+    """Counts the services of a channel apart from its blocks: requests `served` here, and transfers of jobs."""
 
     served: ServiceCounters = field(default_factory=ServiceCounters)
     done: int = 0
     failed: Counter[str] = field(default_factory=Counter)
 
     def ended(self, failure: str) -> None:
-        """A transfer of a job has ended, with a failure of that name or, '', well."""
+        """Count a transfer of a job, with the name of its failure, or '' for success."""
         if failure:
             self.failed[failure] += 1
         else:
             self.done += 1
 
     def add(self, other: ChannelCounters) -> None:
-        """What another channel counted, whose place this one takes."""
+        """Add the counters of the channel that this channel replaces."""
         self.served.add(other.served)
         self.done += other.done
         self.failed.update(other.failed)
 
     def clear(self) -> None:
-        """Counting begins anew."""
+        """Reset all counters."""
         self.served.clear()
         self.done = 0
         self.failed.clear()
@@ -70,31 +70,31 @@ class ChannelCounters:
         return self.served.done + self.done
 
     def reasons(self, protocol: model.Protocol) -> Counter[str]:
-        """The errors by what they were."""
+        """Return the errors by reason."""
         return self.failed + self.served.reasons(protocol)
 
 
 class ChannelOwner:
-    """What is told of what happens on channels; this one has no blocks, and does nothing."""
+    """Receives the events of channels; this base class has no blocks and ignores the events."""
 
     def opened(self, channel: int, is_open: bool) -> None:
-        """Whether exchanges can be started now."""
+        """Report whether exchanges can be started from now on."""
 
     def slow(self, channel: int, station: SlowStation, is_slow: bool) -> None:
-        """A station answers after the time limit, or in time again."""
+        """Report a station that answers after the time limit, or in time again."""
 
     def takes(self, block: int) -> Block | None:
-        """A RECEIVE block with its settings as they are now; None when it takes no frame now."""
+        """Return a RECEIVE block with its present settings; None if it does not accept a frame now."""
         return None
 
     def arrived(self, block: int, failure: Failure | None) -> None:
-        """The frame of a RECEIVE block came; None if it was stored, else why not."""
+        """Report the frame of a RECEIVE block: None if it was stored, else the failure."""
 
 
 class ChannelService:
-    """Runs blocks on one channel; a role that answers serves the own memory.
+    """Runs blocks on one channel; an answering role serves the own memory.
 
-    `counters`: services that no block has asked for.
+    `counters`: services without a block.
     """
 
     def __init__(
@@ -117,7 +117,7 @@ class ChannelService:
         codec = compile_protocol(protocol)
         self._writes = None if channel.asks else begun_log(f"channel {channel.number}", protocol)
         self._answering = server = self._server(codec, access)
-        # without services requests are answered by sequences alone: each frame that goes out is a service
+        # without services, sequences answer requests: each sent frame counts as a service
         answers = server is None and channel.role is not None and not channel.asks
         answering, memory = server, cast(MemoryAccess, access)
         if self._writes is not None:
@@ -160,16 +160,16 @@ class ChannelService:
             self.driver.longest_retry = channel.wiring.reconnect
 
     def _later(self, delay: int, call: Callable[[], None]) -> None:
-        """Calls back after a while, unless the channel has been stopped by then."""
+        """Call back after a delay, unless the channel has been stopped by then."""
         self._clock.call_at(self._clock.now() + delay, lambda: None if self.driver.stopped else call())
 
     @property
     def _only_shows(self) -> bool:
-        """Whether others read its memory, and may not store into it."""
+        """Return whether clients of the channel may only read its memory."""
         return self.channel.read_only and not self.channel.asks
 
     def receive_for(self, blocks: Iterable[Block]) -> None:
-        """From now on these RECEIVE blocks get the frames they name, and no others."""
+        """Pass received frames to these RECEIVE blocks from now on, instead of the previous blocks."""
         self.receiving.clear()
         for block in blocks:
             self.receiving.setdefault(block.frame or "", []).append(block)
@@ -193,7 +193,7 @@ class ChannelService:
         self.owner.opened(self.channel.number, state == "open")
 
     def answer_connections(self, port: ListeningPort, access: AddressedMemory, monitor: Monitor | None) -> None:
-        """Connections made to this port are answered as the channel would, and counted with it."""
+        """Answer connections to this port as the channel does, with the same counters."""
         access = access.as_read_only() if self._only_shows else access
         port.answer(
             access, self._answering, monitor, self.engine.counters, self.driver.load, self.counters.served,
@@ -204,7 +204,7 @@ class ChannelService:
         self.driver.start()
 
     def switch_off(self) -> None:
-        """Closes the port until `start`; what runs ends as closed."""
+        """Close the port until `start`; running exchanges end as closed."""
         self.driver.switch_off()
 
     def stop(self) -> None:
@@ -212,24 +212,27 @@ class ChannelService:
 
     @property
     def has_session(self) -> bool:
-        """Whether one may have to be closed; a channel that is not open has none."""
+        """Return whether a session may have to be closed; a channel that is not open has no session."""
         return self.engine.has_session and self.driver.is_open
 
     def close_session(self, done: Callable[[], None]) -> None:
-        """Takes leave of the other side as soon as nothing runs; `done` is called then."""
+        """Close the session with the other side once all exchanges have ended, then call `done`."""
         self.driver.do(lambda now: self.engine.close_session(now, done))
 
     def starts_of(self, block: Block, ended: Ended) -> BlockStarts:
-        """Return what starts the exchanges of a block without parameters; `ended` is called once for each."""
+        """Return the object that starts the exchanges of a block without parameters.
+
+        `ended` is called once for each.
+        """
         return self.transfers.starts_of(block, ended, self.driver.carry_out)
 
     def start_block(self, block: Block, ended: Ended, now: int, *, repeats: bool = True) -> None:
-        """Begin an exchange of a block; `ended` is called exactly once. Without `repeats` it is tried once."""
+        """Begin an exchange of a block; `ended` is called exactly once. Without `repeats` make a single attempt."""
         params = self._params_for(block, repeats)
         self.starts_of(block, self._overriding(params, ended) if params else ended).go(now)
 
     def _overriding(self, params: Mapping[str, Any], ended: Ended) -> Ended:
-        """Gives parameters other values until the exchange has ended."""
+        """Override parameters until the exchange has ended."""
         back = self.engine.scope.override(params)
 
         def done(failure: Failure | None) -> None:
@@ -239,7 +242,7 @@ class ChannelService:
         return done
 
     def start_joined(self, reads: Sequence[Read[tuple[Block, Ended]]]) -> None:
-        """Begins one read for several blocks without parameters of their own; each is told its own end."""
+        """Begin one read for several blocks without parameters of their own; each block gets its own result."""
         params = self._params_for(reads[0].key[0], True)
         back = self.engine.scope.override(params) if params else lambda: None
         left = len(reads)
@@ -258,7 +261,7 @@ class ChannelService:
         self.driver.do(lambda now: self.transfers.start_joined(told, now))
 
     def _params_for(self, block: Block, repeats: bool) -> dict[str, Any]:
-        """What the protocol's parameters are for this exchange alone: those of its station, then its own."""
+        """Return the parameters for this exchange only: those of its station, then those of the block."""
         if repeats and not block.params and not self.channel.stations:
             return {}
         found = {**self.params_of(self.station_of(block)), **block.params}
@@ -269,12 +272,12 @@ class ChannelService:
         return found
 
     def params_of(self, station: Any) -> Mapping[str, Any]:
-        """The parameters that the channel has for a station."""
+        """Return the parameters of the channel for a station."""
         rules = self.channel.stations.get(station) if self.channel.stations and isinstance(station, Hashable) else None
         return {} if rules is None else rules.params
 
     def station_of(self, block: Block) -> Any:
-        """The station a block talks to; None for none, and where its own memory names none."""
+        """Return the station of a block; None if it has no station, or if its memory has no valid station."""
         if block.instruction not in STATIONED:
             return None
         try:
@@ -287,7 +290,7 @@ class ChannelService:
             self.client.ask(service, arguments, station, done)
 
     def _frame(self, frame: FrameValue) -> None:
-        """A frame that no block waited for: the RECEIVE blocks that name it take it."""
+        """Store an unsolicited frame by the RECEIVE blocks that name it."""
         for block in self.receiving.get(frame.frame, ()):
             taking = self.owner.takes(block.id)
             if taking is None:
@@ -300,7 +303,7 @@ class ChannelService:
                 self.owner.arrived(block.id, None)
 
     def _bad(self, bad: BadFrame) -> None:
-        """A bad frame that no step waited for: the RECEIVE blocks that name it have failed."""
+        """Report failure of the RECEIVE blocks that name a bad frame, if no step has waited for it."""
         for block in self.receiving.get(bad.frame, ()) if self.receiving else ():
             if self.owner.takes(block.id) is not None:
                 cause = f"{bad.cause} at byte {bad.place}"
@@ -308,16 +311,16 @@ class ChannelService:
 
 
 RunMonitor = Callable[[int, Seen], None]
-"""Gets everything seen on the lines: the channel's number and what was seen."""
+"""Receives all events of the lines, each with the number of its channel."""
 
 Made = tuple[ChannelService, list[DeviceService]]
 """A channel and the devices on its line."""
 
 
 class RunChannels:
-    """Fills `channels`, by number, and the devices on their lines. `owner` is told what happens on them.
+    """Fills `channels`, by number, and the devices on their lines; reports events to `owner`.
 
-    `moment`: who wants to know when something that a line has brought has been dealt with.
+    `moment`: called when the data from a line have been processed.
     """
 
     def __init__(
@@ -333,13 +336,13 @@ class RunChannels:
         self.devices: dict[int, list[DeviceService]] = {}
 
     def of_run(self, run: RunModel, number: int) -> Made:
-        """A channel of a run, as `make` gives it."""
+        """Return a channel of a run; see `make`."""
         return self.make(run.channels[number], receiving(run, number), run.folder)
 
     def make(self, channel: Channel, blocks: Iterable[Block], folder: str) -> Made:
-        """A channel with its devices, not open and none of these yet; `blocks` receive frames there.
+        """Return a channel and its devices, all not opened; `blocks` are its RECEIVE blocks.
 
-        Raises DefinitionError for a wrong device file, ValueError for a port that cannot be made.
+        Raise DefinitionError for an invalid device file, ValueError for a port that cannot be created.
         """
         monitor = self._monitor
         listening = ListeningPort(channel, self._clock) if channel.listens else None
@@ -355,24 +358,24 @@ class RunChannels:
         return service, devices
 
     def _trouble(self, number: int, what: str) -> None:
-        """A simulated device could not do what it should."""
+        """Report the failure of an action of a simulated device."""
         log.warning("channel %d: %s", number, what)
         if self._monitor is not None:
             watching(self._monitor, number)(Seen("", "trouble", self._clock.now(), reason=what))
 
     def put(self, number: int, made: Made) -> None:
-        """From now on this is the channel of that number."""
+        """Register the channel under this number; it continues the counters of the previous channel."""
         before = self.channels.get(number)
         if before is not None:
             made[0].counters.add(before.counters)
         self.channels[number], self.devices[number] = made
 
     def remove(self, number: int) -> None:
-        """A channel is no more."""
+        """Forget a channel and its devices."""
         del self.channels[number], self.devices[number]
 
     def receive_for(self, run: RunModel, keep: Collection[int]) -> None:
-        """Frames go to the blocks of this run; channels that it does not have are no more, but for those to `keep`."""
+        """Pass received frames to the blocks of this run; remove channels that it does not have, except `keep`."""
         for number in list(self.channels):
             if number in run.channels:
                 self.channels[number].receive_for(receiving(run, number))
@@ -380,27 +383,27 @@ class RunChannels:
                 self.remove(number)
 
     def open(self, number: int) -> None:
-        """Opens the port of a channel that is not switched off, and those of the devices on its line."""
+        """Open the ports of the devices on the line of a channel, then its own port unless it is switched off."""
         for device in self.devices[number]:
             device.start()
         if self.channels[number].channel.enabled:
             self.channels[number].start()
 
     def stop_devices(self, number: int) -> None:
-        """Closes the ports of the devices on its line."""
+        """Close the ports of the devices on the line of a channel."""
         for device in self.devices[number]:
             device.end()
 
 
 def receiving(run: RunModel, channel: int) -> list[Block]:
-    """The RECEIVE blocks of a channel."""
+    """Return the RECEIVE blocks of a channel."""
     return [block for block in run.blocks if block.channel == channel and block.instruction == "receive"]
 
 
 def undisturbed(watcher: Callable[..., None], *what: object) -> None:
-    """Tells a watcher; what it raises goes to the log, since no exchange may end otherwise because it is watched.
+    """Call a watcher and log its exceptions, so that watching never affects an exchange.
 
-    Only an output whose reader has gone is the end of the run.
+    BrokenPipeError is raised: an output without a reader ends the run.
     """
     try:
         watcher(*what)
@@ -411,7 +414,7 @@ def undisturbed(watcher: Callable[..., None], *what: object) -> None:
 
 
 def watching(monitor: RunMonitor | Tape, channel: int) -> Monitor:
-    """Return the monitor of one channel; what `monitor` raises goes to the log, as `undisturbed` does."""
+    """Return the monitor of one channel; exceptions of `monitor` are logged, as by `undisturbed`."""
     if isinstance(monitor, Tape):
         return monitor.of(channel)
 
@@ -427,8 +430,11 @@ def watching(monitor: RunMonitor | Tape, channel: int) -> Monitor:
 
 
 class Exchanges:
-    """Start the exchanges of a run. `over(block, failure)` gets the end of each; `take_job` carries out the commands of
-    blocks that have no channel."""
+    """Starts the exchanges of a run.
+
+    `over(block, failure)` is called at the end of each exchange; `take_job` executes the commands of blocks without a
+    channel.
+    """
 
     def __init__(
         self,
@@ -445,20 +451,20 @@ class Exchanges:
         self._alone: set[int] = set()
 
     def reset(self) -> None:
-        """Reads that were refused together may be tried together again."""
+        """Allow joins of reads again that were refused before."""
         self._alone.clear()
 
     def forget(self, block: Block) -> None:
-        """A block is no more, or another one: nothing is known of it."""
+        """Discard the stored state of a block that was removed or replaced."""
         self._alone.discard(block.id)
         channel = self._channels.get(block.channel)
         if channel is not None:
             channel.transfers.forget(block)
 
     def station_of(self, state: BlockState) -> Hashable:
-        """Return the station a block talks to as its settings are now; None if it has none.
+        """Return the station of a block with its present settings; None if it has none.
 
-        The block with these settings is kept as `effective` until the block starts.
+        The block with these settings is kept as `effective` until it starts.
         """
         known = state.at_station
         if known is not None:
@@ -489,7 +495,7 @@ class Exchanges:
         return late.until if late.concerns(station) else 0
 
     def prepare(self, number: int, blocks: Iterable[Block]) -> None:
-        """A channel is open: its blocks get ready."""
+        """Prepare the first starts of the blocks of an open channel."""
         for block in blocks:
             if block.job is None and block.channel == number:
                 self._channels[number].transfers.prepare(block)
@@ -537,7 +543,7 @@ class Exchanges:
             channel.start_joined(reads)
 
     def _effective(self, state: BlockState) -> Block | None:
-        """The block with its settings; one that they spoil has ended."""
+        """Return the block with its settings; invalid settings end the exchange, and None is returned."""
         try:
             return self._look(state)
         except SettingError as error:
@@ -545,7 +551,7 @@ class Exchanges:
             return None
 
     def _joined_ending(self, state: BlockState, states: list[BlockState]) -> Ended:
-        """A joined read that the device refuses is not joined again: each block asks for itself from then on."""
+        """Return the callback for a joined read; if the device refuses it, its blocks are not joined again."""
 
         def ended(failure: Failure | None) -> None:
             refused = failure is not None and (failure.outcome == "refused" or failure.device_code is not None)
@@ -558,7 +564,7 @@ class Exchanges:
     # ---- joined reads -------------------------------------------------------------------------------------
 
     def joins(self, state: BlockState, others: list[BlockState]) -> list[BlockState]:
-        """The waiting reads of the same station that lie beside this one."""
+        """Return the waiting reads of the same station that are neighbours of this read."""
         if state.block.job is not None:
             return []
         channel = self._channels[state.block.channel]
@@ -570,7 +576,7 @@ class Exchanges:
             return []
         station = self.station_of(state)
         if station is None and state.block.station_from is not None:
-            return []  # its memory names no station: it fails by itself
+            return []  # its memory has no valid station: it fails by itself
         reads = [
             read
             for other in others
@@ -593,7 +599,7 @@ class Exchanges:
 
 
 def rules_of(channel: Channel) -> LaneRules:
-    """How the scheduler treats a channel."""
+    """Return the rules of the scheduler for a channel."""
     return LaneRules(
         silence=channel.silence,
         dead=channel.dead,

@@ -1,7 +1,7 @@
-"""The points of a run at work: their values follow the blocks and the memory, and programs write some of them.
+"""The points of a run at run time: their values follow the blocks and the memory, and programs write some of them.
 
-And those of a simulated device: places that behave, and those with a start value, by name or address. All may be
-written, also where others may only read.
+A simulated device has points too: places with a behaviour, and places with a start value, by name or address. All these
+points are writable, also those that are read-only for clients.
 """
 
 from __future__ import annotations
@@ -27,17 +27,18 @@ from framekit.transport.clock import Clock, utc_at
 log = logging.getLogger(__name__)
 
 Written = Callable[[Failure | None], None]
-"""Told once how the writing of a point ended; None when all is well."""
+"""Called once with the result of the writing of a point; None for success."""
 
 
 MOST_WAITING = 64
-"""So many values of one point wait to be written; one more is refused."""
+"""Maximum number of waiting values per point; further values are refused."""
 
 
 class PointService:
-    """The points of one memory. `fire` makes a block due by its id; `at_work`: the run has started and not ended.
+    """The points of one memory.
 
-    `force`: also what others may only read is written. `read_only`: no point is written, whatever its file says.
+    `fire` makes a block due by its id. `at_work`: the run has started and not ended. `force`: write to areas that are
+    read-only for clients. `read_only`: refuse all writes, also to points with `access: rw`.
     """
 
     def __init__(
@@ -54,7 +55,7 @@ class PointService:
     # ---- what happens -------------------------------------------------------------------------------------
 
     def ended(self, state: BlockState, ok: bool, now: int) -> None:
-        """A block has ended."""
+        """Update the points of a block that has ended."""
         failure = None if ok else state.last_failure
         if self.table.follows(state.id):
             self.table.ended(state.id, failure, now)
@@ -63,21 +64,21 @@ class PointService:
             self._has_written(state.block, waiting, failure)
 
     def tick(self, now: int) -> None:
-        """Looks at what has changed, and at what has become too old."""
+        """Update points whose memory has changed, and points that are too old."""
         self.table.tick(now)
 
     @property
     def deadline(self) -> int:
-        """When there is something to look at."""
+        """Return the time of the next `tick`."""
         return self.table.deadline
 
     # ---- writing ------------------------------------------------------------------------------------------
 
     def write(self, name: str, value: Any, who: str, written: Written = lambda failure: None) -> None:
-        """Writes a value, in the point's own scale; `who` wants it, for the log. `written` hears how it ended.
+        """Write a scaled value; `who` is the sender for the log. `written` is called with the result.
 
-        Raises ValueError, and nothing is written, for a point that there is not or that cannot be written, and for a
-        value that does not fit.
+        Raise ValueError without writing for an unknown point, a point that is not writable, and a value that does not
+        fit.
         """
         point = self.point(name)
         if self._read_only:
@@ -103,13 +104,13 @@ class PointService:
             self._begin(self._blocks[point.writer], waiting)
 
     def _begin(self, block: Block, waiting: deque[tuple[bytes, Written]]) -> None:
-        """The first value that waits goes to the place from which the block writes it."""
+        """Store the first waiting value at the place from which the block writes it, and start the block."""
         data, _ = waiting[0]
         piece_writer(self._memory, block.places[0], 8 * len(data))(data)
         self._fire(block.id)
 
     def _has_written(self, block: Block, waiting: deque[tuple[bytes, Written]], failure: Failure | None) -> None:
-        """The next value goes out, or the point is read anew; then it is told how it ended."""
+        """Begin the next write, or read the point again if none is waiting; then report the result."""
         _, written = waiting.popleft()
         if waiting:
             self._begin(block, waiting)
@@ -119,13 +120,13 @@ class PointService:
         _tell(written, failure)
 
     def give_up(self, why: str) -> None:
-        """What waits to be written never will be."""
+        """Report all waiting writes as failed."""
         for waiting in self._waiting.values():
             while waiting:
                 _tell(waiting.popleft()[1], Failure(outcome="closed", cause=why))
 
     def point(self, name: str) -> Point:
-        """What a point is. Raises ValueError for one there is not."""
+        """Return the description of a point. Raise ValueError for an unknown point."""
         try:
             return self.table.point(name)
         except KeyError:
@@ -133,22 +134,22 @@ class PointService:
 
 
 def _tell(written: Written, failure: Failure | None) -> None:
-    """How a write ended; what the program that wanted it raises does not stop the run."""
+    """Report the result of a write; an exception of the program that requested it does not stop the run."""
     try:
         written(failure)
     except Exception:
         log.exception("what waited for a point to be written has failed")
 
 
-# ---- of a simulated device ------------------------------------------------------------------------------------
+# ---- points of a simulated device ------------------------------------------------------------------------------
 
 
 MOST_OF_A_ROW = 64
-"""So many of the values that one start value gives are points."""
+"""Maximum number of points for the values of one start value."""
 
 
 def points_of(device: Device) -> dict[str, Point]:
-    """The points of a device by name, those that behave first."""
+    """Return the points of a device by name, places with a behaviour first."""
     found: dict[str, Point] = {}
     taken: set[tuple[str, int]] = set()
     for behaviour in sorted(device.behaviours, key=lambda one: (one.at.line, one.at.column)):
@@ -170,7 +171,7 @@ def _bits(point: Point) -> Iterator[tuple[str, int]]:
 
 
 def _started(device: Device, place: OwnPlace, number: int) -> Point | None:
-    """One of the values that a device starts with; None where no text names its place."""
+    """Return the point of a start value; None if no text names its place."""
     address = device.grammar.advance(place.address, number) if number else place.address
     text = address.text if number else place.text
     if not text:
@@ -183,7 +184,7 @@ def _started(device: Device, place: OwnPlace, number: int) -> Point | None:
 
 
 class DevicePoints:
-    """The points of a device at work, whose memory this is, between `start` and `stop`."""
+    """The points of a device with this memory, between `start` and `stop`."""
 
     def __init__(self, device: Device, memory: DeviceMemory, clock: Clock) -> None:
         self.loop = loop = RunLoop(clock, lambda now: self.service.tick(now), lambda: self.service.deadline)
@@ -192,10 +193,10 @@ class DevicePoints:
         )  # fmt: skip
 
     def start(self) -> None:
-        """What they are is known from now on."""
+        """Begin to update the points."""
         self.loop.start()
         self.service.tick(self.loop.clock.now())
 
     def stop(self) -> None:
-        """They stay as they are."""
+        """Stop updates; the points keep their values."""
         self.loop.stop()

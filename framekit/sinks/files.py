@@ -1,4 +1,4 @@
-"""Files of values: `csv` for spreadsheets, `jsonl` for programs; a new one begins when one is full or a day is over."""
+"""Files of values: `csv` for spreadsheets, `jsonl` for programs, with rotation by size, day or hour."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ _COMMON = {"day": len("2026-03-01"), "hour": len("2026-03-01T12")}
 """The length of the common prefix of all times of a day, or an hour."""
 
 ROOM = 4096
-"""Bytes for which there has to be room when a file is opened."""
+"""Free space that must be available when a file is opened, in bytes."""
 
 SET_BACK = 3_600_000_000_000
-"""A time that is further before the first one of a file (ns) begins a new file."""
+"""A time further than this before the first time of a file (ns) begins a new file."""
 
 Rotation = int | Literal["day", "hour"]
 """When a new file begins: after so many bytes, or each day or hour (UTC)."""
 
 
 def read_rotation(reading: KeyReading, node: Node) -> Rotation:
-    """`day`, `hour`, or a size in bytes. Raises Broken."""
+    """Return `day`, `hour`, or a size in bytes. Raise Broken."""
     text = reading.reader.text(node)
     match = _ROTATE.fullmatch(text)
     if match is None and text.strip() == "day":
@@ -63,7 +63,7 @@ ROTATION = Form(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FileSink(SinkKind):
-    """A file that grows line by line. `rotate`: when a new one begins; `keep`: how many of those before it stay."""
+    """A file that grows line by line, with optional rotation."""
 
     is_local: ClassVar[bool] = True
     rotate: Rotation | None = key(
@@ -108,7 +108,7 @@ class JsonLines(FileSink):
 
 
 class LinesFile(Sink):
-    """A file of whole lines: opening removes the part of a line that a crash has cut.
+    """A file of complete lines: opening removes a partial line left by a crash.
 
     Raises OSError.
     """
@@ -120,15 +120,15 @@ class LinesFile(Sink):
         self._size = 0
         self._began = ""
         self._aside: list[Path] = []
-        """Files that this run has finished, in order: newer than all others, whatever times they have."""
+        """Files that this run has finished, in order; they are newer than all others, whatever their names say."""
 
     @abstractmethod
     def head(self) -> bytes:
-        """The first line of every file."""
+        """Return the first line of every file."""
 
     @abstractmethod
     def lines(self, time: str, values: Sequence[PointValue]) -> Iterator[bytes]:
-        """The lines of a sample."""
+        """Yield the lines of a sample."""
 
     def open(self, points: Sequence[Point]) -> None:
         self._points = points
@@ -136,7 +136,7 @@ class LinesFile(Sink):
         self._try_room()
 
     def _begin(self) -> None:
-        """Goes on with the file that is there, or begins it; one with another first line is put aside."""
+        """Continue the existing file or begin it; a file with another first line is put aside."""
         self._file = file = open_alone(self.path)
         head = self.head()
         data = _read_at(file, 0, max(len(head), 1 << 16))
@@ -154,14 +154,14 @@ class LinesFile(Sink):
             self._put(head)
 
     def _try_room(self) -> None:
-        """Write a block after the last line and take it away: there is room for values. Raises OSError."""
+        """Write a block after the last line and remove it, to ensure space for values. Raise OSError."""
         if self._file is not None:
             self._put(b" " * ROOM)
             self._size -= ROOM
             os.ftruncate(self._file, self._size)
 
     def time_in(self, line: bytes) -> str:
-        """The time that a line begins with; '' for none."""
+        """Return the time at the start of a line; '' if it has none."""
         match = re.search(rb"[0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9:.]+Z", line)
         return "" if match is None else match[0].decode()
 
@@ -182,10 +182,10 @@ class LinesFile(Sink):
         return len(samples)
 
     def _is_over(self, time: str, more: int) -> bool:
-        """Whether the file is of another day or hour, or too full for so many bytes more; never without values.
+        """Return whether the file belongs to another day or hour, or is too full for `more` bytes.
 
-        A time a little before the first one of the file is in no order with it, such as a value that was read late; a
-        time long before it means that the clock was set back.
+        A file without values is never over. A time shortly before the first time of the file is out of order, such as
+        a value that was read late. A time long before it means that the clock was set back.
         """
         if self._rotate is None or not self._began:
             return False
@@ -210,12 +210,12 @@ class LinesFile(Sink):
         self._size += len(data)
 
     def _finish(self) -> None:
-        """The file is finished: it is closed, and put aside under the time of its first line."""
+        """Close the file, and put it aside under the time of its first line."""
         self._let_go()
         self.put_aside(re.sub(r"[-:]", "", self._began).partition(".")[0] or "before")
 
     def put_aside(self, stamp: str) -> None:
-        """What becomes of a finished file: here it is renamed, and as many as `keep` says stay."""
+        """Rename a finished file, and delete old files beyond `keep`."""
         target = name_with(self.path, stamp)
         self.path.rename(target)
         self._aside.append(target)
@@ -231,7 +231,7 @@ class LinesFile(Sink):
 
 
 def name_with(path: Path, stamp: str) -> Path:
-    """A name that is not taken yet: that of a file, with a time in it."""
+    """Return an unused file name that contains the stamp."""
     found, number = path.with_name(f"{path.stem}.{stamp}{path.suffix}"), 1
     while found.exists():
         number += 1
@@ -240,7 +240,7 @@ def name_with(path: Path, stamp: str) -> Path:
 
 
 def keep_newest(path: Path, most: int | None, finished: list[Path]) -> None:
-    """Keep `most` of the files that `name_with` has named, or all (None). `finished`: those of this run, in order."""
+    """Keep `most` of the files named by `name_with`, or all (None). `finished`: those of this run, in order."""
     if most is None:
         return
     pattern = re.compile(rf"{re.escape(path.stem)}\.(\d{{8}}T\d{{6}})(?:\.(\d+))?{re.escape(path.suffix)}")
@@ -256,13 +256,13 @@ def keep_newest(path: Path, most: int | None, finished: list[Path]) -> None:
 
 
 def _read_at(file: int, start: int, size: int) -> bytes:
-    """At most so many bytes of a file."""
+    """Return at most `size` bytes of a file."""
     os.lseek(file, start, os.SEEK_SET)
     return os.read(file, size)
 
 
 def _whole_lines(file: int) -> int:
-    """Where the last whole line of a file ends."""
+    """Return the offset after the last complete line of a file."""
     end = os.fstat(file).st_size
     while end:
         begin = max(0, end - 4096)
@@ -274,7 +274,7 @@ def _whole_lines(file: int) -> int:
 
 
 def _csv_line(*cells: object) -> bytes:
-    """A row in one line: line ends within a text are written as \\n and \\r, so that each line is whole by itself."""
+    """Return a row as one line; line ends within a text are written as \\n and \\r."""
     text = io.StringIO()
     plain = [cell.replace("\r", "\\r").replace("\n", "\\n") if isinstance(cell, str) else cell for cell in cells]
     csv.writer(text, lineterminator="\n").writerow(["" if cell is None else cell for cell in plain])

@@ -1,7 +1,7 @@
-"""Values to an MQTT broker, a topic for each point, and values from it to points that may be written.
+"""Values to an MQTT broker, a topic for each point, and values from it to writable points.
 
-At least once (QoS 1), in order for each point, with the last value kept by the broker. Home Assistant finds the points
-by itself where `discovery` is given.
+Values are published at least once (QoS 1), in order for each point; the broker retains the last value. With
+`discovery`, Home Assistant finds the points by itself.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ from framekit.sinks.broker import (
 )
 
 MOST_MESSAGES = 1_000
-"""So many messages are sent before the broker has to have confirmed them, unless one sample has more."""
+"""Maximum number of unconfirmed messages, unless a single sample has more."""
 
 WIDE = (-1e9, 1e9)
 SMALLEST_STEP = 0.001
-"""What Home Assistant is told of a number without limits, and the smallest step it takes."""
+"""The range and the smallest step that Home Assistant gets for a number without limits."""
 
 _PLAIN = string.ascii_letters + string.digits
 _PART = re.compile(r"\{([^{}]*)\}")
 
 
 def read_topic(reading: KeyReading, node: Node) -> str:
-    """A topic in which {run} and {point} stand for names. Raises Broken."""
+    """Return a topic in which {run} and {point} are placeholders for names. Raise Broken."""
     text = reading.reader.text(node).strip()
     wrong = next((part for part in _PART.findall(text) if part not in ("run", "point")), None)
     if wrong is not None:
@@ -104,7 +104,7 @@ class Mqtt(BrokerSink):
             yield "commands", "'commands' has no effect: no point can be written", "give one access: rw, or remove it"
 
     def one_topic_for_two(self, points: Iterable[Point], run: str = "{run}") -> str:
-        """Which two of the topics of these points and of the status are one; '' where each is another."""
+        """Return which two topics of these points and of the status are the same; '' if all are different."""
         taken = {named(self.status, run): "the status of the run"}
         for point in points:
             topic, about = named(self.topic, run, point.name), f"point {point.name}"
@@ -123,7 +123,7 @@ class Mqtt(BrokerSink):
 
 
 def named(template: str, run: str, point: str = "") -> str:
-    """A topic, with the names in it."""
+    """Return a topic with its placeholders replaced."""
     return template.replace("{run}", run).replace("{point}", point)
 
 
@@ -142,7 +142,7 @@ class MqttSink(Sink):
         self._host, self._run = host, host.run
 
     def topic(self, point: str) -> str:
-        """Where the values of a point are published."""
+        """Return the topic for the values of a point."""
         return self._named(self.kind.topic, point)
 
     def _named(self, template: str, point: str = "") -> str:
@@ -152,7 +152,7 @@ class MqttSink(Sink):
         return Message(self._named(self.kind.status), word.encode())
 
     def open(self, points: Sequence[Point]) -> None:
-        problem = self.kind.one_topic_for_two(points, self._run)  # a file may name the run, or write {run}
+        problem = self.kind.one_topic_for_two(points, self._run)  # topics may coincide once {run} is replaced
         if problem:
             raise ValueError(problem)
         self._points = {point.name: point for point in points}
@@ -195,7 +195,7 @@ class MqttSink(Sink):
     # ---- writing back -------------------------------------------------------------------------------------
 
     def _heard(self, command: Command) -> None:
-        """A client wants a point written; the answer goes to the topic with /answer behind it."""
+        """Write a point for a client; the answer goes to the topic of the command with /answer appended."""
         name, connection, host = self._commands.get(command.topic), self._connection, self._host
         if name is None or connection is None or host is None:
             return
@@ -221,7 +221,7 @@ class MqttSink(Sink):
     # ---- Home Assistant -----------------------------------------------------------------------------------
 
     def _discovered(self, point: Point) -> Message:
-        """What Home Assistant wants to know of a point (its documentation, MQTT discovery)."""
+        """Return the description of a point for Home Assistant (its documentation, MQTT discovery)."""
         name = f"{_as_id(self._run, '')}_{_as_id(point.name, '_')}"  # the first _ ends the run's name
         state = self.topic(point.name)
         data: dict[str, Any] = {
@@ -244,7 +244,7 @@ class MqttSink(Sink):
                 component = "text"
             else:
                 component = "number"
-                low, high = point.limits or WIDE  # without limits it would take 1 to 100
+                low, high = point.limits or WIDE  # the default range would be 1 to 100
                 factor = abs(float(point.scaling.factor)) if point.scaling is not None else 1
                 step = SMALLEST_STEP if point.form.is_float else max(SMALLEST_STEP, factor)
                 data |= {"mode": "box", "min": low, "max": high, "step": step}
@@ -253,13 +253,16 @@ class MqttSink(Sink):
 
 
 def _as_id(name: str, also: str) -> str:
-    """A name of ASCII letters, digits, `also` and -, another for each name: -2e stands for a point (UTF-8, hex)."""
+    """Return a unique name of ASCII letters, digits, `also` and -.
+
+    Other characters become UTF-8 in hex, for example -2e for a full stop.
+    """
     plain = frozenset(_PLAIN + also)
     return "".join(one if one in plain else "".join(f"-{byte:02x}" for byte in one.encode()) for one in name)
 
 
 def _is_number(value: Any) -> bool:
-    """Whether it is a finite number."""
+    """Return whether a value is a finite number."""
     return isinstance(value, int) or (isinstance(value, float) and math.isfinite(value))
 
 
@@ -268,9 +271,9 @@ def _no_number(text: str) -> None:
 
 
 def parsed(payload: bytes) -> tuple[Any, dict[str, Any]]:
-    """The value of a command, and what else it says: a value by itself, or `{"value": …, "who": …, "id": …}`.
+    """Return the value of a command, and its other keys: a value by itself, or `{"value": …, "who": …, "id": …}`.
 
-    Raises ValueError.
+    Raise ValueError.
     """
     if len(payload) > LARGEST_COMMAND:
         raise ValueError("this is too long for a value")
