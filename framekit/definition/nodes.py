@@ -315,10 +315,7 @@ class _GivenUp(Exception):  # noqa: N818 - it only ends the reading; the problem
 
 @dataclass(slots=True)
 class _Open:
-    """A mapping or list that is not closed yet.
-
-    `size` and `height` describe the tree below it with aliases expanded.
-    """
+    """A mapping or list that is not closed yet."""
 
     at: Position
     is_mapping: bool
@@ -327,10 +324,14 @@ class _Open:
     items: list[Node] = field(default_factory=list)
     entries: list[Entry] = field(default_factory=list)
     known: dict[str, Position] = field(default_factory=dict)
+    """The keys so far, with their positions."""
     key: Node | None = None
+    """The key that waits for its value."""
     key_end: int = 0
     size: int = 1
+    """Number of nodes in the tree below it, with aliases expanded."""
     height: int = 1
+    """Height of the tree below it, with aliases expanded."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -433,7 +434,7 @@ class _Builder:
             raise _GivenUp
         self._add(target.node, event, target.size, target.height)
 
-    # ---- putting together ---------------------------------------------------------------------------------
+    # ---- assembly -------------------------------------------------------------------------------------------
 
     def _add(self, node: Node, event: yaml.Event, size: int, height: int) -> None:
         if not self.stack:

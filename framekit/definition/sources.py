@@ -65,7 +65,7 @@ def _packages() -> tuple[Path, ...]:
 
     found: list[Path] = []
     for point in sorted(entry_points_of(PACKAGES), key=lambda point: point.name):
-        with suppress(ImportError, ValueError, AttributeError):  # AttributeError: the entry point does not exist
+        with suppress(ImportError, ValueError, AttributeError):  # AttributeError: its value names no module
             package, *inside = point.module.split(".")
             spec = find_spec(package)
             places = () if spec is None else spec.submodule_search_locations or ()

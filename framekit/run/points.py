@@ -388,8 +388,7 @@ def _exactly(point: Point) -> Callable[[int], Any]:
 class _State:
     """The state of a point at run time, and its access to memory.
 
-    `data`: the bytes of `number`; `read_at`: the time of the last read; `made_at`: the time of the read that `value`
-    shows. While the point is good, `value` is only updated on access.
+    While the point is good, `value` is only updated on access.
     """
 
     __slots__ = (
@@ -400,10 +399,14 @@ class _State:
         self.point = point
         self.value = PointValue(point.name)
         self.told: Any = None
+        """The last reported number."""
         self.data: bytes | None = None
+        """The bytes of `number`."""
         self.number: Any = None
         self.read_at = self.made_at = 0
+        """The time of the last read, and of the read that `value` shows."""
         self.failed_blocks: set[int] = set()
+        """The blocks whose last end was a failure."""
         self.groups: list[_Group] = []
         self.read = piece_reader(memory, point.place, point.bits)
         self.decode = decoder_of(point)
@@ -415,23 +418,23 @@ class _State:
 
 
 class _Group:
-    """The points that a block stores, or a single point without a block.
-
-    `read`: reads the memory of all these points at once, if it is contiguous and no other block stores into it. `data`:
-    the bytes of the last read after which all were good; `same_at`: the time of the last read with the same bytes.
-    `read_at`: the time of the last read. `stale`: the shortest maximum age of a point; `waits`: the group is in the
-    queue for ages.
-    """
+    """The points that a block stores, or a single point without a block."""
 
     __slots__ = ("data", "read", "read_at", "same_at", "stale", "states", "waits")
 
     def __init__(self, states: Sequence[_State], memory: DeviceMemory) -> None:
         self.states = states
         self.data: bytes | None = None
+        """The bytes of the last read after which all points were good."""
         self.read_at = self.same_at = 0
+        """The time of the last read, and of the last read with the same bytes."""
         self.stale = min(state.point.stale for state in states)
+        """The shortest maximum age of a point (ns)."""
         self.waits = False
+        """Whether the group is in the queue for ages."""
         self.read: Callable[[], bytes] | None = None
+        """Reads the span of all points at once; None if they are in several areas, or if several blocks store a point.
+        """
         places = [(one.point.place.address, one.point.bits) for one in states]
         if len({place.area for place, _ in places}) == 1 and all(len(one.point.blocks) == 1 for one in states):
             first = min(place.first_bit for place, _ in places) // 8

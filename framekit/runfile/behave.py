@@ -175,7 +175,7 @@ class BehaveLoader:
                 what = f"{part.name} holds a piece of {other.address} ({other.form.type}), which behaves"
                 raise self.reader.broken(part.at, what, f"use '{other.address}'")
 
-    # ---- one behaviour ------------------------------------------------------------------------------------
+    # ---- single behaviours ----------------------------------------------------------------------------------
 
     def _behaviour(self, keys: Mapping, point: Point) -> Behaviour:
         reader = self.reader

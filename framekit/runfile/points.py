@@ -217,7 +217,7 @@ class PointsLoader:
             self.reader.problems.extend(error.problems)
             raise Broken(name) from None
 
-    # ---- one point ----------------------------------------------------------------------------------------
+    # ---- single points --------------------------------------------------------------------------------------
 
     def own_point(self, address: Scalar, keys: Sequence[Entry]) -> Point:
         """Return the value at an address of the own memory; `keys` give its type, order and scaling. Raise Broken."""
@@ -416,12 +416,15 @@ class PointsLoader:
         )
 
     def _period(self, sources: tuple[int, ...]) -> int:
-        """Return the longest cycle of the blocks that store an own point, or NEVER if one of them has no cycle."""
+        """Return the longest cycle of the blocks that store an own point.
+
+        NEVER without blocks, or if a block has no cycle.
+        """
         periods = [self._cycles.get(block) for block in sources]
         known = [period for period in periods if period is not None]
         return max(known) if known and len(known) == len(periods) else NEVER
 
-    # ---- its value ----------------------------------------------------------------------------------------
+    # ---- values of points -----------------------------------------------------------------------------------
 
     def _exact(self, node: Node | None) -> Decimal:
         """Return a decimal number. Raise Broken for other text, which the schema has reported."""

@@ -491,7 +491,7 @@ def _before(block: Block) -> Iterator[int]:
             yield block.id - block.number + trigger.follows[0]
 
 
-# ---- a run that only reads ------------------------------------------------------------------------------------
+# ---- read-only runs --------------------------------------------------------------------------------------------
 
 
 WRITES = {

@@ -52,7 +52,7 @@ class PointService:
         self.at_work = False
         self._waiting: dict[int, deque[tuple[bytes, Written]]] = {}
 
-    # ---- what happens -------------------------------------------------------------------------------------
+    # ---- events ---------------------------------------------------------------------------------------------
 
     def ended(self, state: BlockState, ok: bool, now: int) -> None:
         """Update the points of a block that has ended."""

@@ -39,12 +39,14 @@ def load_file(path: Path, kind: Kind, read: Callable[[Reader, Mapping], T]) -> T
 
 @dataclass(slots=True)
 class SourceText:
-    """A merged definition. `names`: the names of its file and of its bases, by which other files refer to it."""
+    """A merged definition."""
 
     root: Mapping
     path: Path
     names: tuple[str, ...]
+    """The names of its file and of its bases, by which other files refer to it."""
     files: tuple[str, ...]
+    """The paths of its file and of its bases."""
     uses: MappingOf[str, SourceText] = field(default_factory=dict)
     application: SourceText | None = None
 
@@ -59,21 +61,23 @@ class SourceText:
 
 
 class Documents:
-    """Reads the files of one load, each once; problems are noted in `reader`.
-
-    `found`: the names in references between files, each with the folder of the search and the resulting file. `texts`:
-    replacements for the content of files.
-    """
+    """Reads the files of one load, each once; problems are noted in `reader`."""
 
     def __init__(self, reader: Reader, texts: MappingOf[Path, str] | None = None) -> None:
         self.reader = reader
         self.texts = texts or {}
+        """Replacements for the content of files."""
         self.roots: dict[Path, Mapping] = {}
         self.under_way: list[Path] = []
+        """The files being read, outermost first."""
         self.schema_problems: set[Problem] = set()
+        """The problems found by the schema and by the YAML reader."""
         self.refused: set[Position] = set()
+        """The positions of problems of the schema."""
         self.cut: set[tuple[str, int]] = set()
+        """The lines in which YAML has cut an expression."""
         self.found: set[tuple[str, Path, Path]] = set()
+        """The names in references between files, each with the folder of the search and the resulting file."""
 
     def root(self, path: Path, kind: Kind = "protocol") -> Mapping:
         """Return the validated nodes of a file. Raise Broken if it cannot be read at all."""

@@ -430,18 +430,17 @@ OWN_SECTIONS = (
 
 @dataclass(frozen=True, slots=True)
 class DeviceDefinition:
-    """A device file as read by this layer. `root` still holds `memory`, `station` and `params` as nodes.
-
-    `broken`: names of its parts that could not be read. `plain`: the device has no rules of its own; it shares the
-    checked protocol with everything else that loads it.
-    """
+    """A device file as read by this layer."""
 
     name: str
     protocol: Protocol
     root: MappingNode
+    """The nodes of the file, with `memory`, `station` and `params` not interpreted yet."""
     path: Path
     broken: frozenset[str]
+    """Names of its parts that could not be read."""
     plain: bool = False
+    """Whether the device has no rules of its own and shares the checked protocol with everything else that loads it."""
 
 
 def load_device_definition(reader: Reader, documents: Documents, name: str | Path, folder: Path) -> DeviceDefinition:
