@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from framekit.codec.shown import code_text
+from framekit.link.events import NO_REPLY
 
 if TYPE_CHECKING:
     from framekit.link.services.client import TransferResult
     from framekit.run.block_state import ErrorCode
 
-NO_REPLY = ("no_reply", "timeout")
 BAD_REPLIES = ("damaged_reply", "unfit_reply", "exhausted")
 CLOSED = ("closed",)
 REFUSED = "refused"

@@ -523,7 +523,8 @@ class Engine(Lanes):
         receiving = [run for run in self.order if run.state is RECEIVING]
         for run in receiving:
             if bad.frame in run.expected:
-                run.cause = f"{bad.frame}: {bad.cause}"
+                run.unusable_replies().add_bad(bad)
+                run.cause = str(run.unusable)
                 self._handle(run, "on_bad", Bad(bad.cause, bad.frame))
                 return True
         for run in receiving:
@@ -662,6 +663,8 @@ class Engine(Lanes):
                 return
         is_awaited = value.frame in self.awaited
         found = late.came(value, is_awaited)
+        if found is None:
+            self._note_unfit(value)
         is_late = found is not None and not found.by_itself
         for run in self.order:
             if run.state is SILENT and found is not None:
@@ -675,6 +678,16 @@ class Engine(Lanes):
             self.unsolicited(value, is_late)
         if found is not None and not late.until:
             self.release()
+
+    def _note_unfit(self, value: FrameValue) -> None:
+        """Note a frame that a run waits for, and that repeats another request than the one of the run."""
+        for run in self.order:
+            x = run.top.x if run.state is RECEIVING and value.frame in run.expected else None
+            if x is not None and x.checks_echo:
+                difference = self.table.difference(value, [one for one in (x.asked, x.last_sent) if one is not None])
+                if difference:
+                    run.unusable_replies().add_unfit(value.frame, difference)
+                    run.cause = str(run.unusable)
 
     def unsolicited(self, value: FrameValue, is_late: bool = False) -> None:
         """A good frame that was not taken. A late reply is no frame that came by itself."""

@@ -206,6 +206,10 @@ class LinkCounters:
     noise_bytes: int = 0
 
 
+NO_REPLY = ("no_reply", "timeout")
+"""Names of failures for a device from which no reply came."""
+
+
 @dataclass(slots=True)
 class Outcome:
     """How an exchange ended. `outcome` is '' or the name of the failure, such as no_reply; `cause` says more in words.
@@ -221,6 +225,13 @@ class Outcome:
     buffer: bytes = b""
     results: dict[str, Any] = field(default_factory=dict)
     raw: bytes = b""
+    unusable: int = 0
+    """Number of replies that arrived and could not be used."""
+
+    @property
+    def reported(self) -> str:
+        """Name of the failure for users: a device whose replies could not be used did answer."""
+        return "damaged_reply" if self.unusable and self.outcome in NO_REPLY else self.outcome
 
 
 class Exchange:

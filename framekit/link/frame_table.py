@@ -6,12 +6,14 @@ Made once for a codec, which is known only by the contract below.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from functools import lru_cache, partial
 from typing import Any, Protocol, TypeVar, TypeVarTuple, Unpack
 
 from framekit.codec.errors import FrameError, Misread
 from framekit.codec.python.choices import fixed_bytes
 from framekit.codec.python.source import quoted
+from framekit.codec.shown import shown
 from framekit.definition.expression import Name, names_in, ordered_by_need
 from framekit.definition.kinds.base import all_fixed
 from framekit.definition.model import procedure
@@ -558,6 +560,24 @@ class FrameTable:
             self._learn(reply, known, kinds)
             return self._repeats(reply, tuple(one for one in (asked, sent) if one is not None), names)
         return True
+
+    def difference(self, reply: FrameValue, requests: Sequence[FrameValue]) -> str:
+        """Return the first field that a reply repeats with another value than the request: `station is 8, not 7`."""
+        info = self.infos.get(reply.frame)
+        for field, plain_name, _ in () if info is None else info.echo:
+            for request in requests:
+                if plain_name is None or plain_name not in self.infos[request.frame].value_names:
+                    continue
+                with suppress(*EVALUATION_ERRORS):
+                    found, wanted = reply.fields[field], request.field(plain_name)
+                    if found != wanted:
+                        return f"{field} is {shown(found)}, not {shown(wanted)}"
+                break
+        for name in () if info is None else info.inners:
+            inner = reply.fields.get(name)
+            if type(inner) is FrameValue and (found := self.difference(inner, requests)):
+                return found
+        return ""
 
     def _learn(self, reply: FrameValue, known: dict[str, EchoTest], kinds: tuple[str | None, str | None]) -> None:
         """Make the tests of a reply and of the frames inside; where there are some, those with computed fields."""

@@ -84,7 +84,7 @@ class Lanes(Runs):
         else:  # it has kept its place in the order
             lane.spare = run.owed = run.agenda = None
             run.exchange, run.given_up = x, False
-            run.cause, run.doing = "", "exchange"
+            run.cause, run.doing, run.unusable = "", "exchange", None
             lane.running.append(run)
         run.first_open = self.late.count
         self.live += 1

@@ -19,6 +19,7 @@ from framekit.definition.model.procedure import Lane, Session
 from framekit.definition.times import NEVER
 from framekit.link.events import Exchange, Outcome
 from framekit.link.scope import Scope
+from framekit.link.unusable import UnusableReplies
 from framekit.link.values import EVALUATION_ERRORS, FrameValue, compile_optional
 
 MOST_STEPS = 20_000
@@ -288,7 +289,7 @@ class Run:
     __slots__ = (
         "agenda", "asked", "base", "candidate", "cause", "change", "clock_waits", "complete", "deadline", "doing",
         "doubt", "exchange", "expected", "first_open", "gap", "given_up", "kind", "lane", "longest", "machine",
-        "outcome", "owed", "pause", "plan", "results", "started", "state", "top", "unsent",
+        "outcome", "owed", "pause", "plan", "results", "started", "state", "top", "unsent", "unusable",
         "wait", "wait_number", "wanted", "within",
     )  # fmt: skip
 
@@ -307,6 +308,8 @@ class Run:
         self.deadline = NEVER
         self.clock_waits = self.given_up = False
         self.cause = ""
+        self.unusable: UnusableReplies | None = None
+        """The replies of the exchange that arrived and could not be used."""
         self.asked: Exchange | None = None
         self.doubt: Any = None
         """The replies so far, of an exchange whose replies may belong to earlier requests (`late.Doubt`)."""
@@ -314,6 +317,12 @@ class Run:
         """Number of the first open request that can be its own."""
         self.expected: Mapping[str, None] = NO_NAMES
         self.plan: Plan | None = None
+
+    def unusable_replies(self) -> UnusableReplies:
+        """Return the record of the replies that arrived and could not be used."""
+        if self.unusable is None:
+            self.unusable = UnusableReplies()
+        return self.unusable
 
     started: int
     within: int

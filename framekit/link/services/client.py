@@ -449,7 +449,7 @@ class Transfer(Exchange):
         """End with a failure; if the reply is a refusal, with its code."""
         place = self._next - 1
         one, request = self._plan.exchanges[place], self._made[place][0]
-        result = TransferResult(False, outcome=outcome.outcome, cause=outcome.cause)
+        result = TransferResult(False, outcome=outcome.reported, cause=outcome.cause)
         try:
             refusal = one.refusal(outcome.reply, request)
             if refusal is not None:

@@ -1,0 +1,41 @@
+"""Describe the replies of an exchange that arrived and could not be used, for the message of its failure."""
+
+from __future__ import annotations
+
+from framekit.link.arrivals import BadFrame
+
+
+class UnusableReplies:
+    """The unusable replies of one exchange: their number, and the fault of the last."""
+
+    __slots__ = ("_checks", "_detail", "count")
+
+    def __init__(self) -> None:
+        self.count = 0
+        """Number of replies that arrived and could not be used."""
+        self._checks = 0
+        """Number of these with a wrong check code."""
+        self._detail = ""
+
+    def add_bad(self, bad: BadFrame) -> None:
+        """Note a bad frame."""
+        self.count += 1
+        if bad.cause == "check":
+            self._checks += 1
+            self._detail = f"expected {bad.expected}, found {bad.found}"
+        else:
+            self._detail = f"{bad.frame}: {bad.message}"
+
+    def add_unfit(self, frame: str, difference: str) -> None:
+        """Note a good frame that does not repeat the request; `difference`: `station is 8, not 7`."""
+        self.count += 1
+        self._detail = f"{frame}: {difference}"
+
+    def __str__(self) -> str:
+        if self._checks == self.count:
+            every = "all with" if self.count > 1 else "with"
+            return f"{self._arrived()}, {every} a wrong check code ({self._detail})"
+        return f"{self._arrived()} and could not be used{', the last one' if self.count > 1 else ''} – {self._detail}"
+
+    def _arrived(self) -> str:
+        return f"{self.count} replies arrived" if self.count > 1 else "a reply arrived"
