@@ -654,13 +654,11 @@ class Engine(Lanes):
                 self.accept(other.value)
             if self.offer(other.value):
                 return
-        for run in self.order:
-            sent = run.top.x.last_sent if run.state is RECEIVING and run.top.x.checks_echo else None
-            if sent is not None and sent.raw == value.raw:
-                run.cause = OWN_ECHO  # if no reply follows
+        if self._is_own_echo(value):
+            if not self._handled_as_other(value):
                 self.counters.not_taken += 1
                 self.show("not_taken", "in", value.raw or b"", value.frame, reason=OWN_ECHO)
-                return
+            return
         is_awaited = value.frame in self.awaited
         found = late.came(value, is_awaited)
         if found is None:
@@ -669,15 +667,26 @@ class Engine(Lanes):
         for run in self.order:
             if run.state is SILENT and found is not None:
                 run.doubt.extra = self.scope.now
-        is_taken = not is_late and any(
-            self._handle(run, "on_other", Other(value)) for run in self.order if run.state is RECEIVING
-        )
+        is_taken = not is_late and self._handled_as_other(value)
         if is_awaited and not is_late:
             self._hand_over(value)
         elif not is_taken:
             self.unsolicited(value, is_late)
         if found is not None and not late.until:
             self.release()
+
+    def _is_own_echo(self, value: FrameValue) -> bool:
+        """Return whether a frame has the bytes of the request that a run waits for; its cause says so."""
+        found = False
+        for run in self.order:
+            sent = run.top.x.last_sent if run.state is RECEIVING and run.top.x.checks_echo else None
+            if sent is not None and sent.raw == value.raw:
+                run.cause, found = OWN_ECHO, True  # if no reply follows
+        return found
+
+    def _handled_as_other(self, value: FrameValue) -> bool:
+        """Let the runs that wait handle a frame that no row takes; return whether a run did."""
+        return any(self._handle(run, "on_other", Other(value)) for run in self.order if run.state is RECEIVING)
 
     def _note_unfit(self, value: FrameValue) -> None:
         """Note a frame that a run waits for, and that repeats another request than the one of the run."""

@@ -225,13 +225,13 @@ class Outcome:
     buffer: bytes = b""
     results: dict[str, Any] = field(default_factory=dict)
     raw: bytes = b""
-    unusable: int = 0
-    """Number of replies that arrived and could not be used."""
+    damaged: int = 0
+    """Number of bad frames that arrived as replies."""
 
     @property
     def reported(self) -> str:
-        """Name of the failure for users: a device whose replies could not be used did answer."""
-        return "damaged_reply" if self.unusable and self.outcome in NO_REPLY else self.outcome
+        """Name of the failure for users: a device whose replies were damaged did answer."""
+        return "damaged_reply" if self.damaged and self.outcome in NO_REPLY else self.outcome
 
 
 class Exchange:

@@ -8,11 +8,13 @@ from framekit.link.arrivals import BadFrame
 class UnusableReplies:
     """The unusable replies of one exchange: their number, and the fault of the last."""
 
-    __slots__ = ("_checks", "_detail", "count")
+    __slots__ = ("_checks", "_detail", "bad", "count")
 
     def __init__(self) -> None:
         self.count = 0
         """Number of replies that arrived and could not be used."""
+        self.bad = 0
+        """Number of these that were bad frames; the others answer another request."""
         self._checks = 0
         """Number of these with a wrong check code."""
         self._detail = ""
@@ -20,6 +22,7 @@ class UnusableReplies:
     def add_bad(self, bad: BadFrame) -> None:
         """Note a bad frame."""
         self.count += 1
+        self.bad += 1
         if bad.cause == "check":
             self._checks += 1
             self._detail = f"expected {bad.expected}, found {bad.found}"

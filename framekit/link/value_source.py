@@ -253,12 +253,18 @@ class ValueCompiler:
 
     def __init__(self, table: FrameTable) -> None:
         self.table = table
+        self._compiled: dict[int, tuple[Value, Evaluate]] = {}
+        """The values of the definition that were compiled, by identity: all sides of a protocol share the functions."""
 
     def compile(self, value: Value) -> Evaluate:
         """Return a function for a `FrameValue`, bytes, a dict, a list, or the result of an expression."""
         if isinstance(value, Expression):
             return compile_expression(value)
-        return self._function(lambda writer: writer.value(value, LOOKED_UP))
+        found = self._compiled.get(id(value))
+        if found is None:
+            made = self._function(lambda writer: writer.value(value, LOOKED_UP))
+            found = self._compiled[id(value)] = value, made
+        return found[1]
 
     def fields(self, fields: Mapping[str, Value]) -> Callable[[Names], dict[str, Any]]:
         """Return a function for the record of these fields."""

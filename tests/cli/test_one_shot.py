@@ -336,7 +336,7 @@ def test_a_request_whose_reply_cannot_be_built_is_an_error_of_the_device(tmp_pat
             return server.status()[0]
 
     status = asyncio.run(ask())
-    assert (status.services, status.errors, status.reasons) == (1, 1, {"expression": 1})
+    assert (status.services, status.errors, status.reasons) == (2, 1, {"expression": 1}), "the read was asked twice"
 
 
 def test_a_simulated_device_that_cannot_build_its_reply_says_so_where_the_user_looks(

@@ -666,7 +666,7 @@ def failure_of(run: Run, x: Exchange, failed: Failed) -> Outcome:
     """The outcome of a failure, with the results as far as there are any: a refusing reply, say."""
     found = outcome_of(x, failed.results)
     found.ok, found.outcome, found.cause = False, failed.outcome, run.cause
-    found.unusable = 0 if run.unusable is None else run.unusable.count
+    found.damaged = 0 if run.unusable is None else run.unusable.bad
     return found
 
 
