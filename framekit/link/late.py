@@ -9,10 +9,9 @@ that got no reply in time stays *open* until its reply comes or until no reply c
       | the hold ends and requests are still open
     out of step      requests are sent; a reply is stored when it has come more often than open requests can bring it
       | the replies differ, or come slowly
-    draining         no request is sent until the line was silent for as long as the last reply may have taken
-      | silence                                                                                    -> in step
+    draining         no request is sent until the open replies have come, or none of them is expected any more
 
-All open replies came: in step again, from every state. Sans-I/O: the engine calls these functions with its clock.
+No request open: in step again, from every state. Sans-I/O: the engine calls these functions with its clock.
 """
 
 from __future__ import annotations
@@ -371,7 +370,7 @@ class LateReplies:
         return 0
 
     def _drain(self, run: Run, doubt: Doubt) -> int:
-        """Stop asking until the line is silent for as long as the last reply may have taken."""
+        """Stop asking until no reply to an open request is expected any more (`silent`)."""
         doubt.is_draining = True
         self._settle(doubt)
         run.first_open = self.count
@@ -404,7 +403,12 @@ class LateReplies:
             self._settle(doubt)
 
     def silent(self, run: Run) -> int:
-        """Return 0 if an exchange in doubt may run again, else until when the silence has to last."""
+        """Return 0 if an exchange in doubt may run again, else until when the silence has to last.
+
+        While the line is draining, that is the end of the last open request. A shorter silence proves that no reply is
+        as late as the last one, not that none is later: where a device works on several requests at once, replies
+        overtake each other.
+        """
         doubt, now = run.doubt, self._scope.now
         if doubt is None:
             return 0
@@ -416,9 +420,14 @@ class LateReplies:
             return end if end > now else 0
         if self.until > now:
             return self.until
-        reply, before = doubt.reply, len(self.open)
-        self.open = [one for one in self.open if reply is None or not self._could_answer(reply, one)]
-        self.lost += before - len(self.open)
+        reply = doubt.reply
+        fitting = [one for one in self.open if reply is None or self._could_answer(reply, one)]
+        end = max((one.ends for one in fitting), default=0)
+        if end > now:
+            self.until = end
+            return end
+        self.lost += len(fitting)
+        self.open = [one for one in self.open if one not in fitting]
         run.doubt = None
         return 0
 

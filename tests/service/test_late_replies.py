@@ -153,6 +153,21 @@ def test_no_reply_of_a_slow_device_is_stored_for_another_request(
         assert set(world.outcomes) == {ended}, "a reply to a repeated request is one to that request"
 
 
+@pytest.mark.parametrize("times", [12, 20])
+@pytest.mark.parametrize("name", ["modbus-rtu", "mldp"])
+def test_replies_that_overtake_each_other_by_many_time_outs_stay_open_until_they_can_come_no_more(
+    name: str, times: int
+) -> None:
+    """Repeated requests, one reply in ten late: a short silence is no sign that the open replies are lost."""
+    random = Random(3)
+    world = LateWorld(
+        name, lateness=lambda now: times * SECOND if random.random() < 0.1 else 0, retries=2, reply_timeout=SECOND
+    )
+    world.exchanges(250)
+    assert world.wrong == [] and world.late > 0
+    assert set(world.outcomes) <= {"ok", "no_reply"}
+
+
 @pytest.mark.parametrize(("name", "times", "retries"), spread(product(ALIKE, TIMES, (0, 2)), 8))
 def test_values_are_right_again_soon_after_the_device_is_well(name: str, times: float, retries: int) -> None:
     """Within 30 s, where no more requests are due than one that each reply is late."""
