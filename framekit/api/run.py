@@ -330,8 +330,8 @@ class RunCalls:
         self._do(lambda: self._clock.call_at(self.began + period, go_on))
 
     def later(self, delay: int, call: Callable[[], None]) -> None:
-        """Calls back once, so many ns later; to be called from inside of what happens."""
-        self._clock.call_at(self._clock.now() + delay, call)
+        """Call back once, so many ns later, for a look that changes no time of the run; call it from a callback."""
+        self._clock.look_at(self._clock.now() + delay, call)
 
     @property
     def now(self) -> int:

@@ -1,6 +1,6 @@
 """Clocks: real time on asyncio, and a virtual one on which a day passes in seconds.
 
-Times are whole nanoseconds. What uses a clock only asks for the time and for calls at a time; it never sleeps.
+Times are whole nanoseconds. Users of a clock ask it for the time and for calls at a time; they never sleep.
 """
 
 from __future__ import annotations
@@ -21,66 +21,72 @@ from framekit.link.scope import DEFAULT_START
 Callback = Callable[[], None]
 
 NEVER_EARLY = 1_000
-"""Asked for on top of a real delay (ns): a loop's clock counts in floating seconds and may ring a little early."""
+"""Added to each real delay (ns): a loop's clock counts in floating seconds and may call a little early."""
 
 
 class Handle(Protocol):
-    """A call that is to come."""
+    """A call that a clock will make."""
 
     def cancel(self) -> None:
-        """The call will not come; cancelling twice, or after the call, does nothing."""
+        """Cancel the call; a second cancel, or a cancel after the call, has no effect."""
 
 
 class Clock(Protocol):
-    """What everything above the ports needs to know of time."""
+    """The contract of a clock with its users."""
 
     def now(self) -> int:
-        """The time, ns; it never goes back."""
+        """Return the time (ns); it never decreases."""
 
     def moment(self) -> int:
-        """The time for which the call under way was asked, however late it comes; outside of calls that is now."""
+        """Return the requested time of the call under way, however late the call is; outside of calls the time."""
 
     def call_at(self, when: int, callback: Callback) -> Handle:
-        """Asks for a call at `when`, never earlier; as soon as possible if that has passed. Never from inside here."""
+        """Ask for a call at `when`, never earlier; as soon as possible after that, but not within `call_at`."""
 
     def call_soon(self, callback: Callback) -> Handle:
-        """Asks for a call as soon as possible, in the order of asking."""
+        """Ask for a call as soon as possible, in the order of the requests."""
+
+    def look_at(self, when: int, callback: Callback) -> None:
+        """Ask for a call at about `when` that only observes, such as the output of a display.
+
+        No transmission is heard in pieces because of it, and virtual time does not move for it.
+        """
 
     def alarm(self, callback: Callback) -> Alarm:
-        """An alarm that calls `callback`; it is not set yet."""
+        """Return an alarm that calls `callback`; it is not set."""
 
     def bell(self, callback: Callback) -> Callable[[], object]:
-        """What asks for a call of `callback` as soon as possible, as often as it is called."""
+        """Return a function that asks for a call of `callback` as soon as possible each time it is called."""
 
     def lag(self, source: Lagging) -> None:
-        """From now on `source` is asked, before each call and where virtual time stops, what it has still to tell."""
+        """Let `source` report its late events before each call, and where virtual time stops."""
 
     def end_lag(self, source: Lagging) -> None:
-        """`source` has told everything and need not be asked any more."""
+        """Note that `source` has no late events any more."""
 
 
 class Alarm(Protocol):
-    """One call that is moved again and again: cheaper than to cancel one and ask for another."""
+    """A call that is moved again and again: cheaper than a cancel and a new request."""
 
     def set(self, when: int) -> None:
-        """The call will come at `when`, never earlier, and not when it was set to before; NEVER: not at all."""
+        """Move the call to `when`, never earlier; NEVER: no call."""
 
     def cancel(self) -> None:
-        """The call will not come, and the clock keeps nothing of its caller."""
+        """Cancel the call, and drop each reference of the clock to the callback."""
 
 
 class Lagging(Protocol):
-    """Something that saves calls: it tells late what could not be noticed earlier (see `Clock.lag`)."""
+    """A source of events that saves calls: it reports events late, before they can matter (see `Clock.lag`)."""
 
     def behind(self, until: int) -> int | None:
-        """When the first thing that has happened up to `until` and is still to be told can be told; None: nothing."""
+        """Return the time of the first report due of the events up to `until`; None if no event is unreported."""
 
     def catch_up(self, until: int) -> None:
-        """Tells everything that has happened up to `until`, the time that `behind` gave."""
+        """Report all events up to `until`, the time that `behind` returned."""
 
 
 class ExactAlarm:
-    """Asks for nothing that is not wanted any more, so that a virtual clock has no calls in which nothing happens."""
+    """An alarm that cancels outdated calls, so that a virtual clock makes no call without effect."""
 
     def __init__(self, clock: Clock, callback: Callback) -> None:
         self._clock = clock
@@ -105,7 +111,7 @@ class ExactAlarm:
 
 
 class LateAlarm:
-    """Lets an earlier call come, and only then asks for the one that is wanted: most are moved before they come."""
+    """An alarm that keeps an earlier call, and asks for the next call only then: most calls are moved before."""
 
     def __init__(self, clock: Clock, callback: Callback) -> None:
         self._clock = clock
@@ -128,7 +134,7 @@ class LateAlarm:
         self._call, self._asked_for, self._when = None, NEVER, NEVER
 
     def _ring(self) -> None:
-        """However late it is: a time after the one that has come gets a call of its own, others may come before it."""
+        """Call back, or ask for a call at a later time, however late this call is: other calls may be due before."""
         came = self._asked_for
         self._call, self._asked_for = None, NEVER
         when = self._when
@@ -140,7 +146,7 @@ class LateAlarm:
 
 
 class _Call:
-    """A call in a heap; when it has been made or cancelled it holds nothing any more."""
+    """A call in a heap; after the call, or a cancel, it holds no callback."""
 
     __slots__ = ("callback", "heap")
 
@@ -160,7 +166,7 @@ class _Call:
 
 
 class _CallHeap:
-    """Calls in order of time, then of asking."""
+    """Calls in order of time, then of request."""
 
     def __init__(self) -> None:
         self._calls: list[tuple[int, int, _Call]] = []
@@ -174,7 +180,7 @@ class _CallHeap:
         return call
 
     def note_cancelled(self) -> None:
-        """Cancelled calls are thrown out of the heap when they make up most of it."""
+        """Remove cancelled calls from the heap when most calls of it are cancelled."""
         self._cancelled += 1
         if self._cancelled > 64 and 2 * self._cancelled > len(self._calls):
             self._calls = [call for call in self._calls if call[2].callback is not None]
@@ -183,25 +189,25 @@ class _CallHeap:
 
     @property
     def next_call(self) -> int | None:
-        """When the next call is due; None if there is none."""
+        """Return the time of the next call; None without a call."""
         calls = self._calls
         while calls and calls[0][2].callback is None:
             heapq.heappop(calls)
             self._cancelled -= 1
         return calls[0][0] if calls else None
 
-    # ---- those who lag behind -----------------------------------------------------------------------------
+    # ---- late events ---------------------------------------------------------------------------------------
 
     def lag(self, source: Lagging) -> None:
-        """From now on `source` is asked, before each call and where virtual time stops, what it has still to tell."""
+        """Let `source` report its late events before each call, and where virtual time stops."""
         self._lagging[source] = None
 
     def end_lag(self, source: Lagging) -> None:
-        """`source` has told everything and need not be asked any more."""
+        """Note that `source` has no late events any more."""
         self._lagging.pop(source, None)
 
     def _catch_up(self, until: int) -> bool:
-        """Lets the one that is furthest behind tell; then everything has to be looked at again."""
+        """Let the source with the earliest late event report; return False if no source has a late event."""
         first, at = None, 0
         for source in self._lagging:
             behind = source.behind(until)
@@ -214,18 +220,19 @@ class _CallHeap:
         return True
 
     def _moved(self, time: int) -> None:
-        """It is that time, or later."""
+        """Note that this time is reached."""
 
 
 class VirtualClock(_CallHeap):
-    """Time that only moves when told to. Calls come in order of time, then of asking; a call may ask for more.
+    """Time that only its methods move. Calls are made in order of time, then of request; a call may ask for others.
 
-    What a callback raises comes out of the method that moved the time.
+    An exception of a callback is raised by the method that moved the time.
     """
 
     def __init__(self, start: int = 0) -> None:
         super().__init__()
         self._now = start
+        self._looks: list[tuple[int, int, Callback]] = []
 
     def now(self) -> int:
         return self._now
@@ -239,6 +246,9 @@ class VirtualClock(_CallHeap):
     def call_soon(self, callback: Callback) -> Handle:
         return self._put(self._now, callback)
 
+    def look_at(self, when: int, callback: Callback) -> None:
+        heapq.heappush(self._looks, (when, next(self._order), callback))
+
     def alarm(self, callback: Callback) -> Alarm:
         return ExactAlarm(self, callback)
 
@@ -251,26 +261,30 @@ class VirtualClock(_CallHeap):
     # ---- moving -------------------------------------------------------------------------------------------
 
     def run_until(self, time: int) -> None:
-        """Makes every call due up to `time`, and stands there."""
+        """Make each call due up to `time`, and stop at this time."""
         while self._step(time):
             pass
         self._now = max(self._now, time)
 
     def run_for(self, duration: int) -> None:
-        """`run_until` so much later."""
+        """Call `run_until` with a time so much later."""
         self.run_until(self._now + duration)
 
     def advance(self) -> bool:
-        """Goes to the next call and makes all that are due at that time; False if there is none."""
+        """Make all calls of the next time that has a call; return False without a call."""
         due = self.next_call
         if due is not None:
             self.run_until(due)
         return due is not None
 
     def _step(self, limit: int) -> bool:
-        """Makes the next call due up to `limit`, or lets one that lags behind catch up; False: nothing is left."""
+        """Make the next call due up to `limit`, or let a source report late events; return False if neither exists."""
         due = self.next_call
         until = limit if due is None or due > limit else due
+        looks = self._looks
+        if looks and looks[0][0] <= until:
+            heapq.heappop(looks)[2]()
+            return True
         if self._lagging and self._catch_up(until):
             return True
         if due is None or due > limit:
@@ -281,31 +295,31 @@ class VirtualClock(_CallHeap):
 
 
 MOST = 768
-"""So much work is done in one piece and in one turn of a loop.
+"""Limit of the work of a piece, and of a turn of a loop.
 
-With what pieces before it took (`LONGEST`) that is 10 ms where a byte costs 4 µs and a first crowd of bad frames 3 ms.
+With the time of the pieces before (`LONGEST`) a turn takes 10 ms where a byte costs 4 µs and the first bad frames 3 ms.
 """
 
 PIECE = 12
-"""What comes in one piece costs as much as so many bytes, however short it is."""
+"""Work of a piece in addition to its bytes, however short it is."""
 
 LONGEST = 4_000_000
-"""When so much time of a turn has gone (ns), no other piece and no other call that is due begins in it."""
+"""Limit of the time of a turn (ns): after that no other piece and no other call begins in the turn."""
 
 FEWEST = 64
-"""As many bytes as this come in one piece where others wait, so that none of them has to wait for long."""
+"""Size of a piece (bytes) while other pieces wait, so that no piece waits for long."""
 
 
 class Turns:
-    """Shares the turns of a loop among all ports: at most `MOST` of work in each, the rest in the next ones, in order.
+    """Shares the turns of a loop among all ports: at most `MOST` of work in each turn, the rest later, in order.
 
-    The work of a piece is its bytes and `PIECE`. Where pieces need more time than that, a turn ends after `LONGEST`.
-    The loop is asked to tell the end of a turn only where it has been used much; little work counts as one turn for
-    `LONGEST`. `used`: the work of this turn; `waiting`: pieces that are to come.
+    The work of a piece is its bytes and `PIECE`. A turn of slow pieces ends after `LONGEST`.
+    The loop reports the end of a turn only if the turn has much work; without that report a turn lasts `LONGEST`.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop, now: Callable[[], int] = time.monotonic_ns) -> None:
         self.used = 0
+        """The work of this turn."""
         self._loop = loop
         self.now = now
         self._until = 0
@@ -314,18 +328,19 @@ class Turns:
 
     @property
     def waiting(self) -> int:
+        """The number of pieces that wait for their turn."""
         return len(self._waiting)
 
     @property
     def room(self) -> int:
-        """So many bytes a piece should have."""
+        """The size that a piece should have (bytes)."""
         if self._waiting:
             return FEWEST
         is_over = self.now() >= self._until and not self._ends
         return max(FEWEST, MOST - PIECE - (0 if is_over else self.used))
 
     def take(self, size: int, callback: Callback) -> bool:
-        """Makes the call that deals with `size` bytes: now (True), or when those before it have had their turn."""
+        """Make the call that handles `size` bytes: now (return True), or after the pieces that wait (return False)."""
         work = size + PIECE
         if self._waiting or not self._has_begun(work):
             self._waiting.append((work, callback))
@@ -337,7 +352,7 @@ class Turns:
         return True
 
     def _has_begun(self, work: int) -> bool:
-        """Counts a piece that may begin in this turn, or begins another one."""
+        """Count a piece in this turn, or begin another turn; return False if the piece has to wait."""
         now = self.now()
         if not self.used or (now >= self._until and not self._ends):
             self.used, self._until = work, now + LONGEST
@@ -348,13 +363,13 @@ class Turns:
         return True
 
     def _end_soon(self) -> None:
-        """This turn ends when the loop's does."""
+        """End this turn with the turn of the loop."""
         if not self._ends:
             self._ends = True
             self._loop.call_soon(self._next)
 
     def _next(self) -> None:
-        """A turn is over: calls that wait are first in the next one."""
+        """Begin the next turn with the pieces that wait."""
         self._ends, self.used = False, 0
         while self._waiting and self._has_begun(self._waiting[0][0]):
             self._end_soon()
@@ -362,10 +377,9 @@ class Turns:
 
 
 class AsyncioClock(_CallHeap):
-    """Real time: the calls of an asyncio loop. Times are those of `time.monotonic_ns`; threads may ask for `now`.
+    """Real time: the calls of an asyncio loop, with the times of `time.monotonic_ns`. `now` is safe in any thread.
 
-    However late the loop is, calls come in order of time, then of asking (timers of a loop alone do not).
-    `turns`: what ports hear is dealt with in these.
+    However late the loop is, calls are made in order of time, then of request; timers of a loop alone are not.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
@@ -377,6 +391,7 @@ class AsyncioClock(_CallHeap):
         self._ringing = False
         self._moment = 0
         self.turns = Turns(loop)
+        """The turns in which ports handle received bytes."""
 
     now = staticmethod(time.monotonic_ns)
 
@@ -396,6 +411,9 @@ class AsyncioClock(_CallHeap):
         self._ring_soon()
         return call
 
+    def look_at(self, when: int, callback: Callback) -> None:
+        self.loop.call_later(max(0, when - time.monotonic_ns()) / 1e9, callback)
+
     def alarm(self, callback: Callback) -> Alarm:
         return LateAlarm(self, callback)
 
@@ -403,7 +421,7 @@ class AsyncioClock(_CallHeap):
         return partial(self.loop.call_soon, callback)
 
     def _set_timer(self) -> None:
-        """One timer of the loop, for the next call; no timer where it is due, since loops wait whole milliseconds."""
+        """Set a timer of the loop for the next call; if the call is due, ask for it: loops wait whole milliseconds."""
         if self._ringing or self._soon:
             return
         due = self.next_call
@@ -419,7 +437,7 @@ class AsyncioClock(_CallHeap):
         self._timer = self.loop.call_later((delay + NEVER_EARLY) / 1e9, self._time_up)
 
     def _ring_soon(self) -> None:
-        """In the next turn of the loop; a timer that is set stays, and finds then what is left to do."""
+        """Make due calls in the next turn of the loop; a timer that is set remains, for calls that are left."""
         if not self._soon and not self._ringing:
             self._soon = True
             self.loop.call_soon(self._ring)
@@ -429,9 +447,9 @@ class AsyncioClock(_CallHeap):
         self._ring()
 
     def _ring(self) -> None:
-        """Makes what is due, in the next turn what is left when this one has taken long.
+        """Make the calls that are due; after `LONGEST`, leave the other calls to the next turn.
 
-        What a call raises goes to the loop, and the others come all the same.
+        The loop handles an exception of a call, and the other calls follow.
         """
         self._soon = False
         self._ringing = True
@@ -451,14 +469,14 @@ class AsyncioClock(_CallHeap):
 
 
 def date_at(clock: Clock) -> Callable[[int], datetime]:
-    """The date at a time of this clock: today's where it is real, and from 2000 on where it is not."""
+    """Return a function from a time of this clock to the date: the real date, or from 2000 on with virtual time."""
     if isinstance(clock, AsyncioClock):
         return lambda now: datetime.now()
     return lambda now: DEFAULT_START + timedelta(microseconds=now // 1000)
 
 
 def utc_at(clock: Clock) -> Callable[[int], int]:
-    """Nanoseconds since 1970 (UTC) at a time of this clock: today's where it is real, from 2000 on where it is not."""
+    """Return a function from a time of this clock to ns since 1970 (UTC), from 2000 on with virtual time."""
     if isinstance(clock, AsyncioClock):
         return lambda now: time.time_ns() - (clock.now() - now)
     start = int(DEFAULT_START.replace(tzinfo=UTC).timestamp()) * 1_000_000_000

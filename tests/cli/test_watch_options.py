@@ -83,6 +83,24 @@ def test_capture_and_status_of_a_virtual_run(tmp_path: Path, capsys: pytest.Capt
 
 
 @pytest.mark.long
+def test_the_output_of_a_run_cuts_no_transmission_into_pieces(tmp_path: Path) -> None:
+    """The second reply is under way when the output of the first exchange is printed, 20 ms after its beginning."""
+    (tmp_path / "d.device.yaml").write_text("device: d\nprotocol: modbus-rtu\nstation: 1\n")
+    (tmp_path / "r.run.yaml").write_text(
+        "run: r\nchannels:\n  1: {port: 'sim:d.device.yaml', protocol: modbus-rtu, station: 1}\n"
+        "points:\n  door: {channel: 1, address: '10003'}\n  level: {channel: 1, address: '40010', type: float32}\n"
+    )
+    pieces = {}
+    for name, options in {"shown": [], "quiet": ["--quiet"]}.items():
+        path = tmp_path / f"{name}.pcap"
+        words = ["run", str(tmp_path / "r.run.yaml"), "--virtual", "--for", "2500ms", "--capture", str(path)]
+        assert main([*words, *options]) == 0
+        with CaptureReader(path) as reader:
+            pieces[name] = [(event.at, event.direction, event.data.hex(" ")) for _, event in reader.events()]
+    assert pieces["shown"] == pieces["quiet"]
+    assert [len(data.split()) for _, direction, data in pieces["shown"] if direction == "in" and data] == [6, 9] * 3
+
+
 def test_a_run_is_the_same_with_and_without_a_capture(tmp_path: Path) -> None:
     def shown(*words: str) -> str:
         command = [sys.executable, "-m", "framekit", "run", str(TWO), "--virtual", "--for", "1s", *words]

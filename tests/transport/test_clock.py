@@ -120,6 +120,32 @@ def test_who_lags_behind_catches_up_before_calls_and_where_time_stops() -> None:
     assert len(seen) == 6
 
 
+def test_a_call_that_only_observes_moves_no_time_and_lets_no_source_report() -> None:
+    clock = VirtualClock()
+    seen: list[tuple[str, int, int]] = []
+    clock.lag(Ticking(seen, clock))
+    clock.call_at(5, lambda: seen.append(("call", clock.now(), clock.now())))
+    clock.call_at(47, lambda: seen.append(("call", clock.now(), clock.now())))
+    for when in (25, 90, 31):
+        clock.look_at(when, lambda when=when: seen.append(("look", when, clock.now())))
+    clock.run_until(60)
+    assert seen == [
+        ("call", 5, 5), ("look", 25, 5), ("look", 31, 5), ("lagging", 40, 40), ("call", 47, 47), ("lagging", 60, 60),
+    ]  # fmt: skip
+    clock.run_until(100)
+    assert seen[6:] == [("look", 90, 60), ("lagging", 100, 100)]
+
+
+def test_in_real_time_a_call_that_only_observes_is_made_too() -> None:
+    async def check() -> bool:
+        clock, made = AsyncioClock(asyncio.get_running_loop()), asyncio.Event()
+        clock.look_at(clock.now() + 1_000_000, made.set)
+        await asyncio.wait_for(made.wait(), 60)
+        return made.is_set()
+
+    assert asyncio.run(check())
+
+
 def test_real_time_calls_in_order_and_never_early() -> None:
     async def check() -> list[tuple[str, bool]]:
         clock = AsyncioClock(asyncio.get_running_loop())
