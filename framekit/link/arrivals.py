@@ -5,7 +5,8 @@ Offsets count the bytes of the stream from its start; times are when the first a
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from framekit.link.values import FrameValue
@@ -47,6 +48,10 @@ class FrameArrived:
         return f"<frame of {len(self.raw)} bytes at {self.offset}>"
 
 
+ONLY_CHECK = sys.maxsize
+"""The reach of a frame of which nothing but the check code is wrong."""
+
+
 class Fault(NamedTuple):
     """What is wrong with a frame, and where."""
 
@@ -57,7 +62,7 @@ class Fault(NamedTuple):
     found: str = ""
     message: str = ""
     reach: int = 0
-    """How far the bytes are right: up to the first fault but a check code; beyond all of them if only that is wrong."""
+    """How far the bytes are right: up to the first fault but a check code; `ONLY_CHECK` if only that is wrong."""
 
 
 class BadFrame:
@@ -71,8 +76,8 @@ class BadFrame:
     """
 
     __slots__ = (
-        "_explain", "cause", "ended_at", "expected", "found", "frame", "message", "offset", "place", "raw", "reach",
-        "segment", "started_at",
+        "_explain", "cause", "ended_at", "expected", "found", "frame", "limit", "message", "offset", "place", "raw",
+        "reach", "segment", "started_at",
     )  # fmt: skip
 
     cause: str
@@ -82,13 +87,23 @@ class BadFrame:
     found: str
     message: str
     reach: int
+    limit: int
+    """The greatest reach that it can have: the first place with a byte that the frame never has there."""
 
     def __init__(
-        self, frame: str, raw: bytes, offset: int, started_at: int, ended_at: int, explain: Callable[[], Fault]
+        self,
+        frame: str,
+        raw: bytes,
+        offset: int,
+        started_at: int,
+        ended_at: int,
+        explain: Callable[[], Fault],
+        limit: int = ONLY_CHECK,
     ) -> None:
         self.frame, self.raw, self.offset = frame, raw, offset
         self.started_at, self.ended_at = started_at, ended_at
         self._explain = explain
+        self.limit = limit
 
     def __getattr__(self, name: str) -> Any:
         """Only asked for what is not known yet."""
@@ -96,34 +111,48 @@ class BadFrame:
             raise AttributeError(name)
         for field, value in zip(Fault._fields, self._explain(), strict=True):
             setattr(self, field, value)
+        if self.reach > self.limit:
+            self.reach = self.limit
         return object.__getattribute__(self, name)
 
     def __repr__(self) -> str:
         return f"<bad {self.frame} at {self.offset}: {self.message or self.cause}>"
 
 
-class EitherBad(BadFrame):
-    """Bytes that may have been either of two frames: the one that got further, of two that got equally far the first.
+def furthest_of(frames: Sequence[BadFrame]) -> BadFrame:
+    """Return the frame that was right furthest, of equals the first; `frames` are in the order of their limits.
 
-    How far they got is found out on demand, as all that is wrong with them. None gets further than a frame of which
-    only the check code is wrong.
+    No more of them are read than the choice takes: none whose limit others have reached.
+    """
+    furthest = frames[0]
+    for frame in frames[1:]:
+        if frame.limit <= furthest.reach:
+            break
+        if frame.reach > furthest.reach:
+            furthest = frame
+    return furthest
+
+
+class AnyBad(BadFrame):
+    """Bytes that may have been any of several frames in the order of their limits: on demand, which was right furthest.
+
+    Together with it is found out all that is wrong with them.
     """
 
-    __slots__ = ("_both",)
+    __slots__ = ("_frames",)
 
-    def __init__(self, first: BadFrame, second: BadFrame) -> None:
-        self._both = first, second
-        self.raw, self.offset = first.raw, first.offset
+    def __init__(self, frames: Sequence[BadFrame]) -> None:
+        first, self._frames = frames[0], frames
+        self.raw, self.offset, self.limit = first.raw, first.offset, first.limit
         self.started_at, self.ended_at = first.started_at, first.ended_at
 
     def __getattr__(self, name: str) -> Any:
         """Only asked for what is not known yet."""
         if name not in _FOUND_OUT:
             raise AttributeError(name)
-        first, second = self._both
-        further = second if second.reach > first.reach else first
+        furthest = furthest_of(self._frames)
         for field in _FOUND_OUT:
-            setattr(self, field, getattr(further, field))
+            setattr(self, field, getattr(furthest, field))
         return object.__getattribute__(self, name)
 
 

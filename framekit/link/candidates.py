@@ -8,7 +8,6 @@ one. What it said is remembered, so that it is measured again only when the byte
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import partial
 from operator import itemgetter
@@ -16,7 +15,7 @@ from typing import Any
 
 from framekit.codec.errors import FrameError
 from framekit.definition.model.segments import Const
-from framekit.link.arrivals import BadFrame, EitherBad, Fault
+from framekit.link.arrivals import ONLY_CHECK, AnyBad, BadFrame, Fault, furthest_of
 from framekit.link.events import LineFault
 from framekit.link.frame_table import FrameInfo, FrameTable
 from framekit.link.inside import InsideFinder, rules_and_marks
@@ -186,20 +185,19 @@ class Candidates:
         silent: list[FrameInfo],
         inside: InsideFinder | None,
         is_told: bool,
-    ) -> tuple[Good | None, Bad | None, list[FrameInfo]]:
-        """The good frame of these, the bad one that got furthest, and those that want more than there is up to `limit`.
+    ) -> tuple[Good | None, tuple[Bad, ...], list[FrameInfo]]:
+        """Return the good frame of these, the bad ones, and those that want more than there is up to `limit`.
 
         The shortest good frame is taken, of equally long ones the first: as if the bytes had come one by one. Those
-        that silence ends are added to `silent`. Unless a bad one `is_told`, any of them will do. One that is told is
-        told at once, before a longer one that lacks a byte already within its size. One that lacks its mark, and no
-        more, is told where nothing else can stand here.
+        that silence ends are added to `silent`. Where a bad one `is_told`, it is reported at once, before a longer one
+        that lacks a byte already within its size. A frame that lacks its mark, and no more, is bad where no other can
+        stand here.
         """
-        worse_of = worse if is_told else first_of
         told_at_once = is_told and inside is None
         complete: list[tuple[int, int, FrameInfo, Complete]] = []
         wanting: list[FrameInfo] = []
         unmarked: list[tuple[FrameInfo, Complete]] = []
-        furthest: Bad | None = None
+        bad: tuple[Bad, ...] = ()
         shortest: Good | None = None
         for place, info in enumerate(infos):
             end = limit if inside is None else inside.end_for(info.name, limit, self._stream.base)
@@ -213,7 +211,7 @@ class Candidates:
             elif type(result) is Unfinished:
                 (silent if result.silent else wanting).append(info)
             elif type(result) is Bad:
-                furthest = result if furthest is None else worse_of(furthest, result)
+                bad = (*bad, result)
                 if result.known_end:
                     self._note_bad(info, result.size)
             elif type(result) is Good and (shortest is None or len(result.raw) < len(shortest.raw)):
@@ -227,21 +225,21 @@ class Candidates:
                 continue
             result = self.read(info, found)
             if type(result) is Good:
-                return result, furthest, wanting
+                return result, bad, wanting
             if type(result) is Bad:
-                furthest = result if furthest is None else worse_of(furthest, result)
+                bad = (*bad, result)
                 self._note_bad(info, size)
-        if unmarked and furthest is None and not (wanting or silent or shortest):
+        if unmarked and not (bad or wanting or silent or shortest):
             result = self.read(*unmarked[0])
-            furthest = result if type(result) is Bad else None
+            bad = (result,) if type(result) is Bad else ()
         if wanting and told_at_once and self.shortest_bad is not None:
             wanting = [info for info in wanting if not self._lacks(info)]
-        return shortest, furthest, wanting
+        return shortest, bad, wanting
 
     def _note_bad(self, info: FrameInfo, size: int) -> None:
         """A complete frame is bad, and may be what was sent: it has all bytes that it always has."""
         shorter = self.shortest_bad is None or size < self.shortest_bad
-        if shorter and not info.lacks(self._stream.buffer, self._stream.position, size):
+        if shorter and info.fits(self._stream.buffer, self._stream.position, size) == size:
             self.shortest_bad = size
 
     def _lacks(self, info: FrameInfo, size: int | None = None) -> bool:
@@ -249,7 +247,7 @@ class Candidates:
         shortest = self.shortest_bad
         if shortest is None or not info.is_fixed or (size is not None and size <= shortest):
             return False
-        return info.lacks(self._stream.buffer, self._stream.position, shortest)
+        return info.fits(self._stream.buffer, self._stream.position, shortest) < shortest
 
     def read(self, info: FrameInfo, complete: Complete) -> Result:
         """What a complete candidate holds: a good frame or a bad one."""
@@ -335,7 +333,10 @@ class Candidates:
         stream = self._stream
         place = stream.position
         started, ended = stream.times_of(place, place + len(raw) if raw else place + 1)
-        return BadFrame(info.name, raw, stream.offset, started, ended, explain)
+        limit = ONLY_CHECK
+        if not info.frame.inside and (fits := info.fits(raw, 0, len(raw))) < len(raw):
+            limit = fits
+        return BadFrame(info.name, raw, stream.offset, started, ended, explain, limit)
 
     def _without_end(self, info: FrameInfo, size: int) -> Bad:
         """A frame at the current place whose end is lost, as `size` bytes show.
@@ -351,11 +352,16 @@ class Candidates:
                 whole.append(self._shortest_without_end(info, place, place + size))
             return whole[0]
 
+        def report() -> BadFrame:
+            found = bad().bad
+            found.limit = min(found.limit, bad().size - 1)  # its last byte shows a fault
+            return found
+
         def open_at(size: int) -> bool:
             place = self._stream.position
             return self._length(info, place, place + size) == self._quiet
 
-        return Bad(lambda: bad().bad, lambda: bad().size, False, open_at)
+        return Bad(report, lambda: bad().size, False, open_at)
 
     def _shortest_without_end(self, info: FrameInfo, start: int, end: int) -> Bad:
         """The fewest bytes that show that the end is lost, however many came at once."""
@@ -381,10 +387,6 @@ class Candidates:
         return self._bad(info, raw, lambda: Fault("length", expected="a findable end", found="none"), False)
 
 
-ONLY_CHECK = sys.maxsize
-"""How far a frame was right of which nothing but the check code is wrong."""
-
-
 def fault_of(error: FrameError) -> Fault:
     """Return what is wrong, as decoding has found."""
     other = error.also if error.cause == "check" else error
@@ -392,31 +394,39 @@ def fault_of(error: FrameError) -> Fault:
     return Fault(error.cause, error.segment, error.offset, error.expected, error.found, str(error), reach)
 
 
-def worse(first: Bad, second: Bad) -> Bad:
-    """The one that got further; of two that got equally far, the one asked first.
+def furthest(levels: Sequence[Sequence[Bad]]) -> Bad:
+    """Return the bad frame that is to be reported: of those expected, of the others …, each in the order of the rows.
 
-    One that silence could still have ended when the other was complete was none then: the other one is told. Where
-    both end at the same place nothing depends on it before it is asked what was wrong.
+    It is the one that was right furthest; of equals one with all its fixed bytes, then the longest, then the first. So
+    the choice rests on the bytes, not on when the candidates became complete. Where all end at the same place, it is
+    made when the fault is asked for.
     """
-    size, other = first.size, second.size
-    if first.open_at is not None and first.open_at(other):
-        return second
-    if second.open_at is not None and second.open_at(size):
-        return first
-    if size == other and first.known_end == second.known_end:
-        return Bad(lambda: EitherBad(first.bad, second.bad), size, first.known_end)
-    reach = second.bad.reach
-    if other > size and reach > size:  # no place is behind a frame's end
-        return second
-    reached = first.bad.reach
-    if reached < ONLY_CHECK == reach:
-        return second
-    return second if other > reached and reach > reached else first
+    if len(levels) == 1 == len(levels[0]):
+        return levels[0][0]
+    at_end = [(bad.size, bad.known_end, bad) for level in levels for bad in level]
+    last = _without_open(at_end)
+    ranked = sorted(
+        (-bad.bad.limit, -size, not known_end, row, bad)
+        for row, (size, known_end, bad) in enumerate(at_end)
+        if size <= last
+    )
+    found = [bad for *_, bad in ranked]
+    first, frames = found[0], [bad.bad for bad in found]
+    if len({(size, unsure) for _, size, unsure, _, _ in ranked}) == 1:
+        return first if len(found) == 1 else Bad(lambda: AnyBad(frames), first.size, first.known_end)
+    return found[frames.index(furthest_of(frames))]
 
 
-def first_of(first: Bad, second: Bad) -> Bad:
-    """A bad frame of which no reason is asked for."""
-    return first
+def _without_open(at_end: Sequence[tuple[int, bool, Bad]]) -> int:
+    """Return the size up to which frames were bad ones when the first of them was to be reported.
+
+    That is when every longer one waited for no more than a silence, which could still have ended it.
+    """
+    sizes = sorted({size for size, _, _ in at_end})
+    for last in sizes[:-1]:
+        if all(bad.open_at is not None and bad.open_at(last) for size, _, bad in at_end if size > last):
+            return last
+    return sizes[-1]
 
 
 Level = tuple[FrameInfo, ...]

@@ -200,12 +200,12 @@ class FrameInfo:
         value = None if evaluate is None else evaluate(Names(fields, names))
         return self.numbers.get(name, {}).get(value, value) if type(value) is str else value
 
-    def lacks(self, buffer: bytes | bytearray, start: int, size: int) -> bool:
-        """Whether `size` bytes from `start` on lack one that the frame always has."""
-        for place, allowed in self.fixed_bytes:  # noqa: SIM110 - called for noise: a generator costs as much as a look
+    def fits(self, buffer: bytes | bytearray, start: int, size: int) -> int:
+        """Return how many of `size` bytes from `start` on come before a byte that the frame never has at its place."""
+        for place, allowed in self.fixed_bytes:
             if place < size and buffer[start + place] not in allowed:
-                return True
-        return False
+                return place
+        return size
 
     def read_back(self, data: bytes, names: Context, inside: str | None) -> dict[str, Any]:
         """Decode the fields of a sent frame, or of the frame in the field `inside`."""

@@ -7,7 +7,7 @@ those that are whole, and reports what it found. It knows no sequences: which st
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from framekit.codec.errors import FrameError
@@ -24,8 +24,7 @@ from framekit.link.candidates import (
     Start,
     Trouble,
     are_bad,
-    first_of,
-    worse,
+    furthest,
 )
 from framekit.link.events import CharacterFault
 from framekit.link.frame_table import FrameInfo, FrameTable, ProtocolCodec, table_of
@@ -762,10 +761,9 @@ class Receiver:
             inside = self._inside.find(stream, sum(levels, ()), limit)
             if inside is not None:
                 return self._noise_before() or self._taken_out(*inside)
-        worst: Bad | None = None
+        bad_by_level: list[Sequence[Bad]] = []
         silent: list[FrameInfo] = []
         is_told = stream.base + position >= self._bad_until
-        worse_of = worse if is_told else first_of
         self._candidates.shortest_bad = None
         for infos in levels:
             good, bad, wanting = self._candidates.validate(infos, limit, silent, self._inside, is_told)
@@ -777,13 +775,21 @@ class Receiver:
             if going_on and not is_cut:
                 self._wait((*going_on, *silent))
                 return None
-            if bad is not None:
-                worst = bad if worst is None else worse_of(worst, bad)
-            if wanting and worst is None:
-                worst = self._candidates.cut(wanting[0], self._end_for(wanting[0], limit))
-        if worst is not None:
-            return self._bad(worst)
+            if bad:
+                bad_by_level.append(bad)
+            elif wanting and not bad_by_level:
+                bad_by_level.append((self._candidates.cut(wanting[0], self._end_for(wanting[0], limit)),))
+        if bad_by_level and not is_told:
+            return self._bad(self._unreported(bad_by_level[0]))
+        if bad_by_level:
+            return self._noise_before() or self._bad(furthest(bad_by_level))
         return self._ended_by_silence(silent) if silent else self._unusable()
+
+    def _unreported(self, bad: Sequence[Bad]) -> Bad:
+        """Return a bad frame that is passed over: where the size counts, the same however the bytes have come."""
+        if len(bad) == 1 or self._rules.resync != "after_frame":
+            return bad[0]
+        return min(bad, key=lambda one: one.size if one.known_end else 0)
 
     def _wait(self, infos: tuple[FrameInfo, ...]) -> None:
         self.waiting = tuple(info.name for info in infos)
@@ -798,14 +804,14 @@ class Receiver:
             self._needs_silence = True
             self._wait(tuple(waiting))
             return None
-        worst: Bad | None = None
+        bad: list[Bad] = []
         for info in silent:
             result = self._candidates.at_silence(info, self._end_for(info, end if stop is None else stop))
             if isinstance(result, Good):
                 return self._noise_before() or self._arrived(result.info, result.fields, result.raw, result.refusal)
             if isinstance(result, Bad):
-                worst = result if worst is None else worse(worst, result)
-        return self._unusable() if worst is None else self._bad(worst)
+                bad.append(result)
+        return self._bad(furthest((bad,))) if bad else self._unusable()
 
     def _end_for(self, info: FrameInfo, limit: int) -> int:
         """How far a frame here can reach (buffer index): up to `limit`, where no mark ends it before."""
