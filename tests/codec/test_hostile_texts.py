@@ -256,7 +256,10 @@ def shape_of(part: str) -> str:
     tree = ast.parse(part)
     for node in ast.walk(tree):
         if isinstance(node, (ast.Module, ast.FunctionDef, ast.ClassDef)):
-            assert sum(isinstance(one, ast.Expr) and isinstance(one.value, ast.Constant) for one in node.body) <= 1
+            after = zip([None, *node.body], node.body, strict=False)
+            documented = (ast.Assign, ast.AnnAssign)  # a string below an attribute is its documentation
+            loose = [one for before, one in after if isinstance(one, ast.Expr) and not isinstance(before, documented)]
+            assert sum(isinstance(one.value, ast.Constant) for one in loose) <= 1
     return ast.dump(WithoutTexts().visit(tree))
 
 

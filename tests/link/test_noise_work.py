@@ -25,7 +25,7 @@ from framekit.link.receiver import BAD_APART, GOES_ON, MOST_BAD
 SIZE = 6_000
 MOST = 15
 """Calls of functions for each byte of random noise: the dearest of the shipped protocols needs 9, but for these."""
-MOST_OF = {"m-bus": 24, "host-link": 30}
+MOST_OF = {"m-bus": 26, "host-link": 30, "mewtocol": 24}
 """M-Bus: random bytes hold many frames of five bytes, and records whose fault is looked for: 18; in small pieces 23.6.
 Host Link: frames of a long response begin with any byte, so a check code is worked out from each on: 21.5, and 28.6."""
 
@@ -115,7 +115,7 @@ PARTS = 4
 """The worst bytes are tried in so many tests."""
 WORST, WORST_IN_SMALL_PIECES = 36, 46
 """Calls for each byte of the worst bytes that `benchmarks/noise.py` has found; all but these need 27 and 41 at most."""
-WORST_OF, SMALL_OF = {"nmea0183": 46}, {"nmea0183": 64}
+WORST_OF, SMALL_OF = {"nmea0183": 46}, {"nmea0183": 64, "mewtocol": 50}
 """A damaged sentence of 14 bytes is tried as each of twelve, text by text: 45.5, and 63.3 in small pieces."""
 
 
