@@ -26,7 +26,7 @@ memory: masterlogic
 state: plant.state
 set: {M0: 7, K0: 3}
 channels:
-  1: {port: "sim:one.device.yaml", protocol: modbus-rtu, params: {reply_timeout: 50 ms, retries: 0}}
+  1: {port: "sim:one.device.yaml", protocol: modbus-rtu, dead: no, params: {reply_timeout: 50 ms, retries: 0}}
 blocks:
   0: {read: "40001", station: 1, into: K100, every: 1 s}
   1: {read: "40002", station: 9, into: K101, every: 1 s, phase: 500 ms}
