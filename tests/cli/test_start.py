@@ -40,8 +40,9 @@ def test_a_decoded_frame_needs_few_modules(tmp_path: Path) -> None:
     assert not found & SLOW
     assert {name for name in found if name.startswith("framekit")} == {
         "framekit", "framekit.cli", "framekit.cli.common", "framekit.cli.decode_verb", "framekit.cli.main",
-        "framekit.cli.parser", "framekit.codec", "framekit.codec.cache", "framekit.codec.errors",
-        "framekit.codec.functions", "framekit.codec.shown", "framekit.definition", "framekit.definition.brought",
-        "framekit.definition.installed", "framekit.definition.problems", "framekit.definition.sources",
+        "framekit.cli.parser", "framekit.cli.terminal", "framekit.codec", "framekit.codec.cache",
+        "framekit.codec.errors", "framekit.codec.functions", "framekit.codec.shown", "framekit.definition",
+        "framekit.definition.brought", "framekit.definition.installed", "framekit.definition.problems",
+        "framekit.definition.sources",
     }  # fmt: skip
     assert len(found) <= 80, "each module costs about 0.3 ms"
