@@ -152,7 +152,7 @@ def test_a_station_is_dead_after_failures_and_time_and_comes_back_by_itself() ->
     bench.run_until(20_000)
     died = bench.deaths[0][0]
     assert bench.deaths[0][1:] == (2, True)
-    assert SECOND <= died <= SECOND + 200 * MS
+    assert SECOND <= died <= SECOND + 500 * MS, "a suspected station is asked ever more rarely"
     probes = [time for time, number in bench.starts if number == 1 and time * MS > died]
     assert len(probes) == 3
     assert all(abs(later - sooner - 5000) <= 60 for sooner, later in pairwise(probes))
