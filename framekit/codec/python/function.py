@@ -448,7 +448,8 @@ def paths_in_part(part: str | Edges, check: Check, segments: tuple[Segment, ...]
         named = (one for one in everything(segments) if one.path == check.sibling_path(part))
         return list(dict.fromkeys(one.path for one in standing(check, named)))
     order = list(dict.fromkeys(one.path for one in standing(check, segments)))
-    edges = [check.path if name == "here" else check.sibling_path(name) for name in part]
+    first, last = part  # only the end may be the check itself: a field may have the name "here"
+    edges = [check.sibling_path(first), check.path if last == "here" else check.sibling_path(last)]
     ends = {one.path: [leaf.path for leaf in standing(check, (one,))] for one in everything(segments)}
     first, last = (ends.get(edges[0]) or edges)[0], (ends.get(edges[1]) or edges)[-1]
     if first not in order or last not in order:
