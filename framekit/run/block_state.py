@@ -1,6 +1,6 @@
-"""A block at work: what the scheduler counts and remembers of it, and how it is doing, as one frozen value.
+"""The state of a block at work: counters, last failure, trigger state, and the frozen status made from them.
 
-The codes that its failures have in memory are one table for all protocols, `error_codes.csv`.
+All protocols share the table of failure codes, `error_codes.csv`.
 """
 
 from __future__ import annotations
@@ -8,30 +8,25 @@ from __future__ import annotations
 import csv
 import enum
 from collections import Counter
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, TypeAlias
+from typing import Protocol, TypeAlias
 
 from framekit.codec.shown import code_text
 from framekit.link.services.client import TransferResult
 from framekit.run.model import STATIONED, Block, block_id, block_label
 from framekit.run.triggers import ArmedTriggers, Every
 
-if TYPE_CHECKING:
-    from framekit.run.block_words import Given
-    from framekit.run.lanes import BlockLane
-    from framekit.run.transfer import BlockStarts
-
 TABLE = Path(__file__).with_name("error_codes.csv")
 FIRST_OWN = 0xFF00
-"""Words from here on are framekit's own; those below are the codes of devices."""
+"""Codes from this value on are framekit's own; codes below it are the codes of devices."""
 
 
 class ErrorCode(enum.IntEnum):
-    """framekit's word for each way an exchange can fail; the table says what it means and what to do."""
+    """framekit's code of each way an exchange can fail; the table has its meaning and its remedy."""
 
     NONE = 0
     NO_REPLY = 0xFF01
@@ -60,7 +55,7 @@ class ErrorCode(enum.IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class ErrorMeaning:
-    """A row of the table: the outcome's name, what it means, what to do."""
+    """A row of the table: code, name of the outcome, meaning, remedy."""
 
     code: ErrorCode
     name: str
@@ -70,7 +65,7 @@ class ErrorMeaning:
 
 @cache
 def error_table() -> Mapping[str, ErrorMeaning]:
-    """The rows of the table by the name of the outcome, in the order of their codes."""
+    """Return the rows of the table by the name of the outcome, in the order of their codes."""
     with TABLE.open(encoding="utf-8", newline="") as file:
         rows = [
             ErrorMeaning(ErrorCode(int(row["code"], 16)), row["name"], row["meaning"], row["advice"])
@@ -80,7 +75,7 @@ def error_table() -> Mapping[str, ErrorMeaning]:
 
 
 def error_code(outcome: str) -> ErrorCode:
-    """framekit's code of an outcome; `NONE` for '' (all is well), `FAILED` for a name that a protocol gives itself."""
+    """Return framekit's code of an outcome: `NONE` for '' (success), `FAILED` for an outcome that a protocol names."""
     if not outcome:
         return ErrorCode.NONE
     row = error_table().get(outcome)
@@ -88,9 +83,9 @@ def error_code(outcome: str) -> ErrorCode:
 
 
 def status_word(outcome: str, device_code: int | None) -> int:
-    """What STATUS shows: the code the device refused with, where it is a word of its own, else framekit's.
+    """Return the value of STATUS: the error code of the device if it has one in the range of devices, else framekit's.
 
-    Codes of 0, negative ones and those from FF00 on are none of their own: they would be taken for something else.
+    Device codes of 0 or below, and from FF00 on, would be read with another meaning: they are shown as `REFUSED`.
     """
     if outcome and device_code is not None:
         return device_code if 0 < device_code < FIRST_OWN else ErrorCode.REFUSED
@@ -99,20 +94,21 @@ def status_word(outcome: str, device_code: int | None) -> int:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Failure:
-    """An exchange that did not end well.
-
-    `outcome` is its name (`no_reply`, `refused`, …), `cause` more in words. `device_code` is what the device refused
-    with, `meaning` the name that its protocol gives to that. `at`: when, in nanoseconds of the run's clock.
-    """
+    """The failure of an exchange."""
 
     outcome: str
+    """Name: `no_reply`, `refused`, …"""
     cause: str = ""
+    """Details in words."""
     device_code: int | None = None
+    """Error code of a refusal by the device."""
     meaning: str = ""
+    """Name of this code in the protocol."""
     at: int = 0
+    """Time, in nanoseconds of the run's clock."""
 
     def __str__(self) -> str:
-        """In words: the outcome, the device's code, and the reason, where it says more than these do."""
+        """Return the outcome, the device's code, and the reason if it adds information."""
         code = "" if self.device_code is None else f" {code_text(self.device_code)}"
         reason, known = self.meaning or self.cause, error_table().get(self.outcome)
         says_more = reason and not (known is not None and known.meaning.startswith(reason))
@@ -120,22 +116,18 @@ class Failure:
 
     @property
     def error(self) -> int:
-        """The word STATUS shows: the device's own code where it gave one that fits, else framekit's."""
+        """Return the value of STATUS (see `status_word`)."""
         return status_word(self.outcome, self.device_code)
 
     @property
     def reason(self) -> ErrorCode:
-        """framekit's code, whatever the device said."""
+        """Return framekit's code, also for a failure with a device code."""
         return error_code(self.outcome)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BlockStatus:
-    """A block's state and counters; started = done + failed + (1 if running). Sets count from 1, blocks from 0.
-
-    `last_failure` stays after a normal completion, as STATUS does (Snet module guide, status flags). `last_end`: when
-    the last exchange ended, in nanoseconds of the run's clock; None before the first.
-    """
+    """A block's state and counters; started = done + failed + (1 if running). Sets count from 1, blocks from 0."""
 
     set: int
     block: int
@@ -150,16 +142,18 @@ class BlockStatus:
     overruns: int = 0
     dead: bool = False
     last_failure: Failure | None = None
+    """Stays after a normal completion, as STATUS does (Snet module guide, status flags)."""
     last_end: int | None = None
+    """End of the last exchange, in nanoseconds of the run's clock; None before the first end."""
 
     @property
     def id(self) -> int:
-        """One number for set and block."""
+        """Return the number of the block among all sets."""
         return block_id(self.set, self.block)
 
     @property
     def label(self) -> str:
-        """The block as people write it."""
+        """Return the name of the block in messages: set and number."""
         return block_label(self.set, self.block)
 
     @property
@@ -168,22 +162,22 @@ class BlockStatus:
 
     @property
     def error(self) -> int:
-        """STATUS: the word of the last abnormal completion, 0 before the first."""
+        """Return STATUS: the code of the last abnormal completion, 0 before the first."""
         return 0 if self.last_failure is None else self.last_failure.error
 
     @property
     def reason(self) -> ErrorCode:
-        """framekit's code of the last abnormal completion."""
+        """Return framekit's code of the last abnormal completion."""
         return ErrorCode.NONE if self.last_failure is None else self.last_failure.reason
 
     @property
     def device_code(self) -> int | None:
-        """The device's own code of the last abnormal completion, if it gave one."""
+        """Return the device's code of the last abnormal completion; None without a device code."""
         return None if self.last_failure is None else self.last_failure.device_code
 
 
 Shown: TypeAlias = "BlockStatus | BlockState"
-"""What the words of a block show."""
+"""The source of the status words of a block."""
 
 ITEMS: Mapping[str, str] = MappingProxyType(
     {
@@ -200,38 +194,42 @@ ITEMS: Mapping[str, str] = MappingProxyType(
         "dead": "block.dead",
     }
 )
-"""What the words of a block can show, by the names that memory profiles use: expressions on a block."""
+"""The items of the status words of a block, by their names in memory profiles: expressions on a block."""
 
 PULSES = ("done", "failed")
-"""Bits that go on at a normal and at an abnormal completion, and off again by themselves."""
+"""Bits that are set at a normal and at an abnormal completion, and reset after the time of a pulse."""
 
 
 def failure_of(result: TransferResult) -> Failure | None:
-    """What went wrong with a transfer; None when it went well."""
+    """Return the failure of a transfer; None for a success."""
     if result.ok:
         return None
     outcome = result.outcome or "failed"
     return Failure(outcome=outcome, cause=result.cause, device_code=result.code, meaning=result.meaning)
 
 
+class Settings(Protocol):
+    """The settings of a block in memory."""
+
+    holds: Callable[[], bool]
+    """Return whether the memory still has the settings of the run file."""
+
+
+class Starter(Protocol):
+    """Starts the exchanges of a block."""
+
+    block: Block
+
+    def go(self, now: int) -> None:
+        """Begin an exchange."""
+
+
 class BlockState:
-    """A block at work: its counters, failures by their outcome, whether it waits or runs, and how it ended last.
-
-    `overruns`: times it came due while it was still waiting or running.
-    `companions`: blocks whose data come with the exchange of this one. `probing`: it asks a dead station. `round`
-    counts how often it has been armed; timers of earlier rounds mean nothing. `key`: its set, and its
-    number there. `chain`: the blocks that made it due one after the other, each of which ended while it was being
-    started. `switched_on`: the block itself is on; `set_on`: its set is. `queue`: the lane in which it waits.
-    `given`: its settings in memory; `effective`: the block as they say, from the look at its station to its start;
-    `at_station`: the station of the block as the run file gives it, if that names the station. `starts`: starts its
-    exchanges as long as its channel stays, if they have no parameters of their own.
-    """
-
-    queue: BlockLane
+    """The state and the counters of a block at work."""
 
     __slots__ = (
         "armed", "at_station", "block", "chain", "companions", "dead", "done", "effective", "failed", "given",
-        "has_station", "id", "key", "lane", "last_end", "last_failure", "overruns", "period", "probing", "queue",
+        "has_station", "id", "key", "lane", "last_end", "last_failure", "overruns", "period", "probing",
         "reasons", "round", "running", "set_on", "started", "started_at", "starts", "starts_left", "switched_on",
         "waiting",
     )  # fmt: skip
@@ -242,36 +240,50 @@ class BlockState:
         self.key = block.set, block.number
         self.has_station = block.instruction in STATIONED
         self.lane = block.lane
+        """Number of the lane in which it waits."""
         self.period = min((trigger.period for trigger in block.triggers if isinstance(trigger, Every)), default=0)
-        """Shortest period of its `every` triggers (ns); 0 without such a trigger."""
+        """Shortest period of its `every` triggers (ns); 0 without such triggers."""
         self.chain: tuple[int, ...] = ()
-        self.given: Sequence[Given] = ()
+        """Ids of the blocks that made it due, one after the other, each with an end during its own start."""
+        self.given: Sequence[Settings] = ()
+        """Its settings in memory."""
         self.effective: Block | None = None
+        """The block with these settings, from the request for its station to its start."""
         self.at_station: tuple[Hashable] | None = None
-        self.starts: BlockStarts | None = None
-        self.started = self.done = self.failed = self.overruns = 0
+        """The station in the run file, if the run file names the station."""
+        self.starts: Starter | None = None
+        """Starts its exchanges while its channel stays, if they have no parameters of their own."""
+        self.started = self.done = self.failed = 0
+        self.overruns = 0
+        """How often it came due while it was waiting or running."""
         self.switched_on = block.enabled
+        """Whether the block itself is enabled."""
         self.set_on = True
+        """Whether its set is enabled."""
         self.waiting = False
         self.starts_left = block.repeat
         self.armed: ArmedTriggers | None = None
         self.started_at = 0
         self.last_failure: Failure | None = None
         self.reasons: Counter[str] = Counter()
+        """Number of failures, by outcome."""
         self.last_end: int | None = None
         self.companions: tuple[BlockState, ...] = ()
+        """Blocks that get their data from the exchange of this block."""
         self.probing = False
+        """Whether it asks a suspected or dead station."""
         self.running = False
         self.dead = False
         self.round = 0
+        """How often it has been armed; timers of earlier rounds have no effect."""
 
     @property
     def enabled(self) -> bool:
-        """Whether it may come due: neither it nor its set is switched off."""
+        """Return whether it may come due: the block and its set are enabled."""
         return self.switched_on and self.set_on
 
     def begun(self, now: int) -> None:
-        """An exchange of it begins."""
+        """Count the start of an exchange."""
         self.waiting = False
         if self.starts_left is not None:
             self.starts_left -= 1
@@ -280,7 +292,7 @@ class BlockState:
         self.started += 1
 
     def ended(self, failure: Failure | None, now: int) -> None:
-        """An exchange of it has ended, well if `failure` is None."""
+        """Count the end of an exchange, a success if `failure` is None."""
         self.running = False
         if failure is None:
             self.done += 1
@@ -291,7 +303,7 @@ class BlockState:
         self.last_end = now
 
     def reset(self) -> None:
-        """As at the start; what runs is still counted."""
+        """Set everything as at the start of the run; a running exchange stays counted."""
         self.started, self.done, self.failed, self.overruns = int(self.running), 0, 0, 0
         self.starts_left = self.block.repeat
         self.switched_on = self.block.enabled

@@ -1,8 +1,8 @@
-"""The scheduler: which block starts when.
+"""The scheduler of blocks: make blocks due by their triggers, and start them in turn.
 
 Channels are independent; within a channel one exchange runs at a time, ordered by due time, then priority, then number.
-A block that comes due while it waits or runs counts an overrun and runs once. The scheduler is told the time and calls
-`start` for a block whose turn it is; how an exchange works is not known here.
+A block that comes due while it waits or runs counts an overrun and runs once. The caller gives the time; the scheduler
+calls `start` for the next block of a channel and knows neither protocols nor ports.
 """
 
 from __future__ import annotations
@@ -21,30 +21,29 @@ from framekit.run.triggers import ArmedTriggers, Cycle, Resolve
 
 
 class TriggerRegistry:
-    """Arms blocks. `wake` is called when one comes due by its memory triggers.
-
-    `fired`: those that have come due since they were last taken, always the same list. `timers`: a heap of times when
-    blocks are due next. `after`: blocks that wait for an end, by the block's id and whether it is a good one.
-    """
+    """Arms blocks, and collects those that come due. `wake` is called when a memory trigger makes a block due."""
 
     def __init__(self, memory: DeviceMemory, resolve: Resolve, wake: Callable[[], None]) -> None:
         self.memory = memory
         self.resolve = resolve
         self.fired: list[BlockState] = []
+        """Blocks that have come due since the last tick; always the same list."""
         self._wake = wake
         self.timers: list[tuple[int, int, Cycle | None, BlockState, int]] = []
+        """A heap: due time, order, cycle, block, and its round."""
         self._order = itertools.count()
         self.after: dict[tuple[int, bool], list[BlockState]] = {}
+        """Blocks that wait for an end, by the id of the ending block and whether the end is a success."""
 
     def await_ends(self, state: BlockState) -> None:
-        """From now on the block hears of the ends it waits for: those of blocks of its set."""
+        """Register a block with the blocks of its set for whose ends it waits."""
         for trigger in state.block.triggers:
             if trigger.follows is not None:
                 number, ok = trigger.follows
                 self.after.setdefault((BLOCKS_IN_SET * (state.block.set - 1) + number, ok), []).append(state)
 
     def arm(self, state: BlockState, now: int) -> None:
-        """Arms the triggers of a block; its time triggers count from here."""
+        """Arm the triggers of a block; its time triggers count from `now`."""
         state.round += 1
         note = partial(self.fired.append, state)
         state.armed = armed = ArmedTriggers(
@@ -53,28 +52,28 @@ class TriggerRegistry:
         armed.arm(state.block.triggers, state.block.unless, now)
 
     def disarm(self, state: BlockState) -> None:
-        """Nothing but the ends of other blocks makes it due any more."""
+        """Disarm all triggers of a block but the ends of other blocks."""
         state.round += 1
         if state.armed is not None:
             state.armed.cancel()
             state.armed = None
 
     def forget(self, state: BlockState) -> None:
-        """A block is no more."""
+        """Remove a block."""
         self.disarm(state)
         self.fired[:] = [fired for fired in self.fired if fired is not state]
         for waiting in self.after.values():
             waiting[:] = [other for other in waiting if other is not state]
 
     def clear(self) -> None:
-        """Nothing comes due any more of what was to."""
+        """Drop all timers, and blocks that have come due."""
         self.timers.clear()
         self.fired.clear()
 
     # ---- what happens -------------------------------------------------------------------------------------
 
     def ended_at_once(self, state: BlockState, ok: bool, later: int) -> None:
-        """A block has ended while it was being started; one in whose chain it is already is due only `later`."""
+        """Make the blocks due that wait for an end during the start itself; a block of the chain is due `later`."""
         waiting = self.after.get((state.id, ok))
         if not waiting:
             return
@@ -89,14 +88,14 @@ class TriggerRegistry:
     # ---- time ---------------------------------------------------------------------------------------------
 
     def at(self, when: int, state: BlockState) -> None:
-        """The block is due at `when`, if it has not been armed anew by then."""
+        """Make the block due at `when`, unless it is armed anew before."""
         self._at(when, None, state)
 
     def _at(self, when: int, cycle: Cycle | None, state: BlockState) -> None:
         heapq.heappush(self.timers, (when, next(self._order), cycle, state, state.round))
 
     def due(self, now: int) -> Iterator[tuple[BlockState, int, int]]:
-        """Blocks whose time has come: when that was, and how many times more it has come since then."""
+        """Yield the blocks with an expired timer: the block, its due time, and the number of periods missed since."""
         timers = self.timers
         while timers and timers[0][0] <= now:
             due, _, cycle, state, round_ = heapq.heappop(timers)
@@ -109,7 +108,7 @@ class TriggerRegistry:
 
 
 class ReadyQueue:
-    """Lanes by number. What changes a lane says so by `note` or `postpone`; `due` names it when its time has come."""
+    """Lanes by number, and the times when they can start blocks. Changes of a lane are reported by `note`."""
 
     def __init__(
         self, station_of: Callable[[BlockState], Hashable], held_until: Callable[[int, Hashable], int]
@@ -118,13 +117,13 @@ class ReadyQueue:
         self._station_of, self._held_until = station_of, held_until
         self._number = itertools.count()
         self.noted: list[BlockLane] = []
-        """Lanes that may have something to do now."""
+        """Lanes that may be able to start a block now."""
         self.waits_until = NEVER
-        """Before this time no other lane has something to do."""
+        """Before this time no other lane can start a block."""
         self._heap: list[tuple[int, int, BlockLane]] = []
 
     def add(self, number: int, rules: LaneRules) -> BlockLane:
-        """The lane of this number, which is made if there is none."""
+        """Return the lane of this number; it is made if it does not exist."""
         lane = self.lanes.get(number)
         if lane is None:
             held_until = partial(self._held_until, number)
@@ -132,32 +131,32 @@ class ReadyQueue:
         return lane
 
     def remove(self, number: int) -> None:
-        """Nothing waits there any more."""
+        """Remove a lane without blocks."""
         del self.lanes[number]
 
     def hold(self, numbers: Collection[int]) -> None:
-        """Nothing starts in these lanes until the next call; in all others it does."""
+        """Hold these lanes back until the next call; all other lanes start blocks."""
         for number, lane in self.lanes.items():
             lane.held = number in numbers
             self.note(lane)
 
     def idle(self, numbers: Collection[int]) -> bool:
-        """Whether nothing runs in any of these lanes."""
+        """Return whether all of these lanes are without a running block."""
         return not any(self.lanes[number].busy for number in numbers if number in self.lanes)
 
     def clear(self, which: Callable[[BlockState], bool] = lambda state: True) -> None:
-        """Forgets blocks that wait."""
+        """Drop waiting blocks."""
         for lane in self.lanes.values():
             lane.clear(which)
 
     def note(self, lane: BlockLane) -> None:
-        """Something about the lane is different: it may have something to do now."""
+        """Note a change of the lane: it may be able to start a block now."""
         if not lane.noted:
             lane.noted = True
             self.noted.append(lane)
 
     def postpone(self, lane: BlockLane) -> None:
-        """It has nothing to do now: it is looked at when its time has come."""
+        """Look at the lane again when it can start a block, at its `deadline`."""
         when = lane.deadline
         if when < lane.asked_for:
             lane.asked_for = when
@@ -165,7 +164,7 @@ class ReadyQueue:
             self.waits_until = self._heap[0][0]
 
     def due(self, now: int) -> Sequence[BlockLane]:
-        """Return the lanes that may start something now, in their order; `postpone` a lane that starts nothing."""
+        """Return the lanes that may start a block now, in their order; `postpone` a lane that starts no block."""
         heap = self._heap
         if self.waits_until <= now:
             while heap and heap[0][0] <= now:
@@ -185,7 +184,7 @@ class ReadyQueue:
 
     @property
     def deadline(self) -> int:
-        """Return when the first lane has something to do; 0: now."""
+        """Return when the first lane can start a block; 0: now."""
         if self.noted:
             return 0
         if self.waits_until == NEVER:
@@ -204,25 +203,27 @@ class ReadyQueue:
 
 
 LEAST_TIME = 1_000_000
-"""One that ends at once, or fails within 1 ms, holds its channel for 1 ms; a `while` block starts again 1 ms after its
-end at the earliest, and so does one that blocks have started in a circle without waiting for anything: so blocks that
-start each other, or themselves, and never wait for the other side, stop nothing."""
+"""Shortest time of an exchange in the turns of a channel (ns).
+
+A block that ends at once, or fails within this time, holds its channel until the time is over. A `while` block starts
+again this time after its end at the earliest, and so does a block that is started in a circle without a wait. So blocks
+that start each other, or themselves, without a wait for the other side, hold up no other block."""
 
 Joins = Callable[[BlockState, list[BlockState]], list[BlockState]]
-"""Which of the waiting blocks may come with the exchange of a block."""
+"""Return the waiting blocks that get their data from the exchange of a block."""
 
 
 class Scheduler:
     """Makes blocks due and starts them, channel by channel.
 
-    `channels`: how each treats its line, or just the silence between two exchanges (ns). `start(state, now)` begins
-    the exchange of a block and its companions; the end of each is told by `finished`. `wake()` asks the owner to call
-    `tick` soon: something came due between two ticks. `ended(state, ok, now)` hears of every completion, after it has
-    been counted and before anything that waits for it comes due. `station_of` tells which station a block talks to,
-    `joins` which waiting blocks may come with another one's exchange, `sets` which parameter sets are enabled,
-    `died(channel, station, dead)` hears of stations that are given up or back. `look()`: nothing came due by the end of
-    an exchange, but `deadline` may be another one. `held_until(channel, station)`: no request to the station is sent
-    before this time.
+    `channels`: the rules of each channel, or only the silence between two exchanges (ns). `start(state, now)` begins
+    the exchange of a block and its companions; the caller reports the end of each to `finished` or `over`. `wake()`
+    requests a call of `tick` soon: a block came due between two ticks. `ended(state, ok, now)` is called for every
+    completion, after it has been counted and before the blocks that wait for it come due. `station_of` returns the
+    station of a block, `joins` its companions. `sets`: the parameter sets, and whether they are enabled.
+    `died(channel, station, dead)` is called when a station dies or comes back, `look()` when the end of an exchange
+    made no block due but may have changed `deadline`. `held_until(channel, station)` returns the time before which no
+    request to the station is sent (ns).
     """
 
     def __init__(
@@ -261,10 +262,10 @@ class Scheduler:
             self._take_in(state)
 
     def _take_in(self, state: BlockState) -> None:
-        """A block without a channel waits for nothing: it has a lane of its own."""
+        """Register a block with its triggers and its lane; a block without a channel has a lane of its own."""
         state.set_on = self.sets.get(state.block.set, True)
         self._registry.await_ends(state)
-        state.queue = lane = self._ready.add(state.lane, LaneRules())
+        lane = self._ready.add(state.lane, LaneRules())
         if state.has_station:
             place = state.block.station_from
             lane.stations.add(repr(state.block.station) if place is None else place.text)
@@ -272,19 +273,19 @@ class Scheduler:
     # ---- life ---------------------------------------------------------------------------------------------
 
     def begin(self, now: int) -> None:
-        """Arms the triggers. Time triggers count from here."""
+        """Arm the triggers of all blocks. Time triggers count from `now`."""
         self._active = True
         for state in self.states.values():
             self.arm(state, now)
         self.tick(now)
 
     def arm(self, state: BlockState, now: int) -> None:
-        """Arms the triggers of a block, unless its set is off; its time triggers count from here."""
+        """Arm the triggers of a block, unless its set is off; its time triggers count from `now`."""
         if state.set_on:
             self._registry.arm(state, now)
 
     def end(self) -> None:
-        """No block comes due any more; what runs may finish."""
+        """Let no block come due any more; running exchanges may finish."""
         self._active = False
         self._registry.clear()
         self._ready.clear()
@@ -292,7 +293,7 @@ class Scheduler:
             self._registry.disarm(state)
 
     def reset(self, now: int) -> None:
-        """As at the start: counters at zero, repetitions afresh, time triggers from now. What runs is still counted."""
+        """Set all blocks as at the start, time triggers counting from `now`; running exchanges stay counted."""
         self.end()
         for state in self.states.values():
             state.reset()
@@ -304,7 +305,7 @@ class Scheduler:
     # ---- channels, sets and blocks, on and off ------------------------------------------------------------
 
     def set_open(self, channel: int, is_open: bool, now: int = 0) -> None:
-        """Blocks of a channel that is not open wait until it is."""
+        """Note whether a channel is open; while it is not, its blocks wait."""
         lane = self.lanes[channel]
         if not is_open:
             lane.open = False
@@ -315,7 +316,7 @@ class Scheduler:
             self._wake()
 
     def enable(self, number: int, on: bool, now: int) -> None:
-        """Switches a block on or off; what runs ends as it does. Raises KeyError for a number there is not."""
+        """Switch a block on or off; a running exchange is not affected. Raise KeyError for an unknown number."""
         state = self.states[number]
         state.switched_on = on
         if not on:
@@ -325,13 +326,13 @@ class Scheduler:
             self._wake()
 
     def enable_set(self, number: int, on: bool, now: int) -> None:
-        """Switches a parameter set on, its time triggers count from now, or off. Raises KeyError for an unknown one."""
+        """Switch a parameter set on (its time triggers count from `now`) or off. Raise KeyError if it is unknown."""
         if number not in self.sets:
             raise KeyError(number)
         self.set_enabled(number, on, now)
 
     def set_enabled(self, number: int, on: bool, now: int) -> None:
-        """As `enable_set`; a set that is new is one from here on."""
+        """Switch a parameter set on or off; an unknown set is added."""
         if self.sets.get(number, True) == on:
             self.sets[number] = on
             return
@@ -348,25 +349,25 @@ class Scheduler:
     # ---- change -------------------------------------------------------------------------------------------
 
     def hold(self, channels: Collection[int]) -> None:
-        """Starts nothing on these channels until the next call; on all others it does."""
+        """Hold the blocks of these channels back until the next call; all other channels start blocks."""
         self._ready.hold(channels)
         self._wake()
 
     def idle(self, channels: Collection[int]) -> bool:
-        """Whether no exchange runs on any of these channels."""
+        """Return whether no exchange runs on any of these channels."""
         return self._ready.idle(channels)
 
     def add_channel(self, number: int, rules: LaneRules) -> None:
-        """A channel that is new, or treats its line otherwise; it is not open yet. What waits there goes on waiting."""
+        """Add a channel, or change its rules; it is not open yet. Its waiting blocks go on waiting."""
         lane = self._ready.add(number, rules)
         lane.rules, lane.open = rules, False
 
     def remove_channel(self, number: int) -> None:
-        """A channel none of whose blocks is there any more."""
+        """Remove a channel without blocks."""
         self._ready.remove(number)
 
     def add(self, block: Block) -> BlockState:
-        """A block that is new; `arm` it when everything it looks at is there."""
+        """Add a block; the caller arms it (`arm`) when everything that its triggers read exists."""
         self.states[block.id] = state = BlockState(block)
         in_order = sorted(self.states.items())
         self.states.clear()
@@ -375,7 +376,7 @@ class Scheduler:
         return state
 
     def remove(self, number: int) -> BlockState:
-        """Takes a block out that does not run. Raises KeyError for a number there is not."""
+        """Remove a block that does not run, and return its state. Raise KeyError for an unknown number."""
         state = self.states.pop(number)
         self._registry.forget(state)
         self.lanes[state.lane].clear(lambda one: one is state)
@@ -386,12 +387,12 @@ class Scheduler:
     # ---- becoming due -------------------------------------------------------------------------------------
 
     def fire(self, number: int, now: int) -> None:
-        """Makes a block due by hand. Raises KeyError for a number there is not."""
+        """Make a block due by hand. Raise KeyError for an unknown number."""
         self._due(self.states[number], now)
         self.tick(now)
 
     def takes(self, number: int) -> bool:
-        """Whether a RECEIVE block takes its frame now. Raises KeyError for a number there is not."""
+        """Return whether a RECEIVE block takes its frame now. Raise KeyError for an unknown number."""
         return self._may_start(self.states[number])
 
     def _may_start(self, state: BlockState) -> bool:
@@ -403,9 +404,10 @@ class Scheduler:
     def _due(self, state: BlockState, now: int) -> None:
         if not (state.switched_on and state.set_on and self._active) or state.starts_left == 0:
             return
-        triggers, lane = state.armed, state.queue
+        triggers = state.armed
         if triggers is not None and triggers.unless is not None and triggers.unless():
             return
+        lane = self.lanes[state.lane]
         if state.waiting or state.running:
             state.overruns += 1
             if state.waiting:
@@ -430,7 +432,7 @@ class Scheduler:
         return timers[0][0] if timers and timers[0][0] < turns else turns
 
     def tick(self, now: int) -> None:
-        """Makes due what is due now, and starts what can start."""
+        """Make blocks due, and start the blocks that can start now."""
         registry = self._registry
         timers, fired = registry.timers, registry.fired
         if timers and timers[0][0] <= now:
@@ -447,7 +449,7 @@ class Scheduler:
         if ready.noted or ready.waits_until <= now:
             for lane in ready.due(now):
                 first = lane.take(now)
-                if first is None:  # else its end says when the lane has something to do
+                if first is None:  # else the end of the block looks after the lane
                     ready.postpone(lane)
                     continue
                 if lane.waiting and self._joins is not None and not first.probing:
@@ -460,25 +462,25 @@ class Scheduler:
                 self._starting = None
 
     def _join(self, lane: BlockLane, state: BlockState, joins: Joins, now: int) -> None:
-        """Waiting blocks may come with the exchange of this one."""
+        """Set the companions of a block: waiting blocks that get their data from its exchange."""
         state.companions = tuple(lane.companions(lambda others: joins(state, others)))
         for one in state.companions:
             one.begun(now)
 
     def finished(self, number: int, failure: Failure | None, now: int) -> None:
-        """Count the end of an exchange, as `over` does; a block that no longer exists has no end."""
+        """Count the end of an exchange, as `over` does; ignore a block that no longer exists."""
         state = self.states.get(number)
         if state is not None:
             self.over(state, failure, now)
 
     def over(self, state: BlockState, failure: Failure | None, now: int) -> None:
-        """Count the end of an exchange, a good end if `failure` is None; blocks that wait for it come due.
+        """Count the end of an exchange, a success if `failure` is None; make the blocks due that wait for it.
 
-        A second report of the same end changes nothing.
+        A second report of the same end has no effect.
         """
         if not state.running:
             return
-        lane, registry = state.queue, self._registry
+        lane = self.lanes[state.lane]
         at_once = now - state.started_at < (1 if failure is None else LEAST_TIME)  # real time goes on meanwhile
         lane.ended(state, failure, now, LEAST_TIME if at_once else 0)
         if lane.waiting or lane.failing:
@@ -491,16 +493,15 @@ class Scheduler:
         if state.dead:
             state.dead = lane.is_dead(lane.station_of(state))
         self._ended(state, failure, now)
-        armed = state.armed
-        if armed is not None and armed.levels and armed.level_holds():
-            registry.at(now + LEAST_TIME, state)
-        if registry.fired or self._ready.noted:
+        if (armed := state.armed) is not None and armed.levels and armed.level_holds():
+            self._registry.at(now + LEAST_TIME, state)
+        if self._registry.fired or self._ready.noted:
             self._wake()
         else:
             self._look()
 
     def _mark_changes(self, channel: int, lane: BlockLane) -> None:
-        """The blocks that talk to a station that has died, or is back, show it."""
+        """Note a death or a return of stations in the blocks that ask them, and report it."""
         for station, dead in lane.changes():
             for state in self.states.values():
                 if state.block.channel == channel and lane.station_of(state) == station:
@@ -508,7 +509,7 @@ class Scheduler:
             self._died(channel, station, dead)
 
     def arrived(self, number: int, failure: Failure | None, now: int) -> None:
-        """A frame of a RECEIVE block has come: it counts as one exchange, started and ended."""
+        """Count a received frame of a RECEIVE block as an exchange, started and ended."""
         state = self.states[number]
         if state.starts_left:
             state.starts_left -= 1
