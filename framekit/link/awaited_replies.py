@@ -9,8 +9,10 @@ from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 from framekit.definition.expression import Expression, names_in
+from framekit.definition.model.frames import parts_of
 from framekit.definition.model.procedure import Role, Row, Sequence, Step
 from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.segments import Check
 from framekit.definition.model.values import FrameOf
 from framekit.link.values import (
     EVALUATION_ERRORS,
@@ -37,7 +39,7 @@ class Replies(NamedTuple):
     frames: frozenset[str]
     """Replies that repeat no number of their request."""
     requests: frozenset[str]
-    """Frames with which services ask for these replies, and frames that carry such a request."""
+    """Frames with which services ask for these replies, and frames that carry one of these requests."""
     waits: tuple[Evaluate, ...]
     """Time limits of the steps that wait for them."""
     stations: Mapping[str, tuple[str, Inverse]] = {}
@@ -50,6 +52,8 @@ class Replies(NamedTuple):
     """Names of the parameters that are time limits of the steps."""
     name_stations: bool = False
     """Whether every reply repeats the station of its request."""
+    unproven: frozenset[str] = frozenset()
+    """Replies that have no check code and repeat no field of their request: noise can look like them."""
 
     def is_broadcast(self, value: FrameValue, names: Names) -> bool:
         """Return whether an exchange sends this request without waiting for a reply: its station is a broadcast."""
@@ -90,16 +94,21 @@ def replies_of(protocol: Protocol, role: Role | None) -> Replies:
     named = [bare_name(step.within) for step in steps if step.within is not None]
     limits = tuple(dict.fromkeys(name for name in named if name is not None and name in protocol.params))
     name_stations = _name_stations(frames, stations, protocol)
-    return Replies(frames, requests, waits, stations, beginnings, single, limits, name_stations)
+    unproven = frozenset(
+        name
+        for name in frames
+        if not protocol.frames[name].echo and not any(parts_of(protocol.frames[name].segments, Check))
+    )
+    return Replies(frames, requests, waits, stations, beginnings, single, limits, name_stations, unproven)
 
 
 def _has_reply(steps: tuple[Beginning, ...], names: Names) -> bool:
-    """Whether the first of these steps that is not skipped waits for a reply."""
+    """Return whether the first of these steps that is not skipped waits for a reply."""
     return next((step.has_reply for step in steps if step.when is None or step.when(names)), True)
 
 
 def _beginnings(sequence: Sequence) -> Iterator[Beginning]:
-    """The steps with which it can begin."""
+    """Return the steps with which a sequence can begin."""
     for number, step in enumerate(sequence.steps):
         when = compile_optional(step.when)
         yield Beginning(when, step.send is None or _waits(sequence, number))
@@ -127,7 +136,7 @@ def _waits(sequence: Sequence, number: int) -> bool:
 
 
 def _carriers(sequence: Sequence, steps: list[Step]) -> Iterator[FrameOf]:
-    """The frames in which steps send the request that a sequence was given."""
+    """Return the frames in which steps send the request that a sequence takes."""
     for step in sequence.steps:
         if step in steps and isinstance(step.send, FrameOf):
             values = (one for one in step.send.fields.values() if isinstance(one, Expression))
@@ -156,7 +165,7 @@ def _name_stations(frames: frozenset[str], stations: Mapping[str, tuple[str, Inv
 
 
 def is_numbered(step: Step, protocol: Protocol) -> bool:
-    """Whether each reply repeats a number that the step's request gets anew every time: no other one looks like it."""
+    """Return whether each reply repeats a number that every request of the step gets anew: no other reply has it."""
     if not isinstance(step.send, FrameOf):
         return False
     counted = {

@@ -715,6 +715,7 @@ class Engine(Lanes):
     def _bad(self, bad: BadFrame) -> None:
         self._told.bad(bad)
         self.counters.bad += 1
+        self.late.noisy = self.scope.now
         if self.is_watched:  # to find out what is wrong takes work
             self.show(
                 "bad", "in", bad.raw, bad.frame,
@@ -748,6 +749,7 @@ class Engine(Lanes):
             if not count:
                 continue
             self.counters.noise_bytes += count
+            self.late.noisy = self.scope.now
             reason = "what a bad frame left" if noise.skipped else ""
             self.show("noise", "in", noise.data[-count:], started_at=noise.started_at, reason=reason)
 

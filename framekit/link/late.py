@@ -16,7 +16,7 @@ No request open: in step again, from every state. Sans-I/O: the engine calls the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Mapping
 from typing import Any
 
 from framekit.definition.model.protocol import Protocol
@@ -24,7 +24,7 @@ from framekit.link.awaited_replies import Replies
 from framekit.link.events import Exchange
 from framekit.link.frame_table import FrameTable
 from framekit.link.scope import Scope
-from framekit.link.sequences.state import Run
+from framekit.link.sequences.state import NO_NAMES, Run
 from framekit.link.slow import SlowStations, key_of
 from framekit.link.values import EVALUATION_ERRORS, FrameValue, Names, compile_optional
 
@@ -54,12 +54,15 @@ class OpenRequest:
 
     __slots__ = ("asked", "at", "by_itself", "ends", "frames", "names", "number", "sent", "station", "within")
 
-    def __init__(self, x: Exchange | None, sent: FrameValue | None, names: Names, at: int, within: int) -> None:
+    def __init__(
+        self, x: Exchange | None, sent: FrameValue | None, names: Names, at: int, within: int,
+        frames: Mapping[str, None] = NO_NAMES,
+    ) -> None:  # fmt: skip
         self.asked = sent if x is None else x.asked
         self.sent, self.names = sent, names
         self.station = None if x is None else x.station
-        self.frames = () if x is None else x.expected
-        """Frames that the service of the exchange expects as the reply."""
+        self.frames = frames
+        """Frames that the step waited for; empty: every reply of the role."""
         self.at, self.within = at, within
         self.number = 0
         """Number of this request among all that were ever open on the line."""
@@ -98,7 +101,7 @@ class LateReplies:
 
     __slots__ = (
         "_greatest", "_late", "_scope", "_service", "_table", "count", "expected", "is_answering", "items", "last",
-        "lost", "open", "slow", "strange_since", "until", "within",
+        "lost", "noisy", "open", "slow", "strange_since", "until", "within",
     )  # fmt: skip
 
     def __init__(self, protocol: Protocol, scope: Scope, table: FrameTable) -> None:
@@ -126,6 +129,8 @@ class LateReplies:
         """Whether frames came in this hold that answer a request with several frames."""
         self.strange_since = 0
         """Time of the first frame in this hold that answers no open request; 0: none came."""
+        self.noisy = -1
+        """Time of the last noise, or bad frame, on the line (ns); -1: none came."""
         self._service = 0
         """Greatest time that the device took for one of the open requests, the requests before it not counted."""
 
@@ -141,12 +146,12 @@ class LateReplies:
                 more = within
         return min(max(0, more), LONGEST)
 
-    def miss(self, x: Exchange, started: int, within: int) -> None:
-        """Note that a wait from `started` on ended, or its request is repeated, and no reply has come."""
-        more = self.time(x.names, within)
+    def miss(self, run: Run, x: Exchange) -> None:
+        """Note that the wait of a run ended, or that its request is repeated, and no reply has come."""
+        more = self.time(x.names, run.longest)
         if more:
-            self._add(OpenRequest(x, x.last_sent, x.names, started, within))
-            self._hold(x.station, started, within, more)
+            self._add(request_of(run, x))
+            self._hold(x.station, run.started, run.longest, more)
 
     def took(self, run: Run, x: Exchange) -> None:
         """Note a reply to a request that was repeated: it answers the first of the equal requests, others are open."""
@@ -155,16 +160,20 @@ class LateReplies:
             one for one in self.open if one.number >= run.first_open and one.sent is not None and one.sent.raw == raw
         ]
         if own:
-            self._add(OpenRequest(x, x.last_sent, x.names, run.started, run.longest))
+            self._add(request_of(run, x))
             self._close(own[0])
         elif self.slow:
             self.slow.answered_in_time(x.station)
         if not own:
             self.last = 0  # this reply came in time: a reply before it did not wait for another one
-        if own or self.until:
+        if own or (self.until and self._may_be_another(x.taken)):
             more = self.time(x.names, run.longest)
             self._hold(x.station, own[0].at if own else run.started, run.longest, more)
             self._hold(x.station, run.started, run.longest, more)
+
+    def _may_be_another(self, reply: FrameValue | None) -> bool:
+        """Return whether a reply in time may be the reply to an open request, or to an unknown request."""
+        return not self.open or any(reply is None or self._is_reply_to(reply, one) for one in self.open)
 
     def sent_alone(self, value: FrameValue, is_asking: bool) -> bool:
         """Return whether a frame without an exchange has to wait; if not, and a service asks with it, it is open now.
@@ -257,7 +266,8 @@ class LateReplies:
         """Return the open request that a frame answers which no row takes, or None.
 
         Without one the frame is a sign of unknown requests, and holds the line; not if `is_awaited`: such frames come
-        by themselves too, so only a hold makes one of them a late reply.
+        by themselves too, so only a hold makes one of them a late reply. A frame that noise can look like is no sign
+        of anything if noise came since the request: the request stays open.
         """
         if value.frame not in self.expected.frames and not any(value.frame in one.frames for one in self.open):
             return None
@@ -265,13 +275,14 @@ class LateReplies:
         self.expire()
         if is_awaited and not self.until:
             return None
-        found = next((one for one in self.open if self._could_answer(value, one)), None)
+        found = next((one for one in self.open if self._is_reply_to(value, one)), None)
+        if value.frame in self.expected.unproven and self.noisy >= (now if found is None else found.at):
+            return None
         if found is not None:
             service = self._match(found)
             if not self.expected.is_single:  # it may be one of several frames that answer the request
                 self.open.insert(0, found)
                 self.is_answering = True
-                service = now - found.at
             if not self.open:
                 self.until = 0
                 return found
@@ -318,6 +329,10 @@ class LateReplies:
         """Return whether a reply fits a request: it repeats everything that its definition says."""
         return self._table.repeats(reply, request.asked, request.sent, request.names)
 
+    def _is_reply_to(self, reply: FrameValue, request: OpenRequest) -> bool:
+        """Return whether a reply is a frame that a request waited for, and fits it."""
+        return (not request.frames or reply.frame in request.frames) and self._could_answer(reply, request)
+
     def expire(self) -> None:
         """Drop open requests that no reply is expected for any more."""
         now = self._scope.now
@@ -345,7 +360,7 @@ class LateReplies:
         doubt = run.doubt
         if doubt is None:
             doubt = run.doubt = Doubt(now)
-        doubt.asks.append((OpenRequest(x, x.last_sent, x.names, run.started, within), now))
+        doubt.asks.append((request_of(run, x), now))
         content, took = content_of(results, reply), now - run.started
         if doubt.equal and content == doubt.result:
             doubt.equal += 1
@@ -382,7 +397,7 @@ class LateReplies:
         for request, _ in doubt.asks:
             self._add(request)
         for _, at in doubt.asks:
-            fitting = [one for one in self.open if reply is not None and self._could_answer(reply, one)]
+            fitting = [one for one in self.open if reply is not None and self._is_reply_to(reply, one)]
             if fitting:
                 oldest = min(fitting, key=lambda one: one.at)
                 self.open.remove(oldest)
@@ -437,8 +452,14 @@ class LateReplies:
         return run.doubt is not None and self._scope.now - run.doubt.began > limit
 
 
+def request_of(run: Run, x: Exchange) -> OpenRequest:
+    """Return the request whose reply a run waits for, or has waited for last."""
+    frames = NO_NAMES if run.plan is None else run.plan.frames
+    return OpenRequest(x, x.last_sent, x.names, run.started, run.longest, frames)
+
+
 def silence(took: int, within: int) -> int:
-    """Return how long the line has to be silent after a reply in doubt: as long as that took, or `within` / 8."""
+    """Return how long the line has to be silent after a reply in doubt: as long as the reply took, or `within` / 8."""
     return max(took, within // 8)
 
 
@@ -471,7 +492,7 @@ def missed(run: Run) -> None:
 def still_due(run: Run) -> None:
     """Note that the reply has not come and that the run asks again, or does something else."""
     if run.asked is not None:
-        run.machine.late.miss(run.asked, run.started, run.longest)
+        run.machine.late.miss(run, run.asked)
 
 
 def replied(run: Run) -> None:

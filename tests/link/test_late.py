@@ -93,6 +93,27 @@ def device_of(protocol: Protocol) -> tuple[Engine, DeviceMemory]:
     return device, memory
 
 
+BARE = "\n".join(
+    "  reply: {from: server, head: [{const: STX}, {field: code, type: u8}]}" if line.startswith("  reply:") else line
+    for line in REGISTERS.split("\n")
+)
+"""Its replies have no check code and repeat no field of the request: noise can look like them."""
+
+
+@pytest.mark.parametrize(("noise", "late", "sent"), [(b"", 1, 1600 * MS), (b"\x55", 0, 2000 * MS)])
+def test_bytes_that_look_like_a_reply_are_no_sign_of_it_on_a_noisy_line(noise: bytes, late: int, sent: int) -> None:
+    side = Side(BARE, retries=0)
+    side.read("R1", 11)
+    side.until(1100 * MS)
+    side.read("R2", 22)
+    side.come(noise)
+    side.until(1600 * MS)
+    side.reply(0)
+    assert side.late == late and len(side.sent) == 1 + (sent == side.now)
+    side.until(sent)
+    assert len(side.sent) == 2, "and the hold is no longer for it"
+
+
 def test_the_second_reply_to_a_repeated_request_is_waited_for() -> None:
     side = Side()
     side.read("R1", 11)
