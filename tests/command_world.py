@@ -8,6 +8,7 @@ from unittest.mock import patch
 from framekit.run.model import RunModel
 from framekit.runfile.devices import Device
 from framekit.runfile.run_file import load_run
+from framekit.service.channel import RunMonitor
 from framekit.service.device import DeviceService, devices_of
 from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock
@@ -42,11 +43,13 @@ def loaded(folder: Path, protocol: str, device: str, settings: str) -> tuple[Run
 class CommandWorld:
     """The own memory, the device on the other side, and commands carried out one after the other."""
 
-    def __init__(self, folder: Path, protocol: str, device: str, settings: str = "") -> None:
+    def __init__(
+        self, folder: Path, protocol: str, device: str, settings: str = "", monitor: RunMonitor | None = None
+    ) -> None:
         run, devices = loaded(folder, protocol, device, settings)
         self.clock = VirtualClock()
         with patch("framekit.service.channel.devices_of", lambda channel, folder: devices):
-            self.service = RunService(run, self.clock)
+            self.service = RunService(run, self.clock, monitor)
         self.service.start()
         self.clock.run_for(SECOND)
 

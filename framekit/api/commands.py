@@ -52,7 +52,7 @@ def profile_of(application: Protocol) -> JobProfile:
 
 
 def blocks_of(application: Protocol, protocol: Protocol | None, role: str | None) -> CommandBlocks:
-    """Command blocks over an empty memory, on a port that speaks `protocol` and has done nothing yet."""
+    """Return command blocks over an empty memory, on an idle port that speaks `protocol`."""
     areas, _ = memory_of(application)
     scope = None
     if protocol is not None:
@@ -66,9 +66,9 @@ def blocks_on(line: JobLine) -> CommandBlocks:
 
 
 def meaning_in(blocks: CommandBlocks, protocol: Protocol, data: bytes, *, validate: bool = True) -> Meaning:
-    """What the command means that begins with these bytes. Raises CommandFaultError when they are none.
+    """Return the meaning of the command that begins with these bytes. Raises CommandFaultError if there is no command.
 
-    Without `validate` it is not said whether a port that has done nothing yet would refuse it.
+    `validate` also checks whether an idle port would refuse it.
     """
     return meaning_of(blocks.words.read(data), blocks, protocol, validate=validate)
 
@@ -96,7 +96,7 @@ class CommandMemory:
         return self.memory.snapshot()
 
     def meaning(self, data: bytes) -> tuple[Meaning, Span]:
-        """What a command means, and the place of its status word. Raises CommandFaultError."""
+        """Return the meaning of a command, and the place of its status word. Raises CommandFaultError."""
         meaning = meaning_in(self.blocks, self.protocol, data, validate=False)
         try:
             return meaning, self.blocks.status_place(self.blocks.words.read(data))
@@ -130,7 +130,7 @@ class CommandMemory:
         return {self._address(span.memory, span.unit, place) for place in range(span.start, span.start + span.count)}
 
     def _address(self, area: str, unit: str, place: int) -> str:
-        """A place of the own memory as the application writes it; in words where it has no form for that."""
+        """Return a place of the own memory as the application writes it, in words if no form fits."""
         address = Address(area, unit, place)
         try:
             return self.grammar.print(address) if area in self.grammar.areas else str(address)
@@ -141,7 +141,7 @@ class CommandMemory:
 def record_of(words: CommandWords, plain: Sequence[str], fields: dict[str, object]) -> bytes:
     """The command block that is meant: all its words, those from the command on, or a command with named fields.
 
-    Fields of the words before the command may be given beside either. Raises ValueError.
+    Fields of the head may be given in addition. Raises ValueError.
     """
     head = {name: fields.pop(name) for name in list(fields) if name in words.head()}
     if len(plain) == 1 and not plain[0].lstrip("-")[:1].isdigit():
@@ -182,7 +182,7 @@ def _numbered(words: CommandWords, texts: Sequence[str], head: dict[str, object]
         own = {name: block.block.fields[name] for name in words.head() if name != words.length}
         head, data = {**own, **head}, data[words.head_size :]
     elif not words.is_known(data) and (mismatch := words.head_mismatch(data)):
-        raise ValueError(f"{mismatch} – correct the first word, or leave the head out")
+        raise ValueError(f"{mismatch} – correct the head, or leave it out")
     request, values = words.read_request(data)
     return words.make(request, PlainValues(words.application).to_plain(request, values), head)
 
@@ -191,6 +191,6 @@ def line_of_jobs(
     application: Protocol, profile: JobProfile, settings: ClientSettings, monitor: Monitor | None,
     closed: Callable[[str], None],
 ) -> JobLine:  # fmt: skip
-    """Jobs over a line, in the running loop; `closed` is told why a connection is closed."""
+    """Jobs over a line, in the running loop; `closed` gets the reason of a closed connection."""
     clock = AsyncioClock(asyncio.get_running_loop())
     return JobLine(application, profile, settings.channel(), clock, monitor, closed)

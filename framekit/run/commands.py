@@ -1,6 +1,6 @@
-"""Command blocks of one channel: words of memory become exchanges with the other side, and a status word in the end.
+"""Command blocks of one channel: words of memory become exchanges with the other side and end in a status word.
 
-Words are read as the frame that an application of commands says; `meaning_of` says what they mean, and does nothing.
+The application of commands names the frame by which words are read; `meaning_of` explains a block without an exchange.
 """
 
 from __future__ import annotations
@@ -47,9 +47,9 @@ from framekit.run.block_state import Failure
 
 
 class CommandFaultError(ValueError):
-    """The words are no command block at all, or its status word has no place; no status word can tell of it.
+    """The words are not a command block, or its status word has no place, so no status word can report the fault.
 
-    `segment` is the one at fault, where it is one, `found` what it holds.
+    `segment` is the segment at fault, if a segment is at fault, `found` its content.
     """
 
     def __init__(self, message: str, segment: str = "", found: str = "") -> None:
@@ -59,14 +59,14 @@ class CommandFaultError(ValueError):
 
 
 class StatusPlaceError(CommandFaultError):
-    """The words are a command whose status word has no place."""
+    """The status word of a command has no place."""
 
 
 @dataclass(frozen=True, slots=True)
 class CommandFrame:
-    """A command block that has been read: the whole record, the request inside it, and its bytes in memory's form.
+    """A command block that was read: the whole record, the request inside it, and its bytes in memory's form.
 
-    `request.refusal` is the code of a request that is to be refused as it stands.
+    `request.refusal` is the code by which the frame itself refuses the request.
     """
 
     block: FrameValue
@@ -75,7 +75,7 @@ class CommandFrame:
 
 
 class CommandWords:
-    """Reads and makes the command blocks of one application. Raises ValueError when it has none."""
+    """Read and make the command blocks of one application. Raises ValueError if it has no command blocks."""
 
     def __init__(self, application: Protocol, codec: ProtocolCodec, table: FrameTable, names: Names) -> None:
         self.application = application
@@ -86,12 +86,12 @@ class CommandWords:
         segments = application.frames[self.rules.frame].segments
         before = itertools.takewhile(lambda segment: segment.name != self.rules.request, segments)
         self.head_size = sum(fixed_size(segment) or 0 for segment in before)
-        """Bytes of a block before the request."""
+        """Number of bytes of a block before the request."""
         counts = (one.name for one in segments if isinstance(one, Length) and self.rules.request in one.of)
         self.length = next(counts, "")
 
     def read(self, data: bytes) -> CommandFrame:
-        """The command that begins at the first of these bytes; what comes behind it is not looked at.
+        """Return the command that begins at the first of these bytes; bytes after it are ignored.
 
         Raises CommandFaultError.
         """
@@ -109,21 +109,23 @@ class CommandWords:
         raise CommandFaultError("it has more words than there are")
 
     def head_mismatch(self, data: bytes) -> str:
-        """How the length that a head says and what stands behind the head disagree; '' where neither can be told.
+        """Return the fault of a head in front of a known command, such as a wrong length; '' if the words have no head.
 
-        It is for words that are no command by themselves: those that are one need no head.
+        Call it for words that are not a command by themselves: a command needs no head.
         """
         behind = data[self.head_size :]
         there = plural(len(behind) // 2, "word")
         try:
             said = len(self.read(data + bytes(2 * self.rules.most)).raw) - self.head_size
         except CommandFaultError as error:
+            if error.segment != self.length:
+                return str(error) if error.segment and self.is_known(behind) else ""
             is_head = self.is_known(behind) or (len(data) == self.head_size and error.found == "0")
-            return f"{error} ({there} behind the head)" if is_head and error.segment == self.length else ""
+            return f"{error} ({there} behind the head)" if is_head else ""
         return "" if said == len(behind) else f"the head says {plural(said // 2, 'word')}, and {there} stand behind it"
 
     def is_known(self, data: bytes) -> bool:
-        """Whether these bytes are a request that does not exist to be refused."""
+        """Return whether these bytes are a request of a frame that is not always refused."""
         try:
             name, _ = self.read_request(data)
         except CommandFaultError:
@@ -131,9 +133,9 @@ class CommandWords:
         return self.application.frames[name].refuse is None
 
     def make(self, request: str, fields: Mapping[str, Any], head: Mapping[str, Any]) -> bytes:
-        """The bytes of a command with these plain values, the usual ones where none are given.
+        """Return the bytes of a command with these plain values; missing values get their defaults.
 
-        Raises ValueError (EncodeError) naming what does not fit.
+        Raises ValueError (EncodeError) that names the unfit value.
         """
         known = PlainValues(self.application).from_plain(
             self.rules.frame, {**head, self.rules.request: {request: dict(fields)}}
@@ -141,7 +143,7 @@ class CommandWords:
         return self._table.encode(FrameValue(self.rules.frame, known), self._names)
 
     def read_request(self, data: bytes) -> tuple[str, dict[str, Any]]:
-        """The request that exactly these bytes are, by its name, and its fields. Raises CommandFaultError."""
+        """Return the name and the fields of the request that exactly these bytes are. Raises CommandFaultError."""
         for name in self.requests:
             try:
                 return name, self._table.infos[name].decode(data, self._names)
@@ -151,14 +153,14 @@ class CommandWords:
 
     @property
     def requests(self) -> tuple[str, ...]:
-        """The commands there are, by the names of their frames; those that exist to be refused come last."""
+        """The frame names of all commands; frames that are always refused come last."""
         frame = self.application.frames[self.rules.frame]
         return tuple(
             name for inner in parts_of(frame, Inner) if inner.name == self.rules.request for name in inner.frames
         )
 
     def head(self) -> tuple[str, ...]:
-        """The fields of a block beside the request."""
+        """Return the names of the fields of a block without the request."""
         return tuple(
             segment.name
             for segment in self.application.frames[self.rules.frame].segments
@@ -167,19 +169,19 @@ class CommandWords:
 
 
 def rules_of(application: Protocol) -> CommandRules:
-    """How an application's records are command blocks. Raises ValueError when it has none."""
+    """Return the section `commands` of an application. Raises ValueError if it has no command blocks."""
     if application.commands is None:
         raise ValueError(f"'{application.name}' has no command blocks")
     return application.commands
 
 
 def words_of(data: bytes) -> list[int]:
-    """Bytes in memory's form as words of 16 bits."""
+    """Return bytes in memory's form as words of 16 bits."""
     return [int.from_bytes(data[at : at + 2], "little") for at in range(0, len(data), 2)]
 
 
 def bytes_of(words: list[int]) -> bytes:
-    """Words of 16 bits, also negative ones, in memory's form. Raises ValueError for a number that is none."""
+    """Return words of 16 bits, signed or unsigned, in memory's form. Raises ValueError for a number out of range."""
     for word in words:
         if not -0x8000 <= word <= 0xFFFF:
             raise ValueError(f"{word} is no word of 16 bits: 0 to 65535")
@@ -187,21 +189,21 @@ def bytes_of(words: list[int]) -> bytes:
 
 
 NO_PLACE, NO_OWN_PLACE = "no_such_place", "no_own_place"
-"""Outcomes of places that the other side's protocol, or the own memory, does not have."""
+"""Outcomes of places that the protocol of the other side, or the own memory, does not have."""
 
 ParamsOf = Callable[[Any], Mapping[str, Any]]
 """The parameters that a channel has for a station."""
 
 
 NO_REPLY = FrameValue("", {})
-"""What `reply` is where there was none: a frame without fields."""
+"""The value of `reply` without a reply: a frame without fields."""
 
 
 @dataclass(slots=True, kw_only=True)
 class OperationEnd:
-    """How an operation ended: '' or the name of the failure, the device's code, what it brought.
+    """The end of an operation: '' or the name of the failure, the code of the device, the results.
 
-    `status` is the status word of a refusal that has one already.
+    `status` is the status word of a refusal, if the refusal has a status word.
     """
 
     outcome: str = ""
@@ -218,7 +220,7 @@ class OperationEnd:
         return not self.outcome
 
     def names(self) -> dict[str, Any]:
-        """As expressions see it; `code` is 0 where the device gave none."""
+        """Return the names that expressions use; `code` is 0 if the device gave no code."""
         return {
             "ok": int(self.ok), "outcome": self.outcome, "cause": self.cause, "code": self.code or 0,
             "refused": int(self.code is not None), "result": self.result,
@@ -228,7 +230,7 @@ class OperationEnd:
 
 
 class Operation:
-    """One exchange, or several one after the other; `on_end` is called exactly once."""
+    """One exchange, or several in sequence; `on_end` is called exactly once."""
 
     def __init__(
         self, around: CommandBlocks, engine: Engine, client: Client, block: CompiledBlock, names: Names,
@@ -248,7 +250,7 @@ class Operation:
         self._back: Callable[[], None] | None = None
 
     def begin(self, station: Any, now: int) -> list[LinkCommand]:
-        """Starts it; `station` is the other side where the block names none."""
+        """Start the exchange; `station` is the other side if the block names no station."""
         block = self.block
         try:
             given = None if block.station is None else block.station(self.names)
@@ -266,14 +268,14 @@ class Operation:
         return commands
 
     def _act(self, now: int) -> list[LinkCommand]:
-        """The next thing that goes over the line; the end when there is nothing more."""
+        """Start the transfer or the first call of the block; a block without either ends."""
         try:
             if self.block.read is not None:
                 return self._read(now)
             if self.block.write is not None:
                 return self._write(now)
             if self._calls:
-                return self._call(now)
+                return self._first_call(now)
         except UnknownAreaError as error:
             return self._failed(NO_PLACE, str(error))
         except DeviceMemoryError as error:
@@ -287,6 +289,14 @@ class Operation:
 
     # ---- services -----------------------------------------------------------------------------------------
 
+    def _first_call(self, now: int) -> list[LinkCommand]:
+        """Check the own places of the calls and read the data that go to the other side, then make the first call."""
+        if self.block.into is not None:
+            self._own = self._checked(self._own_place(self.block.into.where(self.names)))
+        if self.block.source is not None:
+            self.end.data = self._own_data(self._own_place(self.block.source.on(self.names)))[0]
+        return self._call(now)
+
     def _call(self, now: int) -> list[LinkCommand]:
         service, arguments = self._calls.pop(0)
         known = Names(self.end.names(), self.names)
@@ -296,10 +306,28 @@ class Operation:
     def _called(self, result: TransferResult) -> None:
         self._note(result)
         self.end.result = {**self.end.result, **result.gives}
-        if not result.ok or not self._calls:
-            self._ended()
-        else:
-            self._act(self.engine.scope.now)
+        if result.ok and self._calls:
+            self._proceed()
+            return
+        if result.ok and self._own is not None:
+            self._store_called(self._own)
+        self._ended()
+
+    def _proceed(self) -> None:
+        """Make the next call."""
+        try:
+            self._call(self.engine.scope.now)
+        except (AddressError, *EVALUATION_ERRORS) as error:
+            self._failed("cannot_send", explain(error))
+
+    def _store_called(self, own: Span) -> None:
+        """Write the data of the calls into the own place that was checked before them."""
+        assert self.block.into is not None
+        try:
+            data = bytes(self.block.into.on(Names(self.end.names(), self.names))["data"])
+            self.around.areas.write(own, fitted(data, own.count * unit_bits(own.unit)))
+        except (DeviceMemoryError, *EVALUATION_ERRORS) as error:
+            self.end.outcome, self.end.cause = "cannot_store", explain(error)
 
     def _note(self, result: TransferResult) -> None:
         end = self.end
@@ -310,7 +338,7 @@ class Operation:
     # ---- transfers ----------------------------------------------------------------------------------------
 
     def _read(self, now: int) -> list[LinkCommand]:
-        """Elements of the other side into the own memory."""
+        """Read elements of the other side into the own memory."""
         assert self.block.read is not None
         given = self.block.read.on(self.names)
         shared = self.client.shared
@@ -347,7 +375,7 @@ class Operation:
         self._ended()
 
     def _write(self, now: int) -> list[LinkCommand]:
-        """Elements of the own memory to the other side."""
+        """Write elements of the own memory to the other side."""
         assert self.block.write is not None
         given, shared = self.block.write.on(self.names), self.client.shared
         address = address_of(shared.grammar, codes_of(shared.protocol), given)
@@ -360,19 +388,23 @@ class Operation:
         return self.client.write(address, values, station=self._station, now=now, on_done=self._was_written).commands
 
     def _source(self, given_own: dict[str, Any], address: Address, given: Mapping[str, Any]) -> tuple[bytes, int]:
-        """What the own place gives, and how many elements of the other side that is."""
+        """Return the data of the own place, and the number of elements of the other side that they fill."""
         own = self._own_place(given_own)
         width = unit_bits(self.around.own_span(own).unit)
         if "count" not in own:
             own["count"] = -(-int(given.get("count", 1)) * address.unit_bits // width)
+        data, bits = self._own_data(own)
+        return data, int(given["count"]) if "count" in given else -(-bits // address.unit_bits)
+
+    def _own_data(self, own: Mapping[str, Any]) -> tuple[bytes, int]:
+        """Return the bytes of an own place in memory's form, and the number of its bits."""
         span = self.around.own_span(own)
         try:
             data = self.around.areas.read(span, self.names)
         except UnknownAreaError as error:
             raise DeviceMemoryError(str(error)) from None
-        bits = span.count * width
-        count = int(given["count"]) if "count" in given else -(-bits // address.unit_bits)
-        return fitted(data, bits), count
+        bits = span.count * unit_bits(span.unit)
+        return fitted(data, bits), bits
 
     def _was_written(self, result: TransferResult) -> None:
         self._note(result)
@@ -394,19 +426,19 @@ class Operation:
 
 
 def fitted(data: bytes, bits: int) -> bytes:
-    """Exactly `bits` bits of data in memory's form: the first ones, then zeros."""
+    """Return exactly `bits` bits of data in memory's form, cut or padded with zeros."""
     return cut_memory(data.ljust(-(-bits // 8), b"\0"), 0, bits)
 
 
 SUCCESS = 1
-"""The status word of success where an application does not say one."""
+"""The status word of success if an application defines no other."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CommandEnd:
-    """How a command block ended. `status` is its status word and `meaning` the name of that.
+    """The end of a command block: its status word and the meaning of the word.
 
-    `fault`: why it was not carried out although no status word tells of it; then `status` is 0.
+    `fault`: the reason of a block that was not executed and has no status word; then `status` is 0.
     """
 
     status: int = 0
@@ -419,7 +451,7 @@ Ended = Callable[[CommandEnd], None]
 
 
 class CommandBlocks:
-    """Carries out command blocks of `application` on one channel. Raises ValueError when that has none.
+    """Execute command blocks of `application` on one channel. Raises ValueError if it has no command blocks.
 
     `channel`: the names of the line; default: those of the application alone. `mapping` puts areas of the application
     elsewhere in the own memory (see `DeviceAreas`). Without `client` and `engine` blocks can only be read and planned.
@@ -454,11 +486,11 @@ class CommandBlocks:
 
     @property
     def areas(self) -> DeviceAreas:
-        """The own memory, by the areas of the application."""
+        """The own memory, accessed by the areas of the application."""
         return self.server.areas
 
     def own_span(self, given: Mapping[str, Any]) -> Span:
-        """A place of the own memory by its words. Raises UnknownAreaError."""
+        """Return a place of the own memory from its words. Raises UnknownAreaError."""
         return span_of(self.areas, self.server.shared.grammar, self.server.codes, given)
 
     def _take(self, block: CompiledBlock, names: Names) -> int | None:
@@ -468,11 +500,11 @@ class CommandBlocks:
     # ---- understanding ------------------------------------------------------------------------------------
 
     def names_of(self, command: CommandFrame) -> Names:
-        """What the expressions of the application see of a command."""
+        """Return the names that expressions of the application use for a command."""
         return Names({"block": command.block, "record": command.raw}, self.scope)
 
     def waits(self, command: CommandFrame) -> int:
-        """How long (ns) a command may take before that is a fault; NEVER where nothing waits."""
+        """Return the time (ns) after which a command is a fault; NEVER if no time limit applies."""
         try:
             names = Names({"request": command.request}, self.names_of(command))
             return NEVER if self._waits is None else int(self._waits(names))
@@ -480,14 +512,14 @@ class CommandBlocks:
             return NEVER
 
     def waits_for(self, data: bytes) -> int:
-        """As `waits`, for the command that begins with these bytes; NEVER when they are none."""
+        """Return `waits` of the command that begins with these bytes; NEVER if they are not a command."""
         try:
             return self.waits(self.words.read(data))
         except CommandFaultError:
             return NEVER
 
     def meaning(self, status: int) -> str:
-        """The name of a status word; empty when it has none."""
+        """Return the meaning of a status word; empty if it has no meaning."""
         if self._meaning is None:
             return ""
         try:
@@ -496,7 +528,7 @@ class CommandBlocks:
             return ""
 
     def plan(self, command: CommandFrame) -> tuple[int, CompiledBlock | None, Names]:
-        """Serves the request: the code of a refusal or 0, and the exchange it asks for with its names, if any."""
+        """Serve the request; return the code of a refusal or 0, and the exchange that it asks for with its names."""
         names = self.names_of(command)
         self._taken = None
         served = self.server.serve(command.request, b"", None, False, names)
@@ -510,9 +542,9 @@ class CommandBlocks:
     def start(
         self, data: bytes, station: Any, now: int, ended: Ended, params_of: ParamsOf | None = None
     ) -> list[LinkCommand]:
-        """Carries out the command that begins with these bytes; `ended` is called once, perhaps before it returns.
+        """Execute the command that begins with these bytes; `ended` is called once, possibly before the method returns.
 
-        `params_of`: parameters for the station that it turns out to be for.
+        `params_of` returns the parameters of the station that the command names.
         """
         try:
             command = self.words.read(data)
@@ -539,22 +571,22 @@ class CommandBlocks:
         return Operation(self, self.engine, self.client, block, names, done, params_of).begin(station, now)
 
     def status_place(self, command: CommandFrame) -> Span:
-        """Where the status word goes. Raises DeviceMemoryError when nothing can be written there."""
+        """Return the place of the status word. Raises DeviceMemoryError if the place cannot be written."""
         given = self.status_words(command)
         return self.checked_span({**given, "count": 16 // unit_bits(self.own_span(given).unit)})
 
     def status_words(self, command: CommandFrame) -> dict[str, Any]:
-        """The words that say where the status word goes."""
+        """Return the words that name the place of the status word."""
         return self._status.on(Names({"request": command.request}, self.names_of(command)))
 
     def checked_span(self, given: Mapping[str, Any]) -> Span:
-        """A place that can be written. Raises DeviceMemoryError."""
+        """Return a place that can be written. Raises DeviceMemoryError."""
         span = self.own_span(given)
         self.areas.check(span, write=True)
         return span
 
     def afterwards(self, rows: Sequence[CompiledAfter], end: OperationEnd, names: Names) -> None:
-        """What is done when an exchange has ended; a row that cannot be done makes a failure of a good end."""
+        """Carry out the changes after an exchange; a change that fails turns a good end into a failure."""
         known = Names(end.names(), names)
         for row in rows:
             try:
@@ -576,7 +608,7 @@ class CommandBlocks:
         self.areas.write(span, fitted(data, span.count * width))
 
     def _status_word(self, end: OperationEnd, names: Names) -> int:
-        """The status word of an end; a formula that cannot be worked out gives all ones."""
+        """Return the status word of an end; a formula that fails gives all ones."""
         known = Names(end.names(), names)
         try:
             if end.ok:
@@ -587,7 +619,7 @@ class CommandBlocks:
             return 0xFFFF
 
     def _finish(self, place: Span, names: Names, end: OperationEnd) -> CommandEnd:
-        """Everything that follows an exchange; the status word comes last."""
+        """Carry out all changes after an exchange; write the status word last."""
         word = self._status_word(end, names)
         before = end.outcome
         self.afterwards(self.then, end, Names({"status": word}, names))
@@ -602,9 +634,9 @@ class CommandBlocks:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Meaning:
-    """A command in words. `names` are the names of its numbers, by field; `does` one line for each thing it does.
+    """An explained command. `names`: names of its numbers, by field; `does`: a line for each action.
 
-    `refused`: the status word of a refusal as things stand now, else 0; `because` is its name.
+    `refused`: the status word of a refusal in the present state, else 0; `because` is its meaning.
     """
 
     words: list[int]
@@ -619,7 +651,7 @@ class Meaning:
 
 
 def meaning_of(command: CommandFrame, blocks: CommandBlocks, channel: Protocol, *, validate: bool = True) -> Meaning:
-    """What a command means on a channel that speaks `channel`; without `validate` not whether it would be refused."""
+    """Return the meaning of a command on a channel that speaks `channel`; `validate` also checks for refusals."""
     application = blocks.words.application
     show = PlainValues(application)
     fields = plain(command.request.fields)
@@ -645,7 +677,7 @@ def meaning_of(command: CommandFrame, blocks: CommandBlocks, channel: Protocol, 
 
 
 def _number_names(application: Protocol, frame: str, fields: Mapping[str, Any]) -> dict[str, str]:
-    """The names of the numbers of a frame, where they have any."""
+    """Return the names of the numbers of a frame, for fields that have names."""
     found = {}
     for segment in flat(application.frames[frame].segments):
         if isinstance(segment, Field) and segment.values and fields.get(segment.name) in segment.values:
@@ -654,7 +686,7 @@ def _number_names(application: Protocol, frame: str, fields: Mapping[str, Any]) 
 
 
 class _Speaks:
-    """Writes places and exchanges down."""
+    """Describe places and exchanges in text."""
 
     def __init__(self, blocks: CommandBlocks, channel: Protocol) -> None:
         self.blocks = blocks
@@ -688,19 +720,22 @@ class _Speaks:
                 yield f"stores two words from the own {self.own(block.into.on(names))} on"
         for service, arguments in block.calls:
             yield f"calls {service}" + "".join(f" {name}={_value(arguments[name], names)}" for name in arguments)
+        for word, place in (("sends", block.source), ("fills", block.into)):
+            if place is not None and block.calls:
+                yield f"{word} the own {self.own(place.where(names))}"
         for after in block.then:
             if after.store is not None:
                 yield f"stores what it brings from the own {self.own(after.store.where(names))} on"
 
     def other(self, given: Mapping[str, Any]) -> str:
-        """A place of the other side."""
+        """Return the text of a place of the other side."""
         try:
             return _with_count(self.there, address_of(self.there, self.codes, given), given.get("count"))
         except (DeviceMemoryError, AddressError) as error:
             return f"a place that is not there ({error})"
 
     def own(self, given: Mapping[str, Any]) -> str:
-        """A place of the own memory; an area that is named as the memory names it has no address to print."""
+        """Return the text of a place of the own memory; areas in the words of the memory have no address form."""
         if "memory" in given:
             unit, count = given.get("unit") or "element", given.get("count")
             text = f"{unit} {given.get('start', 0)} of {given['memory']}"
@@ -723,7 +758,7 @@ def _with_count(grammar: AddressGrammar, address: Address, count: Any) -> str:
 
 
 def _job(job: CompiledJob, names: Names) -> str:
-    """A command to jobs: which slot, and how often the transfer is repeated."""
+    """Return the text of a command to jobs: the slot, and the repetition of the transfer."""
     slot = job.slot(names)
     if job.kind != "job":
         return f"{job.kind}s " + ("all jobs" if slot == "all" else f"the job in slot {slot}")

@@ -53,7 +53,6 @@ def test_what_stands_behind_a_block_is_not_looked_at() -> None:
         ([0, *HEAD, 6002], "'words' is 0"),
         ([129, *HEAD, *[6002] * 129], "'words' is 129"),
         ([2, *HEAD, 6002], "more words than there are"),
-        ([1, 2, 8, 9, 0, 0, 6002], "'wait' is 2"),
         ([1, 0, 9, 9, 0, 0, 6002], "'status_type' is 9"),
         ([1], "more words than there are"),
     ],
@@ -70,8 +69,12 @@ def test_numbers_that_are_no_words_are_refused() -> None:
 
 
 def test_a_transfer_is_told_with_both_its_places() -> None:
+    found = meaning("snp", 7203, 8, 200, 50, 8, 1)
+    assert found.does == ["other side: ''", "writes %R200 from the own %R1 (50 × word)"]
+    found = meaning("ccm", 6101, 10, 2, 9, 1, 30)
+    assert found.does[1:] == ["calls read_memory type=2 address=9 bytes=2", "fills the own %R30"]
     found = meaning("ccm", 6111, 10, 1, 200, 50, 1)
-    assert found.does == ["other side: 10", "writes %R200 from the own %R1 (50 × word)"]
+    assert found.does[1:] == ["calls write_memory type=1 address=200 data=…", "sends the own %R1 (50 × word)"]
     assert (found.status, found.refused, found.names["type"]) == ("%R10", 0, "registers")
 
 
@@ -91,4 +94,4 @@ def test_a_refusal_is_told_with_its_name() -> None:
     found = meaning("snp", 7202, 8, 1, 10, 70, 1)
     assert (found.refused, found.because) == (0x030C, "no SNP session")
     found = meaning("ccm", 6101, 10)
-    assert (found.request, found.refused) == ("wrong_length", 30)
+    assert (found.request, found.refused) == ("wrong_length", 2)

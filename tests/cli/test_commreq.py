@@ -156,8 +156,10 @@ def test_the_own_memory_can_be_set(port: list[str], capsys: pytest.CaptureFixtur
 @pytest.mark.parametrize(
     ("words", "status", "told"),
     [
-        (["6101", "5", "4", "1", "1", "1"], 1, "0x000A invalid memory type"),
-        (["6101", "9", "1", "1", "1", "1"], 3, "0x0017 no valid acknowledge to a master enquiry (no_enquiry_answer)"),
+        (["6101", "5", "200", "1", "1", "1"], 1, "0x0A02 invalid memory type"),
+        (["6101", "5", "4", "1", "1", "1"], 3, "0x1602 ACK or NAK expected, not received (aborted)"),
+        (["6", "2", "8", "9", "0", "0", "6101", "5", "1", "1", "1", "1"], 1, "%R10 = 0x0004 values of the COMMREQ"),
+        (["6101", "9", "1", "1", "1", "1"], 3, "0x1702 no valid acknowledge to a master enquiry (no_enquiry_answer)"),
         (["1", "0", "8", "65535", "0", "0", "6002"], 0, "%R65536 = 0x0001"),
     ],
 )
@@ -171,8 +173,8 @@ def test_the_exit_status(
 
 
 def test_words_that_are_no_block_exit_with_2(port: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([*port, "ccm_read", "wait=7"]) == 2
-    assert "wait" in capsys.readouterr().err
+    assert main([*port, "6", "0", "9", "9", "0", "0", "6101", "5", "1", "1", "4", "20"]) == 2
+    assert "'status_type' is 9, expected" in capsys.readouterr().err
 
 
 def test_the_own_number_is_asked_for(port: list[str], capsys: pytest.CaptureFixture[str]) -> None:

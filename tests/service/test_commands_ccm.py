@@ -7,6 +7,15 @@ from pathlib import Path
 import pytest
 from command_world import SECOND, CommandWorld
 
+LENGTH, PORT, VALUES = 0x0002, 0x0003, 0x0004
+"""Status words of the three errors whose numbers the manual does not show."""
+
+
+def error(code: int) -> int:
+    """The status word of an error of the manual's table: its code in the high byte."""
+    return code << 8 | 2
+
+
 DEVICE = "station: 5\nmemory: {set: {'%R101': [11, 22, 33, 44], '%I9': [1, 0, 1, 1, 0, 0, 1, 0], '%Q17': [1, 1]}}\n"
 
 
@@ -71,12 +80,12 @@ def test_set_q_response_of_the_own_slave(tmp_path: Path) -> None:
     world = CommandWorld(tmp_path, "ccm", "station: 5\n", ", role: slave, own: 7")
     assert world.do(6001, 0x0201, 0x0403) == 1
     assert world.service.channels[1].engine.scope["quick_data"] == bytes([1, 2, 3, 4])
-    assert world.do(6101, 5, 1, 1, 1, 1) == 31, "a slave asks nobody"
+    assert world.do(6101, 5, 1, 1, 1, 1) == PORT, "a slave asks nobody"
 
 
 def test_own_status_words(world: CommandWorld) -> None:
     assert world.do(6101, 5, 1, 101, 1, 200) == 1
-    assert world.do(6101, 9, 1, 101, 1, 200) == 23, "nobody is 9"
+    assert world.do(6101, 9, 1, 101, 1, 200) == error(23), "nobody is 9"
     assert world.do(6003, 0, 0, 1, 12, 600) == 1
     assert world.own("R", 600, 2) == [23, 1] and world.own("R", 611) == [0x0103]
     assert world.do(6003, 0, 0, 2, 1, 700) == 1
@@ -92,33 +101,31 @@ def test_software_configuration(world: CommandWorld) -> None:
     keep = [0xFFFF]
     assert world.do(6004, 1000, *keep * 8, 16, *keep * 4) == 1
     assert (scope["turnaround"], scope["enq_count"], scope["data_ack"]) == (SECOND, 16, before)
-    assert world.do(6004, *keep * 9, 51, *keep * 4) == 32
-    assert world.do(6004, *keep * 12, 3, *keep) == 32, "there are no three wires"
+    assert world.do(6004, *keep * 9, 51, *keep * 4) == VALUES
+    assert world.do(6004, *keep * 12, 3, *keep) == VALUES, "there are no three wires"
 
 
 @pytest.mark.parametrize(
     ("words", "code"),
     [
-        ([6101, 5, 1, 101, 3], 30),
-        ([6101, 5, 1, 101, 3, 200, 0], 30),
-        ([6099], 32),
-        ([6101, 0, 1, 101, 3, 200], 32),
-        ([6101, 91, 1, 101, 3, 200], 32),
-        ([6101, 5, 1, 101, 0, 200], 8),
-        ([6101, 5, 1, 101, 3, 0], 32),
-        ([6101, 5, 4, 101, 3, 200], 10),
-        ([6111, 5, 9, 1, 3, 200], 10),
-        ([6110, 5, 15, 1], 10),
-        ([6110, 5, 13, 0], 4),
-        ([6102, 5, 2, 9, 7, 17], 12),
-        ([6102, 5, 2, 9, 8, 18], 12),
-        ([6101, 5, 1, 101, 3, 2047], 7),
-        ([6102, 5, 2, 9, 8, 513], 4),
-        ([6101, 5, 1, 2049, 1, 1], 10),
-        ([6001, 1, 2], 16),
-        ([6003, 0, 0, 0, 1, 100], 11),
-        ([6003, 0, 0, 20, 2, 100], 11),
-        ([6101, 9, 1, 101, 1, 200], 23),
+        ([6101, 5, 1, 101, 3], LENGTH),
+        ([6101, 5, 1, 101, 3, 200, 0], LENGTH),
+        ([6099], VALUES),
+        ([6101, 0, 1, 101, 3, 200], VALUES),
+        ([6101, 91, 1, 101, 3, 200], VALUES),
+        ([6101, 5, 1, 101, 0, 200], error(8)),
+        ([6101, 5, 1, 101, 3, 0], VALUES),
+        ([6101, 5, 128, 101, 3, 200], error(10)),
+        ([6101, 5, 1, 101, 32768, 200], error(5)),
+        ([6102, 5, 2, 9, 7, 17], error(12)),
+        ([6102, 5, 2, 9, 8, 18], error(12)),
+        ([6101, 5, 1, 101, 3, 2047], error(7)),
+        ([6111, 5, 1, 101, 3, 2047], error(7)),
+        ([6102, 5, 2, 9, 8, 513], error(4)),
+        ([6001, 1, 2], error(16)),
+        ([6003, 0, 0, 0, 1, 100], error(11)),
+        ([6003, 0, 0, 20, 2, 100], error(11)),
+        ([6101, 9, 1, 101, 1, 200], error(23)),
     ],
 )
 def test_refusals_and_failures(world: CommandWorld, words: list[int], code: int) -> None:
@@ -130,17 +137,83 @@ def test_refusals_and_failures(world: CommandWorld, words: list[int], code: int)
     assert status.last_failure.device_code == code and status.last_failure.meaning
 
 
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        ([6101, 5, 4, 101, 3, 200], 10),
+        ([6101, 5, 7, 1, 2, 200], 10),
+        ([6111, 5, 9, 1, 3, 200], 9),
+        ([6111, 5, 6, 1, 2, 200], 3),
+        ([6110, 5, 15, 1], 10),
+        ([6110, 5, 13, 0], 4),
+        ([6101, 5, 1, 0, 1, 1], 7),
+        ([6102, 5, 2, 10, 8, 17], 12),
+        ([6101, 5, 6, 250, 6, 1], 12),
+        ([6101, 5, 9, 20, 2, 1], 11),
+    ],
+)
+def test_the_target_judges_types_and_addresses(world: CommandWorld, words: list[int], code: int) -> None:
+    world.put("R", 200, 77)
+    assert world.do(*words) == error(22), "it ends the conversation instead of an ACK"
+    assert world.own("R", 200) == [77] and not world.fault
+    assert world.there.engine.scope["last_error"] == code
+
+
+@pytest.mark.parametrize(
+    ("words", "header"),
+    [
+        ([6102, 5, 2, 2, 8, 17], "0502000200010117"),
+        ([6112, 5, 2, 4, 8, 1], "0582000400010117"),
+        ([6101, 5, 7, 65535, 3, 1], "0507FFFF00060117"),
+        ([6103, 5, 120, 0, 512, 1], "0578000000400117"),
+        ([6110, 5, 21, 4097], "0595100100000117"),
+        ([6101, 5, 1, 101, 3, 200], "0501006500060117"),
+        ([6113, 5, 1, 300, 8, 1], "0581012C00020117"),
+    ],
+)
+def test_headers_have_the_type_and_the_address_of_the_block(tmp_path: Path, words: list[int], header: str) -> None:
+    """Byte-oriented addresses of a Series One, Three or Five, and types that only other targets have."""
+    seen: list[bytes] = []
+    world = CommandWorld(tmp_path, "ccm", DEVICE, ", role: master, own: 1", lambda _, event: seen.append(event.raw))
+    world.put("Q", 1, *[0] * 8)
+    world.do(*words)
+    sent = [data[1:15].decode("ascii") for data in seen if data[:1] == b"\1"]
+    assert sent[:1] == [header[:-2]]
+
+
+def test_large_targets(tmp_path: Path) -> None:
+    device = "station: 25\nmemory: {sizes: {Q1: 1024, R1: 16384}, set: {Q713: 1, R5000: [7, 8]}}\n"
+    world = CommandWorld(tmp_path, "ccm", device, ", role: master, own: 1")
+    assert world.at("Q", 713) == [1]
+    assert world.do(6110, 25, 18, 713) == 1 and world.at("Q", 713) == [0]
+    assert world.do(6101, 25, 1, 5000, 2, 1) == 1 and world.own("R", 1, 2) == [7, 8]
+    assert world.do(6101, 25, 1, 16384, 2, 1) == error(22)
+
+
+def test_status_words_have_the_last_error_status_and_command(world: CommandWorld) -> None:
+    assert world.do(6101, 5, 1, 101, 0, 200) == error(8), "refused here"
+    assert world.do(6003, 0, 0, 1, 20, 600) == 1
+    assert world.own("R", 600) == [8]
+    assert world.own("R", 612, 8) == [error(8), 6101, 5, 1, 101, 0, 200, 0]
+
+
+def test_wait_words_that_are_wrong_are_reported_where_the_block_says(world: CommandWorld) -> None:
+    assert world.do(6101, 5, 1, 101, 3, 200, wait=2) == VALUES
+    assert world.own("R", 200) == [0] and not world.fault
+    assert world.do(6101, 5, 1, 101, 3, 200, wait=1, longest=50000) == 1
+
+
 def test_what_the_target_breaks_off(tmp_path: Path) -> None:
     device = (
         "station: 5\nmemory: {areas: {R: {unit: word, size: 50}, I: {unit: bit, size: 8}, Q: {unit: bit, size: 8}}}\n"
     )
     world = CommandWorld(tmp_path, "ccm", device, ", role: master, own: 1")
-    assert world.do(6101, 5, 1, 51, 1, 200) == 22, "it ends the conversation instead of an ACK"
+    assert world.do(6101, 5, 1, 51, 1, 200) == error(22), "it ends the conversation instead of an ACK"
     assert world.do(6101, 5, 1, 50, 1, 200) == 1
 
 
 def test_q_responses_time_out(world: CommandWorld) -> None:
-    assert world.do(6109, 9, 0, 0, 0, 100) == 15
+    assert world.do(6109, 9, 0, 0, 0, 100) == error(15)
 
 
 def test_peers(tmp_path: Path) -> None:
@@ -148,6 +221,6 @@ def test_peers(tmp_path: Path) -> None:
         tmp_path, "ccm", "station: 5\nrole: peer\nmemory: {set: {'%R1': [7]}}\n", ", role: peer, own: 1"
     )
     assert world.do(6101, 5, 1, 1, 1, 20) == 1 and world.own("R", 20) == [7]
-    assert world.do(6109, 5, 0, 0, 0, 100) == 31, "quick reads are a master's"
+    assert world.do(6109, 5, 0, 0, 0, 100) == PORT, "quick reads are a master's"
     world.there.stop()
-    assert world.do(6101, 5, 1, 1, 1, 20) == 25
+    assert world.do(6101, 5, 1, 1, 1, 20) == error(25)

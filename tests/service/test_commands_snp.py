@@ -191,7 +191,7 @@ def test_diagnostic_status_words(world: CommandWorld) -> None:
     assert world.do(7000) == 1
     assert world.do(7001, 2, 1, AI, 3) == 1
     assert world.own("AI", 3) == [0]
-    assert world.do(7001, 20, 2, R, 800) == 0x080C
+    assert world.do(7001, 20, 2, R, 800) == 0x0D0C
 
 
 def test_change_snp_id_of_the_own_slave(tmp_path: Path) -> None:

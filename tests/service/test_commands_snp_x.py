@@ -100,7 +100,7 @@ def test_diagnostic_status_words(world: CommandWorld) -> None:
         ([7101, *ID, 0, R, 1, 501, R, 100], 0x1C0C),
         ([7101, *ID, 0, R, 32640, 2, R, 100], 0x0B0C),
         ([7101, *text_words("OTHER"), 0, R, 1, 1, R, 100], 0x460C),
-        ([7001, 0, 1, R, 100], 0x080C),
+        ([7001, 0, 1, R, 100], 0x0D0C),
     ],
 )
 def test_refusals(world: CommandWorld, words: list[int], code: int) -> None:

@@ -87,6 +87,8 @@ def check_commands(protocol: Protocol, broken: Collection[str] = ()) -> Iterator
         report = None if work.job is None else work.job.report
         for where in (work.read, work.write, work.into, work.source, report):
             yield from _place(work.at, where)
+        if work.calls and work.read is None and work.into is not None and "data" not in work.into:
+            yield Problem(work.at, "nothing says which data of the call go into the own memory", "add data: to into")
         for after in work.then:
             yield from _stored(after.store, after.at)
 

@@ -1,4 +1,4 @@
-"""Services, addresses, errors, what a server refuses, and command blocks. Guide: areas, services, serving."""
+"""Read services, addresses, errors, refusals of a server, and command blocks. Guide: areas, services, serving."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class ServiceLoader:
             data = isinstance(moved, Mapping) and "data" in moved
             if moved is not None and not data and not {own, "then"} & {*keys.keys()}:
                 reader.note(node.at, f"a block has {kind}, but no {own}", f"add {own}: with a place of the own memory")
-            if own in keys and kind not in keys and "inspect" not in keys:
+            if own in keys and not {kind, "call", "inspect"} & {*keys.keys()}:
                 reader.note(node.at, f"a block has {own}, but no {kind}", f"add {kind}: with a place of the other side")
         return read_part(BlockWork, self, keys)
 
@@ -105,7 +105,7 @@ def load_address_forms(
 
 
 def words_of_form(form: Node) -> set[str]:
-    """What may be a name in a form: what it would offer the services, were it not broken."""
+    """Return the names that a broken form may define for the services."""
     entries = form.read_all() if isinstance(form, Mapping) else ()
     texts = [text for entry in entries for text in (entry.key.text, getattr(entry.value, "text", ""))]
     return set(re.findall(r"[A-Za-z_]\w*", " ".join(texts)))
