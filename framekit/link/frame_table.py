@@ -477,7 +477,7 @@ class FrameTable:
             data = info.encode(plain(fields), names)
             self._mark_inner(info, value, data, names)
         elif inner.built is not None:
-            data = info.encode({**fields, name: inner.built}, names)
+            data = info.encode({**fields, name: {"unknown": {"data": inner.built}}}, names)
         else:
             below = self.infos.get(inner.frame)
             if inner.raw is None and below is not None and below.flat:

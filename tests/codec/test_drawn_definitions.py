@@ -566,7 +566,7 @@ DAMAGED: dict[str, tuple[str, str, str]] = {
         "[{field: t, type: ascii, size: 3}], group: ended", "61 03 62 03", "short"
     ),
     "a frame inside that is none of those that may be there": (
-        "[{inner: i, of: [word, counted]}], size: 5, fill: 00", "78 79 00 00 00", "value"
+        "[{inner: i, of: [word, counted]}], size: 5, fill: 00", "78 79 00 00 00", "constant"
     ),
     "text with the byte that ends the body behind a head of any size": (
         "[{field: t, type: ascii, size: 3}], group: behind_list", "36 61 03 62 03", "short"

@@ -108,7 +108,8 @@ def test_all_exported_definitions_come_back_as_the_page_says(tmp_path: Path) -> 
         sums.update(agreed=found.compared.agreed, refused=len(found.refused))
     page = " ".join((Path(__file__).parents[2] / "docs/howto/import-kaitai.md").read_text("utf-8").split())
     assert f"{sums['imported']:,} of the {sums['exported']:,} frames" in page
-    assert f"{sums['frames']:,} samples" in page and f"{sums['agreed']:,} values" in page
+    for count, of in ((sums["frames"], "samples"), (sums["agreed"], "values")):
+        assert f"more than {count // 1000 * 1000:,} {of}" in page
     assert f"{sums['refused']} samples" in page
 
 

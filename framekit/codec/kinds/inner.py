@@ -89,14 +89,11 @@ class InnerKind(FrameInside[Inner]):
             return w.if_present(segment, scope, f"{encode}({choice}, {value}, {quoted(name)}, ctx)", 'b""')
         wire, frame, fields = (w.names.fresh(one) for one in (f"{name}_bytes", "frame_name", "fields"))
         w.flush()
-        with w.out.block(f"if type({value}) is bytes:"):
-            w.add(f"{wire} = {value}")
-        with w.out.block("else:"):
-            with w.out.block("try:"):
-                w.add(f"(({frame}, {fields}),) = {value}.items()")
-                w.add(f"{wire} = {choice}.encoders[{frame}]({fields}, ctx)")
-            with w.out.block("except MISMATCHES:"):
-                w.add(f"{wire} = {encode}({choice}, {value}, {quoted(name)}, ctx)")
+        with w.out.block("try:"):
+            w.add(f"(({frame}, {fields}),) = {value}.items()")
+            w.add(f"{wire} = {choice}.encoders[{frame}]({fields}, ctx)")
+        with w.out.block("except MISMATCHES:"):
+            w.add(f"{wire} = {encode}({choice}, {value}, {quoted(name)}, ctx)")
         return wire
 
     def diagnose(self, d: DiagnosisWriter, segment: Inner, scope: Scope, behind: Behind) -> None:

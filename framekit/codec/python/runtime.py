@@ -253,7 +253,7 @@ class Choice:
         self.cases: dict[int, Any] = cases or {}
         self.others: Any = everything if others is None else others
         self.named = {frame.name: frame for frame in everything}
-        self.encoders = {frame.name: frame.encode for frame in everything}
+        self.encoders = {"unknown": encode_unknown, **{frame.name: frame.encode for frame in everything}}
         self.absent = readers_of(self.others)
         self.readers = [self.absent] * 256
         self.sole = [measure_of(self.others)] * 256
@@ -385,8 +385,13 @@ def encode_one(choice: Choice, value: Any, name: str, ctx: Context) -> bytes:
             more = tuple(path + one for one in error.more)
             raise EncodeError(path + error.field if error.field else name, str(error), more) from None
     if wanted == "unknown":
-        return bytes(b"" + fields["data"])
+        return encode_unknown(fields, ctx)
     raise EncodeError(name, f"'{name}' cannot be a '{wanted}'")
+
+
+def encode_unknown(fields: Any, ctx: Context) -> bytes:
+    """Return the bytes of a frame inside that no definition fits, or that is encoded already: its `data`."""
+    return bytes(b"" + fields["data"])
 
 
 def encode_nested(level: Frame, value: Any, name: str, ctx: Context) -> bytes:
