@@ -1,8 +1,8 @@
 """The client, for asyncio and without: reads, writes, services, frames and polls of one device line.
 
-It waits and raises, and turns typed values into transfers and back; what goes over the line is the service layer's
-business. For programs without asyncio a loop in a thread of its own does the work, so any number of threads may use one
-client. No call is explained twice: what it does is told at `AsyncClient`.
+It waits and raises, and turns typed values into transfers and back; the service layer makes the exchanges.
+For programs without asyncio a loop in a thread of its own does the work, so any number of threads may use one
+client. See `AsyncClient` for the documentation of each method.
 """
 
 from __future__ import annotations
@@ -50,14 +50,14 @@ from framekit.service.run import LONGEST_SHUTDOWN, close_sessions
 from framekit.transport.clock import AsyncioClock
 
 OPEN_WITHIN = 15.0
-"""How long opening a port may take where nothing else is said (s)."""
+"""Default time limit for opening a port (s)."""
 
 
 class AsyncClient:
     """A client on a port, made by `framekit.aconnect`. `async with` opens and closes it; so do `await` and `close`.
 
     It belongs to the loop in which it was opened; its tasks may call it side by side. A call that is cancelled leaves
-    the line in order: what was asked is waited for and dropped before the next request goes out.
+    the line in order: its reply is awaited and dropped before the next request goes out.
     """
 
     def __init__(
@@ -128,13 +128,13 @@ class AsyncClient:
             raise RequestError(str(error)) from None
 
     def _trouble(self, what: str) -> None:
-        """A simulated device could not do what it should."""
+        """Note the failure of an action of a simulated device."""
         self._troubles, self._last_trouble = self._troubles + 1, what
         if self._monitor is not None:
             self._monitor(Seen("", "trouble", 0 if self._service is None else self._service.clock.now(), reason=what))
 
     def _new_trouble(self) -> Callable[[], str]:
-        """What tells the last thing that a simulated device could not do since it told before; '' for none."""
+        """Return a function that gives the last failure of a simulated device since its previous call; '' for none."""
         told = self._troubles
 
         def tell() -> str:
@@ -145,9 +145,9 @@ class AsyncClient:
         return tell
 
     async def close(self) -> None:
-        """Closes the port; calls under way raise LineClosedError. Closing twice does nothing.
+        """Close the port; calls under way raise LineClosedError. A second call has no effect.
 
-        Where the protocol has sessions, what is under way is waited for and the session closed first, for 5 s at most.
+        If the protocol has sessions, calls under way end and the session is closed first, within 5 s.
         """
         self._stop_polls()  # the session is closed when the line has come to rest
         service = self._service
@@ -159,7 +159,7 @@ class AsyncClient:
         await asyncio.sleep(0)
 
     def close_now(self) -> None:
-        """As `close`, without letting the loop go on: network connections are told at its next turn."""
+        """Close the port without a turn of the loop: network connections end at its next turn."""
         self._stop_polls()
         service, self._service = self._service, None
         if service is None:
@@ -236,7 +236,7 @@ class AsyncClient:
         """`count` values from an address on; of a string, so many characters.
 
         `type`: a unit of memory (`bit byte word dword lword`), or `int16`, `uint32`, `float32`, `string` …; default:
-        what the protocol says such a place holds, else the address's own unit. `order`: where their bytes stand.
+        the type that the protocol gives the place, else the unit of the address. `order`: where their bytes stand.
         `params`: other values of parameters, for this call.
         Raises RequestError, NoReplyError, RefusedError, ReplyError, LineClosedError.
         """
@@ -250,7 +250,7 @@ class AsyncClient:
         return self._reading(how, await self._transfer(service, begin), (address,), to)
 
     def place(self, address: str) -> Address:
-        """Where an address is, and what it usually holds. Raises RequestError, LineClosedError."""
+        """Return the place of an address, and its usual type. Raises RequestError, LineClosedError."""
         try:
             return self._working().client.grammar.parse(address)
         except AddressError as error:
@@ -332,7 +332,7 @@ class AsyncClient:
         """Writes one value, or several from an address on; a text is filled up with 00 to `count` characters.
 
         `type` and `order` as for `read`; negative numbers are written as two's complement. Raises what `read` raises;
-        `written` of the error counts what was written before a later part failed.
+        `written` of the error counts the values written before a later part failed.
         """
         service = self._working()
         to = self.settings.station_for(station)
@@ -402,7 +402,7 @@ class AsyncClient:
         found = protocol_of(application or self.settings.protocol.commands_file)
         own = DeviceMemory(memory_of(found)[0]) if memory is None else memory
         engine, client = service.engine, service.client
-        return CommandBlocks(found, own, channel=engine.scope, engine=engine, client=client)
+        return CommandBlocks(found, own, channel=engine.scope, engine=engine, client=client, later=service.driver.later)
 
     async def command(self, blocks: CommandBlocks, words: bytes) -> CommandEnd:
         """Carries out the command block that begins with these bytes; how it ended, failures too.
@@ -433,7 +433,7 @@ class AsyncClient:
         return None if params is None else checked_params(self.settings.protocol, params)
 
     async def _transfer(self, service: ClientService, begin: Begin) -> TransferResult:
-        """Starts a transfer and waits for it. Raises what it failed with."""
+        """Start a transfer and wait for it. Raises the error of the transfer."""
         trouble = self._new_trouble() if self._devices else str
         future: asyncio.Future[TransferResult] = asyncio.get_running_loop().create_future()
         try:
@@ -543,8 +543,8 @@ OnError = Callable[[FramekitError], None]
 class Poll:
     """Reads that follow each other until `stop`, made by `AsyncClient.poll`. `reads` and `failures` count them.
 
-    `await` waits for the end, and raises what it ended with; who gives up waiting stops nothing. Raises ValueError for
-    what cannot be asked.
+    `await` waits for the end, and raises its error; a cancelled wait does not stop the polls. Raises ValueError for
+    an impossible request.
     """
 
     def __init__(
@@ -673,8 +673,8 @@ def _waiting(
 class Client(Closing):
     """A client on an open port, made by `framekit.connect`; `with` or `close` closes it.
 
-    Threads may call it side by side. Where a program forgets to close it, the port closes when nothing refers to
-    the client any more, or at the program's end. `read_many`, `write`, `write_many`, `call`, `command`, `send` and
+    Threads may call it side by side. If a program does not close it, the port closes with the last reference to
+    the client, or at the program's end. `read_many`, `write`, `write_many`, `call`, `command`, `send` and
     `wait_for` take and give what those of `AsyncClient` do.
     """
 
@@ -692,7 +692,7 @@ class Client(Closing):
         return repr(self.client).replace("Async", "", 1)
 
     def close(self) -> None:
-        """Closes the port; calls under way in other threads raise LineClosedError. Closing twice does nothing."""
+        """Close the port; calls under way in other threads raise LineClosedError. A second call has no effect."""
         self._end()
 
     @property
@@ -706,7 +706,7 @@ class Client(Closing):
         return self.client.protocol
 
     def place(self, address: str) -> Address:
-        """Where an address is, and what it usually holds. Raises RequestError, LineClosedError."""
+        """Return the place of an address, and its usual type. Raises RequestError, LineClosedError."""
         return self.client.place(address)
 
     def wait(self, coroutine: Coroutine[Any, Any, T]) -> T:

@@ -22,11 +22,12 @@ from framekit.link.packing import values_of
 from framekit.link.scope import Scope
 from framekit.link.services.areas import Span as Span
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits
+from framekit.run.command_meaning import Meaning as Meaning
+from framekit.run.command_meaning import meaning_of
 from framekit.run.commands import CommandBlocks as CommandBlocks
 from framekit.run.commands import CommandEnd as CommandEnd
 from framekit.run.commands import CommandFaultError as CommandFaultError
-from framekit.run.commands import CommandWords, bytes_of, meaning_of
-from framekit.run.commands import Meaning as Meaning
+from framekit.run.commands import CommandWords, bytes_of
 from framekit.run.job_table import JobStatus as JobStatus
 from framekit.run.model import JobProfile as JobProfile
 from framekit.runfile.blocks import commands_for

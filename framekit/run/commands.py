@@ -6,20 +6,20 @@ The application of commands names the frame by which words are read; `meaning_of
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from framekit.codec.codec import compile_protocol
 from framekit.codec.plain import PlainValues
 from framekit.codec.shown import explain
-from framekit.definition.model.frames import fixed_size, flat, parts_of
+from framekit.definition.model.frames import fixed_size, parts_of
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.segments import Field, Inner, Length
+from framekit.definition.model.segments import Inner, Length
 from framekit.definition.model.services import CommandRules
 from framekit.definition.problems import plural
-from framekit.definition.times import NEVER, format_time
-from framekit.link.addresses import Address, AddressError, AddressGrammar
+from framekit.definition.times import NEVER
+from framekit.link.addresses import Address, AddressError
 from framekit.link.arrivals import BadFrame, FrameArrived
 from framekit.link.engine import Engine
 from framekit.link.events import Command as LinkCommand
@@ -28,19 +28,17 @@ from framekit.link.packing import cut_memory, values_of
 from framekit.link.receiver import Receiver
 from framekit.link.scope import CommandScope, Scope
 from framekit.link.services.areas import DeviceAreas, Span, address_of, codes_of, span_of
-from framekit.link.services.client import Client, TransferResult
-from framekit.link.services.matching import RefusedMatchError
+from framekit.link.services.client import Client, Transfer, TransferResult
 from framekit.link.services.server import MemoryServer
 from framekit.link.services.work import (
     CompiledAfter,
     CompiledBlock,
-    CompiledJob,
     CompiledPlace,
     Work,
     assign,
     compile_afters,
 )
-from framekit.link.values import EVALUATION_ERRORS, FrameValue, Names, compile_expression, plain
+from framekit.link.values import EVALUATION_ERRORS, FrameValue, Names, compile_expression
 from framekit.link.variables import ParameterError
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError, UnknownAreaError, unit_bits
 from framekit.run.block_state import Failure
@@ -191,8 +189,14 @@ def bytes_of(words: list[int]) -> bytes:
 NO_PLACE, NO_OWN_PLACE = "no_such_place", "no_own_place"
 """Outcomes of places that the protocol of the other side, or the own memory, does not have."""
 
+TIME_LIMIT = "time_limit"
+"""The outcome of an exchange that reached the time limit of its command block."""
+
 ParamsOf = Callable[[Any], Mapping[str, Any]]
 """The parameters that a channel has for a station."""
+
+Later = Callable[[int, Callable[[int], list[LinkCommand]]], Callable[[], None]]
+"""Call a function that acts on the engine after this number of nanoseconds; the result cancels the call."""
 
 
 NO_REPLY = FrameValue("", {})
@@ -248,6 +252,10 @@ class Operation:
         self._calls = list(block.calls)
         self._own: Span | None = None
         self._back: Callable[[], None] | None = None
+        self._transfer: Transfer | None = None
+        """The transfer under way."""
+        self._stop_timer: Callable[[], None] | None = None
+        self._is_over = self._is_late = False
 
     def begin(self, station: Any, now: int) -> list[LinkCommand]:
         """Start the exchange; `station` is the other side if the block names no station."""
@@ -261,14 +269,32 @@ class Operation:
             self._back = self.engine.scope.override(params) if params else None
         except (ParameterError, *EVALUATION_ERRORS) as error:
             return self._failed("cannot_send", explain(error))
+        self._set_limit(self.around.limit(self.names))
         if not session:
             return self._act(now)
         commands: list[LinkCommand] = []
         commands += self.engine.close_session(now, lambda: commands.extend(self._act(self.engine.scope.now)))
         return commands
 
+    def _set_limit(self, limit: int) -> None:
+        """Start the timer of the block."""
+        if limit < NEVER and self.around.later is not None:
+            self._stop_timer = self.around.later(limit, self._time_over)
+
+    def _time_over(self, now: int) -> list[LinkCommand]:
+        """End the exchange at the time limit of the block."""
+        if self._is_over:
+            return []
+        self._is_late = True
+        if self._transfer is None:
+            return self._failed(TIME_LIMIT, "")
+        self._transfer.given_up = True
+        return self.engine.cancel(self._transfer, now)
+
     def _act(self, now: int) -> list[LinkCommand]:
         """Start the transfer or the first call of the block; a block without either ends."""
+        if self._is_over:
+            return []
         try:
             if self.block.read is not None:
                 return self._read(now)
@@ -301,7 +327,11 @@ class Operation:
         service, arguments = self._calls.pop(0)
         known = Names(self.end.names(), self.names)
         given = {name: compute(known) for name, compute in arguments.items()}
-        return self.client.call(service, given, station=self._station, now=now, on_done=self._called).commands
+        return self._begun(self.client.call(service, given, station=self._station, now=now, on_done=self._called))
+
+    def _begun(self, transfer: Transfer) -> list[LinkCommand]:
+        self._transfer = transfer
+        return transfer.commands
 
     def _called(self, result: TransferResult) -> None:
         self._note(result)
@@ -331,7 +361,10 @@ class Operation:
 
     def _note(self, result: TransferResult) -> None:
         end = self.end
-        if not result.ok:
+        self._transfer = None
+        if not result.ok and self._is_late:
+            end.outcome, end.cause = TIME_LIMIT, ""
+        elif not result.ok:
             end.outcome, end.cause, end.code = result.outcome or "failed", result.cause, result.code
         end.reply, end.buffer = result.reply, result.buffer
 
@@ -349,7 +382,9 @@ class Operation:
         if own and "count" not in own:
             own["count"] = -(-count * address.unit_bits // unit_bits(self.around.own_span(own).unit))
         self._own = self._checked(own) if own else None
-        return self.client.read(address, station=self._station, count=count, now=now, on_done=self._was_read).commands
+        return self._begun(
+            self.client.read(address, station=self._station, count=count, now=now, on_done=self._was_read)
+        )
 
     def _own_place(self, given: dict[str, Any]) -> dict[str, Any]:
         try:
@@ -385,7 +420,9 @@ class Operation:
         else:
             data, count = self._source(self.block.source.on(self.names), address, given)
         values = values_of(fitted(data, count * address.unit_bits), address.unit, count)
-        return self.client.write(address, values, station=self._station, now=now, on_done=self._was_written).commands
+        return self._begun(
+            self.client.write(address, values, station=self._station, now=now, on_done=self._was_written)
+        )
 
     def _source(self, given_own: dict[str, Any], address: Address, given: Mapping[str, Any]) -> tuple[bytes, int]:
         """Return the data of the own place, and the number of elements of the other side that they fill."""
@@ -418,6 +455,9 @@ class Operation:
         return []
 
     def _ended(self) -> None:
+        self._is_over = True
+        if self._stop_timer is not None:
+            self._stop_timer()
         if self._back is not None:
             self._back()
         if self.end.ok:
@@ -455,6 +495,7 @@ class CommandBlocks:
 
     `channel`: the names of the line; default: those of the application alone. `mapping` puts areas of the application
     elsewhere in the own memory (see `DeviceAreas`). Without `client` and `engine` blocks can only be read and planned.
+    Without `later` no exchange has a time limit.
     """
 
     def __init__(
@@ -466,6 +507,7 @@ class CommandBlocks:
         engine: Engine | None = None,
         client: Client | None = None,
         mapping: Mapping[str, tuple[str, int]] | None = None,
+        later: Later | None = None,
     ) -> None:
         codec = compile_protocol(application)
         self.scope = CommandScope(application, channel or Scope(application, role=None))
@@ -473,6 +515,7 @@ class CommandBlocks:
         self.words = CommandWords(application, codec, self.server.shared.table, self.scope)
         self.engine = engine
         self.client = client
+        self.later = later
         rules = self.rules = self.words.rules
         values = self.server.shared.values
         part = Work.part_compiler(values, self.areas)
@@ -481,6 +524,7 @@ class CommandBlocks:
         self._failed = compile_expression(rules.failed)
         self._meaning = None if rules.meaning is None else compile_expression(rules.meaning)
         self._waits = None if rules.waits is None else compile_expression(rules.waits)
+        self._limit = None if rules.limit is None else compile_expression(rules.limit)
         self.then = compile_afters(rules.then, values.compile, part)
         self._taken: tuple[CompiledBlock, Names] | None = None
 
@@ -508,6 +552,13 @@ class CommandBlocks:
         try:
             names = Names({"request": command.request}, self.names_of(command))
             return NEVER if self._waits is None else int(self._waits(names))
+        except EVALUATION_ERRORS:
+            return NEVER
+
+    def limit(self, names: Names) -> int:
+        """Return the time (ns) after which the exchange of a command is ended; NEVER if no time limit applies."""
+        try:
+            return NEVER if self._limit is None else int(self._limit(names))
         except EVALUATION_ERRORS:
             return NEVER
 
@@ -630,150 +681,3 @@ class CommandBlocks:
             return CommandEnd(status=word, meaning=self.meaning(word))
         failure = Failure(outcome=end.outcome, cause=end.cause, device_code=word, meaning=self.meaning(word))
         return CommandEnd(status=word, meaning=failure.meaning, failure=failure)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Meaning:
-    """An explained command. `names`: names of its numbers, by field; `does`: a line for each action.
-
-    `refused`: the status word of a refusal in the present state, else 0; `because` is its meaning.
-    """
-
-    words: list[int]
-    request: str
-    head: Mapping[str, Any]
-    fields: Mapping[str, Any]
-    names: Mapping[str, str]
-    does: list[str]
-    status: str
-    refused: int
-    because: str
-
-
-def meaning_of(command: CommandFrame, blocks: CommandBlocks, channel: Protocol, *, validate: bool = True) -> Meaning:
-    """Return the meaning of a command on a channel that speaks `channel`; `validate` also checks for refusals."""
-    application = blocks.words.application
-    show = PlainValues(application)
-    fields = plain(command.request.fields)
-    head = {name: value for name, value in plain(command.block.fields).items() if name in blocks.words.head()}
-    speaks = _Speaks(blocks, channel)
-    try:
-        block, names = blocks.server.asked(command.request, blocks.names_of(command))
-        does = [] if block is None else list(speaks.lines(block, names))
-    except (RefusedMatchError, DeviceMemoryError, *EVALUATION_ERRORS):
-        does = []
-    refused = blocks.plan(command)[0] if validate else 0
-    return Meaning(
-        words=words_of(command.raw),
-        request=command.request.frame,
-        head=head,
-        fields=show.to_plain(command.request.frame, fields),
-        names=_number_names(application, command.request.frame, fields),
-        does=does,
-        status=speaks.own(blocks.status_words(command)),
-        refused=refused,
-        because=blocks.meaning(refused) if refused else "",
-    )
-
-
-def _number_names(application: Protocol, frame: str, fields: Mapping[str, Any]) -> dict[str, str]:
-    """Return the names of the numbers of a frame, for fields that have names."""
-    found = {}
-    for segment in flat(application.frames[frame].segments):
-        if isinstance(segment, Field) and segment.values and fields.get(segment.name) in segment.values:
-            found[segment.name] = segment.values[fields[segment.name]]
-    return found
-
-
-class _Speaks:
-    """Describe places and exchanges in text."""
-
-    def __init__(self, blocks: CommandBlocks, channel: Protocol) -> None:
-        self.blocks = blocks
-        self.there = AddressGrammar(channel.addresses, channel.areas, channel.tables)
-        self.codes = codes_of(channel)
-        self.here = blocks.server.shared.grammar
-
-    def lines(self, block: CompiledBlock, names: Names) -> Iterator[str]:
-        session = "" if block.session is None else block.session(names)
-        if session:
-            yield (
-                "closes the session" if session == "end" else "closes the session, if one is open, and opens a new one"
-            )
-        station = None if block.station is None else block.station(names)
-        if block.station is not None:
-            yield f"other side: {station.hex(' ').upper() if isinstance(station, bytes) else station!r}"
-        for word, place, own, between in (
-            ("reads", block.read, block.into, "into"),
-            ("writes", block.write, block.source, "from"),
-        ):
-            if place is None:
-                continue
-            given = place.where(names)
-            line = f"{word} {self.other(given)}"
-            yield line if own is None else f"{line} {between} the own {self.own(own.on(names))}"
-        if block.job is not None:
-            yield _job(block.job, names)
-            if block.job.report is not None:
-                yield f"reports the own {self.own(block.job.report.where(names))}"
-            if block.job.kind == "inspect" and block.into is not None:
-                yield f"stores two words from the own {self.own(block.into.on(names))} on"
-        for service, arguments in block.calls:
-            yield f"calls {service}" + "".join(f" {name}={_value(arguments[name], names)}" for name in arguments)
-        for word, place in (("sends", block.source), ("fills", block.into)):
-            if place is not None and block.calls:
-                yield f"{word} the own {self.own(place.where(names))}"
-        for after in block.then:
-            if after.store is not None:
-                yield f"stores what it brings from the own {self.own(after.store.where(names))} on"
-
-    def other(self, given: Mapping[str, Any]) -> str:
-        """Return the text of a place of the other side."""
-        try:
-            return _with_count(self.there, address_of(self.there, self.codes, given), given.get("count"))
-        except (DeviceMemoryError, AddressError) as error:
-            return f"a place that is not there ({error})"
-
-    def own(self, given: Mapping[str, Any]) -> str:
-        """Return the text of a place of the own memory; areas in the words of the memory have no address form."""
-        if "memory" in given:
-            unit, count = given.get("unit") or "element", given.get("count")
-            text = f"{unit} {given.get('start', 0)} of {given['memory']}"
-            return text if count in (None, 1) else f"{text} ({count} × {unit})"
-        try:
-            address = address_of(self.here, self.blocks.server.codes, given)
-        except (DeviceMemoryError, AddressError) as error:
-            return f"place that is not there ({error})"
-        return _with_count(self.here, address, given.get("count"))
-
-
-def _with_count(grammar: AddressGrammar, address: Address, count: Any) -> str:
-    try:
-        text = grammar.print(address)
-        if unit_bits(address.unit) != unit_bits(grammar.areas[address.area].unit):
-            raise AddressError(text)
-    except AddressError:
-        text = f"{address.unit} {address.start} of {address.area}"
-    return text if count in (None, 1) else f"{text} ({count} × {address.unit})"
-
-
-def _job(job: CompiledJob, names: Names) -> str:
-    """Return the text of a command to jobs: the slot, and the repetition of the transfer."""
-    slot = job.slot(names)
-    if job.kind != "job":
-        return f"{job.kind}s " + ("all jobs" if slot == "all" else f"the job in slot {slot}")
-    every, late, times = (0 if one is None else int(one(names)) for one in (job.every, job.late, job.times))
-    line = f"as the job in slot {slot}"
-    if job.host is not None:
-        line += f", with {job.host(names)}"
-    line += f", every {format_time(every)}" if every else ", back to back"
-    line += f", {times} times" if times else ", until it is aborted"
-    return line + (f", late after {format_time(late)}" if late else "")
-
-
-def _value(compute: Any, names: Names) -> str:
-    try:
-        value = compute(names)
-    except EVALUATION_ERRORS:
-        return "…"
-    return value.hex(" ").upper() if isinstance(value, bytes) else str(value)

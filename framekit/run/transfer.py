@@ -29,7 +29,7 @@ from framekit.link.values import EVALUATION_ERRORS, FrameValue, Names, compile_e
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits
 from framekit.memory.views import as_signed
 from framekit.run.block_state import Failure, failure_of
-from framekit.run.commands import CommandBlocks, CommandEnd, ParamsOf
+from framekit.run.commands import CommandBlocks, CommandEnd, Later, ParamsOf
 from framekit.run.model import ArgumentPlace, Block, Merge, ResultPlace
 from framekit.run.own_memory import (
     FrameFields,
@@ -379,10 +379,6 @@ def joined(reads: Sequence[Read[Key]]) -> tuple[Address, int]:
     return first.address, max(read.end for read in reads) - first.address.start
 
 
-Later = Callable[[int, Callable[[], None]], None]
-"""Call a function after this number of nanoseconds."""
-
-
 class CommandTransfers:
     """Starts the command blocks of one channel."""
 
@@ -407,9 +403,10 @@ class CommandTransfers:
         data = area.read_bytes(first, min(2 * commands.rules.most, area.size_bytes - first))
         over = False
 
-        def late() -> None:
+        def late(_: int) -> list[Command]:
             if not over:
                 self._show_fault(block, True)
+            return []
 
         def done(end: CommandEnd) -> None:
             nonlocal over
@@ -423,7 +420,7 @@ class CommandTransfers:
         self._show_fault(block, False)
         waits = commands.waits_for(data)
         if waits <= 0:
-            late()
+            late(now)
         elif waits < NEVER and self._later is not None:
             self._later(waits, late)
         return commands.start(data, station, now, done, lambda station: self._params(block, station))
@@ -444,6 +441,7 @@ class CommandTransfers:
                 engine=self._engine,
                 client=self._client,
                 mapping={name: place for name, place in self._mapping.items() if name in application.areas},
+                later=self._later,
             )
         return found
 

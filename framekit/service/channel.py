@@ -141,6 +141,7 @@ class ChannelService:
         )
         self.engine.on_bad = self._bad
         self.engine.late.slow.on_change = partial(owner.slow, channel.number)
+        self.driver = Driver(self.engine, port, clock, self._on_state, moment)
         self.receive_for(receiving)
         self.client = client = Client(protocol, codec, self.engine) if protocol.services else None
         self.transfers = BlockTransfers(
@@ -150,18 +151,13 @@ class ChannelService:
             protocol.frames,
             protocol.station,
             channel.mapping,
-            self._later,
+            self.driver.later,
             self.params_of,
         )
         self._clock = clock
         self.state = "closed"
-        self.driver = Driver(self.engine, port, clock, self._on_state, moment)
         if channel.wiring.reconnect is not None:
             self.driver.longest_retry = channel.wiring.reconnect
-
-    def _later(self, delay: int, call: Callable[[], None]) -> None:
-        """Call back after a delay, unless the channel has been stopped by then."""
-        self._clock.call_at(self._clock.now() + delay, lambda: None if self.driver.stopped else call())
 
     @property
     def _only_shows(self) -> bool:

@@ -182,6 +182,15 @@ class Driver(PortEvents):
         """Call a function that acts on the engine (starts an exchange, for example), and carry out the commands."""
         self.carry_out(action(self.clock.now()))
 
+    def later(self, delay: int, action: Callable[[int], list[Command]]) -> Callable[[], None]:
+        """Call a function that acts on the engine after a delay, unless stopped before; the result cancels the call."""
+
+        def act() -> None:
+            if not self.stopped:
+                self.do(action)
+
+        return self.clock.call_at(self.clock.now() + delay, act).cancel
+
     # ---- events of the port -------------------------------------------------------------------------------
 
     def opened(self, now: int) -> None:

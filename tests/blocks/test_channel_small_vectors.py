@@ -9,7 +9,8 @@ from framekit.definition.problems import NOWHERE
 from framekit.link.scope import Scope
 from framekit.memory.memory import DeviceMemory
 from framekit.memory.views import as_signed
-from framekit.run.commands import CommandBlocks, bytes_of, meaning_of, words_of
+from framekit.run.command_meaning import meaning_of
+from framekit.run.commands import CommandBlocks, bytes_of, words_of
 from framekit.run.model import CodeClass
 from framekit.runfile.blocks import commands_for
 from framekit.runfile.devices import memory_of

@@ -10,7 +10,8 @@ from framekit.definition.load.protocol import load_protocol
 from framekit.link.conversation import default_line
 from framekit.link.scope import Scope
 from framekit.memory.memory import DeviceMemory
-from framekit.run.commands import CommandBlocks, CommandFaultError, Meaning, bytes_of, meaning_of, words_of
+from framekit.run.command_meaning import Meaning, meaning_of
+from framekit.run.commands import CommandBlocks, CommandFaultError, bytes_of, words_of
 from framekit.runfile.devices import memory_of
 
 HEAD = [0, 8, 9, 0, 0]

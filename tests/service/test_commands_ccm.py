@@ -224,3 +224,12 @@ def test_peers(tmp_path: Path) -> None:
     assert world.do(6109, 5, 0, 0, 0, 100) == PORT, "quick reads are a master's"
     world.there.stop()
     assert world.do(6101, 5, 1, 1, 1, 20) == error(25)
+
+
+def test_a_command_without_timers_ends_by_its_own(tmp_path: Path) -> None:
+    world = CommandWorld(tmp_path, "ccm", DEVICE, ", role: master, own: 1, params: {timeouts: none}")
+    assert world.do(6101, 5, 1, 101, 1, 200) == 1
+    world.there.stop()
+    before = world.clock.now()
+    assert world.do(6101, 5, 1, 101, 1, 200) == error(2)
+    assert 30 <= (world.clock.now() - before) / SECOND <= 31

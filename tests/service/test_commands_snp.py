@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from command_world import CommandWorld, text_words
+from command_world import SECOND, CommandWorld, text_words
 
 DEVICE = """station: SNPID1
 memory: {set: {R1: [0x0155, 22, 33, 44], I1: [1, 0, 1, 1, 0, 0, 1, 0, 1, 1]}}
@@ -250,3 +250,54 @@ def test_sessions(tmp_path: Path) -> None:
     assert status & 0xFF == 0x0C and status >> 8 in (0x2D, 0x04)
     assert world.do(7202, R, 1, 1, R, 100) == 0x030C, "the session is gone"
     assert world.do(7001, 4, 1, R, 800) == 1 and world.own("R", 800)[0] >= 1, "aborts"
+
+
+def silent(which: str) -> str:
+    """The device, with frames of which none arrives."""
+    return f"{DEVICE}faults: {{seed: 1, rules: [{{fault: no_reply{which}}}]}}\n"
+
+
+@pytest.mark.parametrize("which", [", from: 3 s", ", from: 3 s, frame: mailbox", ", frame: mailbox"])
+def test_a_command_without_timers_ends_by_its_own(tmp_path: Path, which: str) -> None:
+    """Silence after Attach, replies that never come, and no answer to Parameter Select: 30 s, then the next command."""
+    world = CommandWorld(tmp_path, "snp", silent(which), ", params: {timeouts: none}")
+    attached = world.do(*ATTACH)
+    assert attached == (1 if "from" in which else 0x320C)
+    world.clock.run_for(3 * SECOND)
+    before = world.clock.now()
+    assert world.do(7202, R, 1, 1, R, 100) == (0x320C if "from" in which else 0x030C)
+    if "from" in which:
+        assert 30 <= (world.clock.now() - before) / SECOND <= 31
+    assert not world.service.channels[1].engine.is_busy
+    assert world.do(*ATTACH) in (0x320C, 0x040C), "the session is over, and the next one begins"
+    (status,) = world.service.status()
+    assert status.last_failure is not None and status.last_failure.meaning in ("COMMREQ timeout", "no answer to Attach")
+
+
+def test_the_time_limit_of_a_command_is_a_parameter(tmp_path: Path) -> None:
+    settings = ", params: {timeouts: none, commreq_timeout: 5 s}"
+    world = CommandWorld(tmp_path, "snp", silent(", from: 3 s"), settings)
+    assert world.do(*ATTACH) == 1
+    world.clock.run_for(3 * SECOND)
+    before = world.clock.now()
+    assert world.do(7202, R, 1, 1, R, 100) == 0x320C
+    assert 5 <= (world.clock.now() - before) / SECOND <= 5.5
+
+
+def test_t2_stays_when_long_attach_switches_t3_off(tmp_path: Path) -> None:
+    """The manual's example: T2 2000, T3 0; then the slave falls silent."""
+    world = CommandWorld(tmp_path, "snp", silent(", from: 3 s"))
+    assert world.do(7300, *text_words("SNPID1"), R, 171, 5, 2000, 0, 100, 0, 10, 0, 256) == 1
+    world.clock.run_for(3 * SECOND)
+    before = world.clock.now()
+    assert world.do(7202, R, 1, 2, R, 101) == 0x2D0C, "no acknowledge in time"
+    assert 2 <= (world.clock.now() - before) / SECOND <= 3
+
+
+def test_long_attach_sets_t5_and_the_transmission_delay(tmp_path: Path) -> None:
+    world = CommandWorld(tmp_path, "snp", silent(", from: 3 s, frame: mailbox"))
+    assert world.do(7300, *text_words("SNPID1"), 0, 0, 5, 2000, 10000, 50, 1000, 0, 3, 256) == 1
+    world.clock.run_for(3 * SECOND)
+    before = world.clock.now()
+    assert world.do(7202, R, 1, 2, R, 101) == 0x2E0C, "no response in time"
+    assert 4 <= (world.clock.now() - before) / SECOND <= 5, "T5, and the delay of 3 s"

@@ -50,7 +50,7 @@ from framekit.definition.tree import Node, Scalar
 from framekit.definition.wire_types import given_order
 
 PlaceOf = Mapping[str, Value]
-"""A place of memory, by the words area, memory, code, text, unit, start, count; data for what goes there."""
+"""A place of memory, by the words area, memory, code, text, unit, start, count; data: the value to write."""
 
 # ---- forms of values: `r.loader` is what reads services -----------------------------------------------------
 
@@ -63,7 +63,7 @@ PLACE = Form(here("block_place"), lambda r, node: r.loader.place(node))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class After:
-    """One row of what is done when an exchange has ended: variables to set, bytes to store."""
+    """The changes after an exchange: variables to set, bytes to store."""
 
     at: Position
     when: Expression | None = key("when", CONDITION, default=None)
@@ -84,7 +84,7 @@ class CommandCall:
 class JobWork:
     """A command to the jobs of a run: `kind` is job, abort or inspect, `slot` its number, or 'all'.
 
-    A job says beside the transfer where its `host` is, how often (`every`, ns), after which time it is `late`, how many
+    A job has a transfer, its `host`, the period `every` (ns), the time after which it is `late`, the number of
     `times`; `report` is the own place that a report sends.
     """
 
@@ -122,7 +122,7 @@ def _calls(reading: KeyReading, node: Node) -> tuple[CommandCall, ...]:
 
 
 def _job(reading: KeyReading) -> JobWork | None:
-    """The command to the run's jobs, if it is one."""
+    """Return the command to the run's jobs, None for other blocks."""
     keys_ = reading.keys
     kind = next((name for name in JOBS if name in keys_), None)
     if kind is None:
@@ -157,10 +157,11 @@ class BlockWork:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CommandRules:
-    """How records in memory are command blocks: which frame they are, where their status word goes, what it says.
+    """The command blocks of an application: the frame of a record, the place and the values of the status word.
 
     `request` is the field with the inner frame that services serve; `most`: the most words of a block. `done` and
-    `failed` give the status word, `meaning` its name. `waits`: how long (ns) a block may take before it is a fault.
+    `failed` give the status word, `meaning` its name. `waits`: the time (ns) after which a block is a fault;
+    `limit`: the time after which its exchange is ended.
     """
 
     at: Position
@@ -172,15 +173,16 @@ class CommandRules:
     failed: Expression = key("failed", EXPRESSION)
     meaning: Expression | None = key("meaning", EXPRESSION, default=None)
     waits: Expression | None = key("waits", EXPRESSION, default=None)
+    limit: Expression | None = key("limit", EXPRESSION, default=None)
     then: tuple[After, ...] = key("then", list_of(After, here("afterwards")), default=())
 
 
 NOT_COMPARED = frozenset({"station", "own"})
-"""Names whose values a server does not compare: what a request asks for does not depend on them."""
+"""Names whose values a server does not compare: the meaning of a request does not depend on them."""
 
 
 def is_passed_over(expression: Expression) -> bool:
-    """Whether a server neither reads nor compares what stands there in a request."""
+    """Return whether a server neither reads nor compares this value in a request."""
     if is_constant(expression):
         return False
     found = inverse_steps(expression)
@@ -243,9 +245,9 @@ def _columns(reading: KeyReading) -> dict[str, Constant]:
 class Area:
     """A memory area of a device. `codes`: unit → name on the wire, the first unit is the default one.
 
-    `element_bits` is the width of the default unit; `columns` are the definition's own; `layout` makes a read-only area
-    of that layout; `memory` is the area of the device's memory; `type` is what an element usually holds. `order`: where
-    the bytes of elements larger than a byte stand, for what counts bytes; a word is the same whatever it is.
+    `element_bits` is the width of the default unit; `columns` are the definition's own; `layout`: the layout of a
+    read-only area; `memory` is the area of the device's memory; `type` is the usual type of an element. `order`: the
+    order of bytes in larger elements, for accesses by byte; words do not depend on it.
     """
 
     name: str
@@ -305,7 +307,7 @@ class AddressForm:
     """One way to write an address; `results` are the row's other keys, `unit` a unit or the name of a units table.
 
     `counts`: the unit in which start counts, where an element may begin at any of these, as a word at an odd byte.
-    `type`: what a place that is written so usually holds. `any_case`: small letters stand for capitals and the reverse.
+    `type`: the usual type of a place in this form. `any_case`: small letters stand for capitals and the reverse.
     `ranges`: the least and the greatest value of numbers.
     """
 
@@ -345,19 +347,19 @@ class AddressForm:
 
     @property
     def names(self) -> set[str]:
-        """What the form tells of an address beside its area and unit."""
+        """Return the names that the form gives an address in addition to area and unit."""
         inside = [one for part in self.parts for one in (part.parts if isinstance(part, Maybe) else (part,))]
         return {*self.results, *(one.name for one in inside if isinstance(one, Part))}
 
 
 def only_start(forms: Iterable[AddressForm], areas: Collection[str]) -> int | None:
-    """The start of every place that addresses of these areas can name, where it is the same for all of them."""
+    """Return the start of all places that addresses of these areas can name, None if they differ."""
     starts = {form.only_start for form in forms if form.may_name(areas)}
     return next(iter(starts)) if len(starts) == 1 else None
 
 
 def held_type(forms: Iterable[AddressForm], area: Area, unit: str) -> str | None:
-    """What places of an area usually hold in this unit: what all addresses of them say, else what the area says."""
+    """Return the usual type of places of an area in a unit: the type of all address forms, else of the area."""
     own = area.type if unit == area.unit else None
     naming = (form for form in forms if form.may_name([area.name]))
     types = {form.type or own for form in naming if form.units_table is not None or (form.unit or area.unit) == unit}
@@ -391,7 +393,7 @@ class Packing:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReplyRow:
-    """One form of the reply: the frame (None: only bytes), the bytes beside it, and when a server uses it."""
+    """A form of the reply: the frame (None: only bytes), the bytes in addition to it, and its condition."""
 
     frame: FrameOf | None
     buffer: Value | None
@@ -410,10 +412,10 @@ class Refusal:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServeWork:
-    """What a server does for a row, in the language's order; each part is kept as name → value.
+    """The work of a server for a row, in the language's order; each part is a mapping of names to values.
 
     `block` is an exchange with the other side that follows; `each`/`each_as` repeat span or read over a list. With
-    `no_write` what `set` and `drop` change of the device is no write, and is done by a server that only reads, too.
+    `no_write` changes of the device by `set` and `drop` do not count as writes; a read-only server makes them, too.
     """
 
     at: Position
@@ -459,7 +461,7 @@ def _replies(reading: KeyReading, node: Node) -> tuple[ReplyRow, ...]:
 
 
 def _reply(reading: KeyReading, keys_: Keys) -> ReplyRow:
-    """A row with one frame, beside `buffer` and `when`."""
+    """Return a row with one frame; `buffer` and `when` are not frames."""
     reader, values = reading.reader, reading.loader.values
     frames = [entry for entry in keys_.read_all() if entry.key.text not in ("buffer", "when")]
     if len(frames) > 1:
@@ -480,7 +482,7 @@ def _run(reading: KeyReading, node: Node) -> Expression:
 
 
 def _back_each(reading: KeyReading) -> dict[str, Expression]:
-    """What is read of each item of a list."""
+    """Return the expressions that are read from each item of a list."""
     node = reading.keys.get("back")
     each = None if node is None else reading.reader.mapping(node).get("each")
     found: dict[str, Expression] = reading.loader.values.expressions(each)
@@ -488,7 +490,7 @@ def _back_each(reading: KeyReading) -> dict[str, Expression]:
 
 
 def _packing(reading: KeyReading) -> Packing:
-    """How `packing` says; the words of read and write have the byte order of the file, where it says none."""
+    """Return the packing of a row; words of read and write have the byte order of the file by default."""
     node = reading.keys.get("packing")
     found = Packing() if node is None else read_part(Packing, reading.loader, node)
     if reading.found["service"] not in ("read", "write") or (isinstance(node, Keys) and "order" in node):
@@ -550,12 +552,12 @@ COUNTING = frozenset({"count", "bytes", "data", "bits", "values", "total"})
 
 
 def mentions_of(row: ServiceRow) -> frozenset[str]:
-    """The names that a row's request and the bytes beside it read."""
+    """Return the names that the request and the buffer of a row read."""
     return frozenset(names_read([row.request, row.buffer]))
 
 
 def told_by(when: Expression | None) -> dict[str, int | str] | None:
-    """What is certain of variables in a list, by `count == 2 and unit == 'word'`. None: it says more than that."""
+    """Return the values of variables that a condition like `count == 2 and unit == 'word'` fixes; None for others."""
     if when is None:
         return {}
     parts = when.root.operands if isinstance(when.root, Logic) and when.root.operator == "and" else (when.root,)
