@@ -33,7 +33,7 @@ class Coding:
 
     @property
     def contents(self) -> frozenset[int]:
-        """The bytes that may stand on the wire."""
+        """Return the bytes that may stand on the wire."""
         return EVERY_BYTE - self.never
 
     def sizes(self, plain: Sizes) -> Sizes:
@@ -41,7 +41,9 @@ class Coding:
         return Sizes(plain.least, plain.times(1, 2).most)
 
     def size_of(self, plain: Node) -> Node | None:
-        """The bytes on the wire of as many plain ones as an expression says; None if that depends on the content."""
+        """Return the bytes on the wire of as many plain ones as an expression says; None if that depends on the
+        content.
+        """
         return None
 
     @property
@@ -122,7 +124,7 @@ class Escaped(Coding):
 
     @property
     def escaped(self) -> frozenset[int]:
-        """The bytes that are escaped."""
+        """Return the bytes that are escaped."""
         return frozenset(byte for byte, _ in self.codes)
 
     def check(self) -> Iterator[Problem]:
@@ -341,7 +343,7 @@ CIPHER_KEYS: Schema = {
 
 
 def load_cipher(reading: KeyReading, node: Keys) -> Ciphered:
-    """The cipher that `wrap` names. Raises Broken."""
+    """Return the cipher that `wrap` names. Raises Broken."""
     reader = reading.reader
     cipher = reader.one_of(node.get("cipher"), {name: name for name in CIPHERS}, "a cipher")
     options = CIPHERS[cipher]
@@ -366,7 +368,7 @@ def load_cipher(reading: KeyReading, node: Keys) -> Ciphered:
 
 
 def _clear(reader: Reader, node: YamlNode) -> int:
-    """How many bytes stand as they are. Raises Broken for fewer than 1."""
+    """Return how many bytes stand as they are. Raises Broken for fewer than 1."""
     clear = reader.number(node)
     if not 1 <= clear <= MOST_BYTES:
         raise reader.broken(
@@ -428,7 +430,7 @@ _SCHEMA: Schema = {
 
 
 def _read(reading: KeyReading, node: YamlNode) -> Coding:
-    """The coding that `wrap` names. Raises Broken."""
+    """Return the coding that `wrap` names. Raises Broken."""
     reader = reading.reader
     if not isinstance(node, Keys):
         return {"hex": Hex, "none": Plain}.get(reader.text(node), Cobs)(node.at)

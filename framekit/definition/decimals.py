@@ -172,7 +172,7 @@ def load_form(reader: Reader, keys: Keys, size: object) -> DecimalForm:
 
 
 def _digits(reader: Reader, node: Node | None, otherwise: int) -> int:
-    """A number of digits. Raises Broken for one that is too large."""
+    """Return a number of digits. Raises Broken for one that is too large."""
     number = otherwise if node is None else reader.number(node)
     if node is not None and not 0 <= number <= _MOST_DIGITS:
         raise reader.broken(node.at, f"0 to {_MOST_DIGITS} digits are possible", "correct the number")
@@ -201,7 +201,7 @@ def load_scale(reader: Reader, keys: Keys) -> Scale | None:
 
 
 def _number(reader: Reader, node: Node) -> Decimal:
-    """A number with a point. Raises Broken."""
+    """Return a number with a point. Raises Broken."""
     text = reader.text(node).strip()
     if not re.fullmatch(r"-?[0-9]{1,20}(\.[0-9]{1,20})?", text):
         raise reader.broken(node.at, f"'{text}' is not a number", "write one such as 0.1 or -40")

@@ -34,7 +34,7 @@ MOST_FRAMES = 3
 
 
 def sequence_diagram(sequence: Sequence) -> str:
-    """A Mermaid state diagram: a state a step, an arrow a row, handler or branch, a state a failure."""
+    """Return a Mermaid state diagram: a state a step, an arrow a row, handler or branch, a state a failure."""
     lines = ["stateDiagram-v2", f"    [*] --> {_state(sequence.steps[0].name)}"]
     failures: dict[str, None] = {}
     for place, step in enumerate(sequence.steps):
@@ -48,7 +48,7 @@ def sequence_diagram(sequence: Sequence) -> str:
 
 
 def diagrams(protocol: Protocol) -> str:
-    """All link procedures of a protocol as Markdown, a heading and a Mermaid diagram each, with who runs it."""
+    """Return all link procedures of a protocol as Markdown, a heading and a Mermaid diagram each, with who runs it."""
     parts = [f"# Sequences of {protocol.name}\n"]
     for sequence in protocol.sequences.values():
         parts.append(f"## {sequence.name}\n\n{_run_by(protocol, sequence.name)}\n")
@@ -183,7 +183,7 @@ def _short(expression: Expression) -> str:
 
 
 def _state(name: str, kind: str = "step") -> str:
-    """A name that Mermaid takes for a state: it has words of its own."""
+    """Return a name that Mermaid takes for a state: it has words of its own."""
     return f"{kind}_" + "".join(letter if letter.isalnum() or letter == "_" else "_" for letter in name)
 
 

@@ -72,7 +72,7 @@ class Key(NamedTuple):
 def key(
     name: str, form: Form, doc: str = "", *, default: Any = MISSING, factory: Callable[[], Any] | None = None
 ) -> Any:
-    """An attribute that one key gives; without `default` or `factory` the key has to be there."""
+    """Return an attribute that one key gives; without `default` or `factory` the key has to be there."""
     if factory is None:
         return field(default=default, metadata={"key": key_of(name, form, doc, default)})
     read = key_of(name, form, doc, None).read
@@ -108,24 +108,25 @@ def keys(
 
 @cache
 def table_of(part: type) -> MappingOf[str, Key]:
-    """The keys of a class by attribute."""
+    """Return the keys of a class by attribute."""
     return {one.name: one.metadata["key"] for one in fields(part) if "key" in one.metadata}
 
 
 def properties_of(part: type) -> dict[str, Schema]:
-    """The schemas of all keys of a class."""
+    """Return the schemas of all keys of a class."""
     return {name: schema for one in table_of(part).values() for name, schema in one.schemas.items()}
 
 
 def required_of(part: type) -> Iterator[str]:
-    """The keys that have to be there."""
+    """Return the keys that have to be there."""
     return (next(iter(one.schemas)) for one in table_of(part).values() if one.required)
 
 
 def read_keys(
     part: type, loader: Any, mapping: Mapping, broken: Callable[[], None] | None = None, **known: Any
 ) -> dict[str, Any]:
-    """The attributes that the keys of a mapping give, in the order of the table; those `known` before. Raises Broken.
+    """Return the attributes that the keys of a mapping give, in the order of the table; those `known` before. Raises
+    Broken.
 
     `broken`: called for a key that is broken; its attribute is left out then, if it may be, and the others are read.
     """
@@ -150,7 +151,7 @@ def read_part(part: type[T], loader: Any, node: Node | None, **known: Any) -> T:
 
 
 def mapping_of(part: type, schema: Schema) -> Form:
-    """A mapping that is read into a class."""
+    """Return a mapping that is read into a class."""
     return Form(schema, lambda r, node: read_part(part, r.loader, node))
 
 
@@ -177,7 +178,7 @@ def mapping_schema(
 
 
 def kind_schema(kind: type, title: str) -> dict[str, Any]:
-    """The schema of a registered kind; the first line of its docstring describes it."""
+    """Return the schema of a registered kind; the first line of its docstring describes it."""
     return mapping_schema(kind, title, description=(kind.__doc__ or "").strip().partition("\n")[0])
 
 

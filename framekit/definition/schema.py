@@ -67,7 +67,7 @@ class Places:
         """Positions of the keys of each mapping that was asked for, by the identity of the node."""
 
     def node(self, path: Iterable[str | int]) -> Node:
-        """The node at a path of the plain tree."""
+        """Return the node at a path of the plain tree."""
         node: Node | None = self.root
         for step in path:
             if isinstance(node, Sequence) and isinstance(step, int):
@@ -88,11 +88,13 @@ class Places:
         return keys.get(key, node.at)
 
     def place(self, path: Path) -> str:
-        """The nearest thing around with a name: `frame 'X'`, `step 'ask' of sequence 'exchange'`; '' for none."""
+        """Return the nearest thing around with a name: `frame 'X'`, `step 'ask' of sequence 'exchange'`; '' for
+        none.
+        """
         return self._named(path)[0]
 
     def is_named(self, path: Path) -> bool:
-        """Whether the path leads to a thing with a name, not into one."""
+        """Return whether the path leads to a thing with a name, not into one."""
         return bool(path) and self._named(path)[1] == len(path)
 
     def _named(self, path: Path) -> tuple[str, int]:
@@ -241,7 +243,7 @@ class Messages:
         yield self._unknown(path, error.message, error.schema, hint)
 
     def _missing_keys(self, error: Any, path: Path) -> Iterator[_Complaint]:
-        """All keys that are missing in one mapping, without those that are there misspelt."""
+        """Yield all keys that are missing in one mapping, without those that are there misspelt."""
         node, schema = self.places.node(path), error.schema
         properties = schema.get("properties", {})
         strange = [key for key in islice(error.instance, MOST_WORDED) if key not in properties]
@@ -276,7 +278,7 @@ class Messages:
             yield _Complaint(path, "kinds", Problem(node.at, f"{thing} has no {one}", todo))
 
     def _nearest(self, keys: Iterable[str], kinds: list[str], schema: dict[str, Any]) -> str | None:
-        """The key that is most like one of the kinds and is no key of any of them."""
+        """Return the key that is most like one of the kinds and is no key of any of them."""
         options = {*schema.get("properties", ())}
         for branch in schema.get("dependentSchemas", {}).values():
             options.update(self.known_keys(branch["$ref"]))
@@ -511,7 +513,7 @@ def validate(node: Node, kind: Kind) -> list[Problem]:
 
 
 def _plain(node: Node) -> Any:
-    """The tree as dicts, lists and texts."""
+    """Return the tree as dicts, lists and texts."""
     if isinstance(node, Scalar):
         return node.text
     if isinstance(node, Mapping):
@@ -521,7 +523,7 @@ def _plain(node: Node) -> Any:
 
 @cache
 def _schemas() -> dict[str, Any]:
-    """The shipped schemas by file name."""
+    """Return the shipped schemas by file name."""
     files = sorted(shipped_folder("schemas").glob(f"*{_SUFFIX}"))
     schemas = {file.name: _with_files(file.read_text(encoding="utf-8"), file.name) for file in files}
     for schema in schemas.values():
@@ -530,12 +532,12 @@ def _schemas() -> dict[str, Any]:
 
 
 def _with_files(text: str, file: str) -> Any:
-    """A schema in which every `$ref` names the file that it leads to."""
+    """Return a schema in which every `$ref` names the file that it leads to."""
     return json.loads(text.replace(f'"$ref": "{_DEFINITION}', f'"$ref": "{file}{_DEFINITION}'))
 
 
 def add_keys(kind: Kind, definition: str, keys: dict[str, Any], module: str) -> None:
-    """Adds keys with the schemas of their values to a definition of a schema, which a module brings by itself.
+    """Add keys with the schemas of their values to a definition of a schema, which a module brings by itself.
 
     Raises ValueError for a key of another module, and for a wrong schema.
     """
@@ -548,7 +550,7 @@ def add_keys(kind: Kind, definition: str, keys: dict[str, Any], module: str) -> 
 
 
 def add_kind_of(kind: Kind, thing: str, key: str, schema: dict[str, Any], module: str) -> None:
-    """Adds a kind of a thing (segment, sink) that a module brings by itself: the key that names it, and its schema.
+    """Add a kind of a thing (segment, sink) that a module brings by itself: the key that names it, and its schema.
 
     Raises ValueError for a key that already has a meaning in the thing, and for a wrong schema.
     """
@@ -567,7 +569,7 @@ def add_kind_of(kind: Kind, thing: str, key: str, schema: dict[str, Any], module
 
 
 def add_word(kind: str, definition: str, word: str) -> None:
-    """Adds a word to those that a key may have."""
+    """Add a word to those that a key may have."""
     known = _definitions(kind)[definition]["enum"]
     if word not in known:
         known.append(word)
@@ -589,7 +591,7 @@ def _sound(kind: str, key: str, schema: Any) -> Any:
 
 
 def _references(schema: Any) -> Iterator[str]:
-    """Every `$ref` of a schema."""
+    """Yield every `$ref` of a schema."""
     parts = schema if isinstance(schema, list) else []
     if isinstance(schema, dict):
         parts = list(schema.values())
@@ -609,7 +611,7 @@ def _definitions(kind: str) -> dict[str, Any]:
 
 @cache
 def _validator(kind: Kind) -> Any:
-    """The validator of a kind of file, made once a process; the library is loaded only now."""
+    """Return the validator of a kind of file, made once a process; the library is loaded only now."""
     from jsonschema import Draft202012Validator, validators
 
     extend: Any = validators.extend  # it has no types
@@ -658,7 +660,7 @@ def _own_keys(validator: Any, wanted: Any, instance: Any, schema: Any) -> Iterat
 
 @cache
 def _known_keys(reference: str) -> Iterable[str]:
-    """The keys of a definition `FILE#/$defs/NAME`."""
+    """Return the keys of a definition `FILE#/$defs/NAME`."""
     file, _, name = reference.partition(_DEFINITION)
     found = _schemas()[file]["$defs"].get(name, {})
     return tuple(found.get("properties", ()))

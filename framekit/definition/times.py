@@ -39,7 +39,7 @@ class LineFormat:
 
     @property
     def has_marks(self) -> bool:
-        """Whether each character has a ninth bit, which marks it."""
+        """Return whether each character has a ninth bit, which marks it."""
         return self.data_bits == 9
 
     @property
@@ -98,7 +98,7 @@ def readable_time(time: int) -> str:
 
 
 def format_time(time: int) -> str:
-    """The shortest exact form in one unit: `50 ms`, `1500 ms`, `3 s`, `never`."""
+    """Return the shortest exact form in one unit: `50 ms`, `1500 ms`, `3 s`, `never`."""
     if time >= NEVER:
         return "never"
     for unit in ("h", "min", "s", "ms", "us"):

@@ -43,7 +43,7 @@ class Entry:
     use: _Use = field(default_factory=_Use, compare=False, repr=False)
 
     def holding(self, value: Node) -> Entry:
-        """The same entry with another value; who reads one of them has read both."""
+        """Return the same entry with another value; who reads one of them has read both."""
         return Entry(self.key, value, self.use)
 
 
@@ -56,7 +56,7 @@ class Mapping:
     flow: bool = False
 
     def get(self, key: str) -> Node | None:
-        """The value of a key, which counts as read; None when there is no such key."""
+        """Return the value of a key, which counts as read; None when there is no such key."""
         for entry in self.entries:
             if entry.key.text == key:
                 entry.use.read = True
@@ -64,17 +64,17 @@ class Mapping:
         return None
 
     def value(self, key: str) -> Node | None:
-        """The value of a key that another loader reads, or that decides which loader reads it."""
+        """Return the value of a key that another loader reads, or that decides which loader reads it."""
         return next((entry.value for entry in self.entries if entry.key.text == key), None)
 
     def read_all(self) -> tuple[Entry, ...]:
-        """All entries, which count as read: keys that the file's author chooses."""
+        """Return all entries, which count as read: keys that the file's author chooses."""
         for entry in self.entries:
             entry.use.read = True
         return self.entries
 
     def keys(self) -> tuple[str, ...]:
-        """The texts of the keys."""
+        """Return the texts of the keys."""
         return tuple(entry.key.text for entry in self.entries)
 
     def __contains__(self, key: object) -> bool:

@@ -37,20 +37,20 @@ class Wire:
 
     @property
     def exact(self) -> bytes | None:
-        """The bytes, when each of them is known."""
+        """Return the bytes, when each of them is known."""
         if self.tail is not None or None in self.head:
             return None
         return bytes(byte for byte in self.head if byte is not None)
 
     def matches(self, data: bytes) -> bool:
-        """Whether `data` is as written here; a check code takes whatever its place leaves, at least one byte."""
+        """Return whether `data` is as written here; a check code takes whatever its place leaves, at least one byte."""
         if self.tail is None:
             return len(data) == len(self.head) and _fit(self.head, data)
         free = len(data) - len(self.head) - len(self.tail)
         return free > 0 and _fit(self.head, data) and _fit(self.tail, data[len(self.head) + free :])
 
     def marks_match(self, marked: int | None, size: int) -> bool:
-        """Whether `marked` of `size` bytes is marked here; of a check code that is not compared."""
+        """Return whether `marked` of `size` bytes is marked here; of a check code that is not compared."""
         free = range(0) if self.tail is None else range(len(self.head), size - len(self.tail))
         wanted = {place % size for place in self.marks}
         return wanted == (set() if marked is None or marked in free else {marked})
@@ -114,7 +114,7 @@ def parse_wire(text: str) -> Wire:
 
 
 def plain_of(node: Node | None) -> Any:
-    """A node as text, lists and mappings."""
+    """Return a node as text, lists and mappings."""
     if node is None:
         return None
     if isinstance(node, Scalar):
@@ -172,7 +172,7 @@ def _frame_name(reading: KeyReading) -> str | None:
 
 
 def _values(reading: KeyReading) -> dict[str, Any] | None:
-    """The values of a frame that is good."""
+    """Return the values of a frame that is good."""
     if reading.found["frame"] is None or "expect" in reading.keys:
         return None
     node = reading.keys.get("values")

@@ -50,7 +50,7 @@ def exactly(size: int) -> Sizes:
 
 
 def either(sizes: Iterable[Sizes]) -> Sizes:
-    """The sizes of one of several possibilities."""
+    """Return the sizes of one of several possibilities."""
     found = list(sizes)
     if not found:
         return NOTHING
@@ -59,7 +59,7 @@ def either(sizes: Iterable[Sizes]) -> Sizes:
 
 
 def of_any_frame(name: str) -> Sizes:
-    """The sizes of a frame where frames are not known."""
+    """Return the sizes of a frame where frames are not known."""
     return ANY
 
 
@@ -119,7 +119,7 @@ class FieldType:
 
     @property
     def has_long_stops(self) -> bool:
-        """Whether it ends before more than a single byte."""
+        """Return whether it ends before more than a single byte."""
         return any(len(stop) > 1 for stop in self.stops)
 
     @property
@@ -137,17 +137,17 @@ class FieldType:
 
     @property
     def has_fractions(self) -> bool:
-        """Whether its values are numbers that may have a fraction."""
+        """Return whether its values are numbers that may have a fraction."""
         return self.value_kind == "number" and not self.is_whole_number
 
     @property
     def float_bits(self) -> int:
-        """The bits of a floating-point number; 0 for every other."""
+        """Return the bits of a floating-point number; 0 for every other."""
         size = self.fixed_size or 0
         return {"float": 8 * size, "hex_float": 4 * size}.get(self.kind, 0)
 
     def writes(self, value: Decimal) -> bool:
-        """Whether a number with a fraction is one that is written exactly."""
+        """Return whether a number with a fraction is one that is written exactly."""
         number, places = whole_and_places(value)
         if self.scale is not None:
             common = max(places, self.scale.places)
@@ -208,7 +208,7 @@ class TypeKind:
 
 
 def bounds_of_bits(bits: int, signed: bool) -> tuple[int, int]:
-    """The least and the greatest whole number of so many bits."""
+    """Return the least and the greatest whole number of so many bits."""
     return (-(1 << bits - 1), (1 << bits - 1) - 1) if signed else (0, (1 << bits) - 1)
 
 
@@ -287,7 +287,7 @@ class TypeKeys:
 
     @property
     def upper(self) -> bool:
-        """Whether hex digits are built with capital letters."""
+        """Return whether hex digits are built with capital letters."""
         return (self.reader.maybe(self.reader.text, self.keys.get("case")) or "upper") != "lower"
 
     def order(self, size: int | Expression) -> Order:
@@ -328,7 +328,7 @@ def _float(size: int) -> LoadType:
 
 
 def _in_hex(given: TypeKeys, kind: str, size: int) -> FieldType:
-    """A number whose bytes stand as hex digits."""
+    """Return a number whose bytes stand as hex digits."""
     return FieldType(kind, 2 * size, signed=True, order=given.order(size), upper=given.upper)
 
 
@@ -367,7 +367,7 @@ def _ascii(given: TypeKeys) -> FieldType:
 
 
 def _decimal(given: TypeKeys) -> FieldType:
-    """A number in decimal text."""
+    """Return a number in decimal text."""
     reader, node, size_node = given.reader, given.keys.get("end"), given.keys.get("size")
     end, stops = given.ends()
     if size_node is not None and node is not None:
@@ -407,7 +407,7 @@ TYPES: dict[str, LoadType] = {
 
 
 def load_type(space: Meanings, mapping: Keys, type_node: Node | None, *, texts: bool = False) -> FieldType:
-    """The type named by `type_node`, completed by `size order case pad end` of a mapping. Raises Broken.
+    """Return the type named by `type_node`, completed by `size order case pad end` of a mapping. Raises Broken.
 
     `texts`: the mapping has the keys of decimals.
     """
@@ -429,7 +429,7 @@ def load_type(space: Meanings, mapping: Keys, type_node: Node | None, *, texts: 
 
 
 def load_size(reader: Reader, node: Node) -> Size:
-    """A number of bytes, `rest`, or an expression."""
+    """Return a number of bytes, `rest`, or an expression."""
     text = reader.text(node).strip()
     if text == "rest":
         return "rest"
@@ -437,7 +437,7 @@ def load_size(reader: Reader, node: Node) -> Size:
 
 
 def given_order(reader: Reader, mapping: Keys) -> Order | None:
-    """The byte order that keys say, if they do. Raises Broken."""
+    """Return the byte order that keys say, if they do. Raises Broken."""
     node = mapping.get("order")
     return None if node is None else reader.one_of(node, ORDERS, "a byte order")
 
@@ -472,7 +472,9 @@ TEXT_KEYS: Mapping[str, Schema] = {
 def type_keys(
     name: str, doc: str, *, size: str = _BYTES_OR_DIGITS, case: bool = True, texts: bool = False
 ) -> FieldType:
-    """The attribute of a type: the key with its word, and those that complete it; `texts`: those of decimals too."""
+    """Return the attribute of a type: the key with its word, and those that complete it; `texts`: those of decimals
+    too.
+    """
     schemas: dict[str, Schema] = {
         name: {**ref("type_name"), "description": doc},
         "size": {**here("size"), "description": size},

@@ -18,7 +18,7 @@ _NO_TEXT = frozenset({"true", "false", "yes", "no", "on", "off", "null", "none",
 
 
 def scalar(value: Any) -> str:
-    """A scalar: numbers and flags as they are, texts plain where they can only be that text."""
+    """Return a scalar: numbers and flags as they are, texts plain where they can only be that text."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, (int, float)):
@@ -36,12 +36,12 @@ def _sign(sign: str) -> str:
 
 
 def comment(text: str) -> str:
-    """A comment of any text, on one line."""
+    """Return a comment of any text, on one line."""
     return "# " + "".join(sign if sign.isprintable() else " " for sign in text)
 
 
 def flow(value: Any) -> str:
-    """A value on one line."""
+    """Return a value on one line."""
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{scalar(key)}: {flow(one)}" for key, one in value.items()) + "}"
     if isinstance(value, Sequence) and not isinstance(value, str):
@@ -50,7 +50,10 @@ def flow(value: Any) -> str:
 
 
 def yaml_lines(value: Mapping[Any, Any], indent: int = 0, *, compact: bool = False) -> Iterator[str]:
-    """The lines of a mapping. `compact`: items of lists stand on one line where they fit and hold only scalars."""
+    """Yield the lines of a mapping.
+
+    `compact`: items of lists stand on one line where they fit and hold only scalars.
+    """
     room = " " * indent
     for key, one in value.items():
         yield from _entry(f"{room}{scalar(key)}:", one, indent, compact)

@@ -56,7 +56,7 @@ class Family(NamedTuple):
 
 @cache
 def families() -> tuple[Family, ...]:
-    """Those of the catalogue with whole bytes."""
+    """Return those of the catalogue with whole bytes."""
     methods = [entry.method for entry in crc_catalogue() if entry.method.width in (8, 16, 24, 32)]
     return tuple(dict.fromkeys(Family(one.width, one.poly, one.refin, one.refout) for one in methods))
 
@@ -81,7 +81,7 @@ def fletcher(data: bytes) -> int:
 
 
 def code_of(check: CheckGuess, data: bytes) -> int:
-    """The code over these bytes."""
+    """Return the code over these bytes."""
     return fletcher(data) if check.method.kind == "fold" else compute(check.method, data)
 
 
@@ -98,7 +98,7 @@ def alike(check: CheckGuess) -> list[CheckGuess]:
 
 
 def holds(check: CheckGuess, frame: bytes) -> bool:
-    """Whether the check of a frame, without its stuffing, is right."""
+    """Return whether the check of a frame, without its stuffing, is right."""
     cut = cut_at(check.place, frame)
     return cut is not None and cut.code == code_of(check, cut.data)
 
@@ -138,7 +138,7 @@ def _digits(text: bytes) -> bytes | None:
 
 
 def find_checks(frames: Sequence[bytes], start: int = 0, tail: int = 0, most: int = 3) -> list[CheckGuess]:
-    """The checks that hold, the best first; none where none is sure.
+    """Return the checks that hold, the best first; none where none is sure.
 
     Frames are whole and unstuffed, begin with `start` constant bytes and end with `tail` such.
     """
@@ -176,7 +176,7 @@ def _rank(one: CheckGuess) -> tuple[float, ...]:
 
 
 def _together(found: Sequence[CheckGuess]) -> list[CheckGuess]:
-    """The best of those at one place, which names the others."""
+    """Return the best of those at one place, which names the others."""
     groups: dict[tuple[int | None, int, int], list[CheckGuess]] = defaultdict(list)
     for one in found:
         groups[one.place.at, one.place.tail, one.place.size].append(one)
@@ -288,7 +288,7 @@ def _simple(place: CheckPlace, cuts: Sequence[CountedBytes], width: int, of: int
 def _mode(
     cuts: Sequence[CountedBytes], method: CheckMethod, adds: bool, complement: str, ones: int
 ) -> tuple[int, int]:  # fmt: skip
-    """The constant that most frames have between code and method, and how many do."""
+    """Return the constant that most frames have between code and method, and how many do."""
     if not adds:
         rests = Counter(cut.code ^ compute(method, cut.data) for cut in cuts)
     elif complement:
@@ -397,7 +397,7 @@ def _combined(one: bytes, two: bytes) -> bytes:
 
 
 def _agrees(family: Family, changed: Sequence[tuple[bytes, int]]) -> bool:
-    """Whether most of the pairs differ as a family says, two at least."""
+    """Return whether most of the pairs differ as a family says, two at least."""
     wrong = 0
     for data, code in changed:
         wrong += plain_crc(data, *family) != code
@@ -422,7 +422,7 @@ def _ready_in(
 
 
 def _with_start(place: CheckPlace, cuts: Sequence[CountedBytes], family: Family, of: int) -> Iterator[CheckGuess]:
-    """A family whose differences agree, with the registers that explain all sizes."""
+    """Yield a family whose differences agree, with the registers that explain all sizes."""
     rests: dict[int, Counter[int]] = defaultdict(Counter)
     for cut in cuts:
         rests[len(cut.data)][cut.code ^ plain_crc(cut.data, *family)] += 1

@@ -29,7 +29,7 @@ def remainder(number: int, divisor: int) -> int:
 
 
 def quotient(number: int, divisor: int) -> int | None:
-    """The polynomial that times `divisor` is `number`; None: there is none."""
+    """Return the polynomial that times `divisor` is `number`; None: there is none."""
     found, degree = 0, divisor.bit_length()
     while (excess := number.bit_length() - degree) >= 0:
         number ^= divisor << excess
@@ -38,7 +38,7 @@ def quotient(number: int, divisor: int) -> int | None:
 
 
 def common_divisor(numbers: Iterable[int]) -> int:
-    """The greatest polynomial that divides all of them; 0 for none."""
+    """Return the greatest polynomial that divides all of them; 0 for none."""
     found = 0
     for number in numbers:
         rest = number
@@ -68,12 +68,12 @@ def polynomials(differences: Sequence[int], width: int) -> Iterator[int]:
 
 @cache
 def table_of(width: int, poly: int, refin: bool) -> tuple[int, ...]:
-    """The table for `crc`."""
+    """Return the table for `crc`."""
     return make_crc_table(width, poly, refin)
 
 
 def plain_crc(data: bytes, width: int, poly: int, refin: bool, refout: bool, init: int = 0) -> int:
-    """The code without anything put on at the end."""
+    """Return the code without anything put on at the end."""
     return crc(data, table_of(width, poly, refin), width, init, refin, refout, 0)
 
 

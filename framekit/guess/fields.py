@@ -219,7 +219,7 @@ def _is_asked_for(pairs: Sequence[AskedTold], shape: FrameShape, copies: set[int
 
 
 def _is_count(place: int, texts: Sequence[bytes]) -> bool:
-    """Whether a byte goes with the size in most frames."""
+    """Return whether a byte goes with the size in most frames."""
     for unit in (1, 2):
         rest, often = Counter(len(text) - unit * text[place] for text in texts).most_common(1)[0]
         sizes = {len(text) for text in texts if len(text) - unit * text[place] == rest}
@@ -238,8 +238,10 @@ def kinds_of(
     frames: Sequence[HeardFrame], plain: Sequence[bytes], sides: Sequence[str], framing: Framing,
     checks: Sequence[CheckGuess | None], rules: Sequence[int],
 ) -> list[FrameKind]:  # fmt: skip
-    """The kinds of frames with their fields. `plain`: the frames without their stuffing; `rules`: which of the checks
-    each of them has."""
+    """Return the kinds of frames with their fields.
+
+    `plain`: the frames without their stuffing; `rules`: which of the checks each of them has.
+    """
     found = []
     pairs = [(one, two) for one, two in pairwise(range(len(frames))) if (sides[one], sides[two]) == CLIENT_SERVER]
     for rule, check in enumerate(checks):
@@ -342,7 +344,7 @@ def _copies(pairs: Sequence[AskedTold], shape: FrameShape, known: set[int]) -> d
 def _copies_of(
     numbers: set[int], pairs: Sequence[tuple[int, int]], plain: Sequence[bytes], places: set[int]
 ) -> dict[int, Evidence]:
-    """The evidence of copies in frames of one kind alone."""
+    """Return the evidence of copies in frames of one kind alone."""
     own = [(plain[one], plain[two]) for one, two in pairs if one in numbers or two in numbers]
     found = {}
     for place in places:
@@ -438,7 +440,7 @@ def _field_at(
 
 
 def _counter(at: int, inner: int, texts: Sequence[bytes]) -> GuessedField | None:
-    """A number that goes up by one from frame to frame: the widest that does."""
+    """Return a number that goes up by one from frame to frame: the widest that does."""
     choices: tuple[tuple[int, Order], ...] = ((2, "big"), (2, "little"), (1, "big"))
     for width, order in choices:
         if at + width > inner:
@@ -475,7 +477,7 @@ def _more(plus: int, unit: int) -> str:
 
 
 def _count(at: int, texts: Sequence[bytes]) -> GuessedField | None:
-    """A byte that goes with the size of the frame."""
+    """Return a byte that goes with the size of the frame."""
     for unit in (1, 2):
         rests = Counter(len(text) - unit * text[at] for text in texts)
         rest, often = rests.most_common(1)[0]

@@ -100,7 +100,10 @@ def _rank(cut: CutLine) -> tuple[float, ...]:
 
 
 def cut_line(framing: Framing, streams: Sequence[PieceStream], is_whole: bool = False) -> CutLine:
-    """The frames that a framing finds. `is_whole`: there are no pieces, and frames that follow each other fit."""
+    """Return the frames that a framing finds.
+
+    `is_whole`: there are no pieces, and frames that follow each other fit.
+    """
     frames: list[tuple[int, int, HeardFrame]] = []
     covered = whole = bounds = hit = ends = hit_ends = 0
     for stream in streams:
@@ -208,7 +211,7 @@ def _end_by_mark(framing: Framing, data: bytes, at: int, starts: set[int]) -> in
 
 
 def value_at(length: LengthField, data: bytes, at: int) -> int | None:
-    """The number of a length field in a frame that begins here; None: there is none."""
+    """Return the number of a length field in a frame that begins here; None: there is none."""
     raw = data[at + length.offset : at + length.end]
     if len(raw) < length.size:
         return None
@@ -331,7 +334,7 @@ def _lengths(texts: Sequence[bytes]) -> Iterator[LengthField]:
 
 
 def _unusual(length: LengthField) -> int:
-    """The less, the rather taken: of decimal digits as many as there are."""
+    """Return the less, the rather taken: of decimal digits as many as there are."""
     return -length.width if length.form == "decimal" else USUAL_WIDTHS[length.width]
 
 
@@ -363,7 +366,7 @@ def _lengths_of_stream(streams: Sequence[PieceStream]) -> Iterator[LengthField]:
 
 
 def _worth(length: LengthField, streams: Sequence[PieceStream]) -> float:
-    """How much of the streams it leads through, while frames begin alike; 0: it leads nowhere."""
+    """Return how much of the streams it leads through, while frames begin alike; 0: it leads nowhere."""
     heads: list[bytes] = []
     empty = 0
     for stream in streams:

@@ -112,13 +112,13 @@ class TriedCut:
 
     @property
     def is_told(self) -> bool:
-        """Whether these explain nearly all of the bytes."""
+        """Return whether these explain nearly all of the bytes."""
         few = LEAST_PIECES * len(self.cutting.pieces) if self.cutting.kind == "whole" else 0
         return self.is_marked and self.cut.fit >= WELL and len(self.cut.frames) > few
 
     @property
     def is_seen(self) -> bool:
-        """Whether anything but the cutting shows where frames are."""
+        """Return whether anything but the cutting shows where frames are."""
         framing = self.cut.framing
         if self.is_checked or framing.kind in ("marks", "length") or framing.start or framing.end:
             return True
@@ -126,7 +126,7 @@ class TriedCut:
 
     @property
     def good(self) -> list[HeardFrame]:
-        """The frames in which the check holds."""
+        """Return the frames in which the check holds."""
         check, pairs = self.check, zip(self.cut.frames, self.plain, strict=True)
         return [] if check is None else [one for one, text in pairs if text is not None and holds(check, text)]
 
@@ -214,8 +214,9 @@ def _doubted(tried: TriedCut) -> TriedCut:
 
 
 def _tried(chunks: Sequence[HeardBytes], cutting: Cutting) -> TriedCut:
-    """The likeliest framing in nearly all of whose frames a check holds; else that in most of whose frames one does;
-    without any, the likeliest one."""
+    """Return the likeliest framing in nearly all of whose frames a check holds; else that in most of whose frames one
+    does; without any, the likeliest one.
+    """
     first: TriedCut | None = None
     best: tuple[float, TriedCut] | None = None
     cuts = framings_of(chunks, cutting)
@@ -347,7 +348,7 @@ def _of_framing(cut: CutLine) -> Iterator[Statement]:
 
 
 def _of_length(length: LengthField) -> str:
-    """The size of a frame, in words."""
+    """Return the size of a frame, in words."""
     if length.unit != 1:
         return f"{length.unit} × its value and {plural(length.plus, 'byte')}"
     if not length.plus:
@@ -403,7 +404,7 @@ def _of_check(check: CheckGuess | None, which: str) -> Iterator[Statement]:
 
 
 def own_name(check: CheckGuess) -> str:
-    """A check that is no ready one, in words."""
+    """Return a check that is no ready one, in words."""
     method = check.method
     if method.kind == "crc":
         reflected = ", reflected" if method.refin else ""

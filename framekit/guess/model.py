@@ -118,7 +118,7 @@ class Framing:
 
     @property
     def plain_end(self) -> bytes:
-        """The end mark of a frame without its stuffing: where a code follows it, without the escape byte."""
+        """Return the end mark of a frame without its stuffing: where a code follows it, without the escape byte."""
         return self.end[1:] if self.behind else self.end
 
 

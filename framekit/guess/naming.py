@@ -50,7 +50,7 @@ class FieldNaming(NamedTuple):
 
     @property
     def end(self) -> int:
-        """The first byte after it; there is none after data of varying size."""
+        """Return the first byte after it; there is none after data of varying size."""
         return self.offset + self.size if self.size else 1 << 30
 
 
@@ -61,7 +61,7 @@ class NamedType(NamedTuple):
     form: str
 
     def takes(self, size: int) -> bool:
-        """Whether so many bytes can be that."""
+        """Return whether so many bytes can be that."""
         return size in self.sizes if self.sizes else True
 
 
@@ -80,14 +80,14 @@ _FLOATS = {4: struct.Struct(">f"), 8: struct.Struct(">d")}
 
 
 def orders_of(type_: str, size: int) -> tuple[str, ...]:
-    """The orders in which the bytes of a number of this type can stand; one where there is no choice."""
+    """Return the orders in which the bytes of a number of this type can stand; one where there is no choice."""
     if not TYPES[type_].sizes or size < 2:
         return ORDERS[:1]
     return ORDERS if size in (4, 8) and type_ not in ("bcd", "bits") else ORDERS[:2]
 
 
 def number_of(type_: str, order: str, data: bytes) -> int | float | None:
-    """The number that bytes are as this type; None where they are none."""
+    """Return the number that bytes are as this type; None where they are none."""
     form = TYPES[type_].form
     if form in ("text", "bytes"):
         return None
@@ -104,7 +104,7 @@ def number_of(type_: str, order: str, data: bytes) -> int | float | None:
 
 
 def types_of(texts: Sequence[bytes]) -> list[tuple[str, str]]:
-    """The types, each with its orders, that bytes of one size can be; those first that are most often meant."""
+    """Return the types, each with its orders, that bytes of one size can be; those first that are most often meant."""
     size = len(texts[0])
     fitting = [
         (type_, order)
@@ -123,7 +123,7 @@ def types_of(texts: Sequence[bytes]) -> list[tuple[str, str]]:
 
 
 def named(guess: Guess, namings: Iterable[FieldNaming]) -> Guess:
-    """The guess with these names, which do not overlap. Raises NamingError."""
+    """Return the guess with these names, which do not overlap. Raises NamingError."""
     kinds = {kind.name: kind for kind in guess.kinds}
     texts = {kind.name: _plain(guess, kind) for kind in guess.kinds}
     for naming in namings:
@@ -135,7 +135,7 @@ def named(guess: Guess, namings: Iterable[FieldNaming]) -> Guess:
 
 
 def overlaps(one: FieldNaming, other: FieldNaming) -> bool:
-    """Whether two names are for the same bytes, at least in part."""
+    """Return whether two names are for the same bytes, at least in part."""
     return one.kind == other.kind and one.offset < other.end and other.offset < one.end
 
 
@@ -151,7 +151,9 @@ def _plain(guess: Guess, kind: FrameKind) -> list[bytes]:
 
 
 def _with_the_same_copy(kinds: dict[str, FrameKind], naming: FieldNaming) -> list[FrameKind]:
-    """The kind that is meant, and, where a reply repeats these bytes of its request, the kinds of the other side."""
+    """Return the kind that is meant, and, where a reply repeats these bytes of its request, the kinds of the other
+    side.
+    """
     meant = kinds[naming.kind]
     if not _covers_copies(meant, naming.offset, naming.end):
         return [meant]
@@ -173,7 +175,7 @@ def _covers_copies(kind: FrameKind, first: int, end: int) -> bool:
 
 
 def _named(kind: FrameKind, texts: Sequence[bytes], naming: FieldNaming) -> FrameKind:
-    """A kind with one more name."""
+    """Return a kind with one more name."""
     size, where = naming.size, _where(naming)
     touched = [field for field in kind.fields if _touches(field, naming, kind)]
     for field in touched:
@@ -258,7 +260,7 @@ def _check_name(kind: FrameKind, naming: FieldNaming, others: Sequence[GuessedFi
 
 
 def value_names(name: str, type_: str, size: int) -> list[str]:
-    """The names of the values of a field: of bits one each, the lowest first."""
+    """Return the names of the values of a field: of bits one each, the lowest first."""
     return bit_names(name, size) if type_ == "bits" else [name]
 
 
@@ -285,7 +287,7 @@ def _check_type(field: GuessedField, texts: Sequence[bytes], where: str) -> None
 
 
 def _about(naming: FieldNaming, texts: Sequence[bytes]) -> str:
-    """The values, in words."""
+    """Return the values, in words."""
     if not naming.size or naming.type not in TYPES or not TYPES[naming.type].takes(naming.size):
         return ""
     parts = {text[naming.offset : naming.end] for text in texts}
@@ -325,7 +327,7 @@ def _right(
 
 
 def _piece(field: GuessedField, at: int, size: int, texts: Sequence[bytes], taken: set[str], name: str) -> GuessedField:
-    """A part of a field, of which less is known. `name`: the one it keeps, or '' for a new one."""
+    """Return a part of a field, of which less is known. `name`: the one it keeps, or '' for a new one."""
     parts = {text[at : at + size] for text in texts}
     kind = field.kind if field.kind in ("constant", "text") else "unknown"
     if field.wire:

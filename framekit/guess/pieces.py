@@ -37,7 +37,7 @@ class PieceStream:
 
     @property
     def pieces(self) -> list[bytes]:
-        """The pieces, in order."""
+        """Return the pieces, in order."""
         ends = (*self.starts[1:], len(self.data))
         return [self.data[start:end] for start, end in zip(self.starts, ends, strict=True)]
 
@@ -118,7 +118,7 @@ def signals_of(texts: Sequence[bytes]) -> frozenset[bytes]:
 
 
 def apart(pieces: Sequence[HeardBytes], signals: frozenset[bytes]) -> list[HeardBytes]:
-    """The pieces, with signals before a frame as pieces of their own."""
+    """Return the pieces, with signals before a frame as pieces of their own."""
     found = list[HeardBytes]()
     for piece in pieces:
         first = next((one for one in signals if piece.data.startswith(one) and len(piece.data) > len(one)), b"")
@@ -241,8 +241,9 @@ def _gaps(chunks: Sequence[HeardBytes]) -> list[float]:
 
 
 def say_little(pieces: Sequence[HeardBytes]) -> bool:
-    """Whether pieces are as programs and adapters hand bytes over: mostly one or two bytes, or nearly all of one usual
-    size."""
+    """Return whether pieces are as programs and adapters hand bytes over: mostly one or two bytes, or nearly all of one
+    usual size.
+    """
     sizes = Counter(len(piece.data) for piece in pieces)
     count = sum(sizes.values())
     if count < 2:
@@ -254,7 +255,9 @@ def say_little(pieces: Sequence[HeardBytes]) -> bool:
 
 
 def are_portions(pieces: Sequence[HeardBytes]) -> bool:
-    """Whether many pieces follow another one of their direction so soon as an adapter hands over parts of a frame."""
+    """Return whether many pieces follow another one of their direction so soon as an adapter hands over parts of a
+    frame.
+    """
     soon = sum(
         before.direction == piece.direction and _is_near(before, piece, LATENCY) for before, piece in pairwise(pieces)
     )

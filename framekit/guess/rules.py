@@ -33,7 +33,7 @@ class FrameRule:
 def rules_of(
     frames: Sequence[HeardFrame], plain: Sequence[bytes | None], framing: Framing, check: CheckGuess | None
 ) -> list[FrameRule]:
-    """The rules, that of most frames first. Frames of none are damaged."""
+    """Return the rules, that of most frames first. Frames of none are damaged."""
     texts = {number: text for number, text in enumerate(plain) if text is not None}
     if check is None or not check.is_sure:
         found = _by_groups(frames, texts, framing)
@@ -60,7 +60,7 @@ def rules_of(
 def _rule(
     numbers: Sequence[int], texts: dict[int, bytes], framing: Framing, main: CheckGuess | None, which: str
 ) -> FrameRule:
-    """The rule of frames that the main check does not hold in: rather the same check from another byte on."""
+    """Return the rule of frames that the main check does not hold in: rather the same check from another byte on."""
     distinct = list(dict.fromkeys(texts[number] for number in numbers))
     found: CheckGuess | None = None
     if main is not None and main.place.at is None and len(distinct) >= LEAST_FRAMES:

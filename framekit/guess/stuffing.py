@@ -21,7 +21,7 @@ class StuffingError(ValueError):
 
 
 def unstuffed(stuffing: Stuffing, data: bytes) -> bytes:
-    """The plain bytes. Raises StuffingError."""
+    """Return the plain bytes. Raises StuffingError."""
     if stuffing.kind == "cobs":
         return _from_cobs(data)
     if stuffing.kind == "hex":
@@ -53,7 +53,7 @@ HEX_DIGITS = frozenset(b"0123456789ABCDEFabcdef")
 
 
 def from_digits(text: bytes) -> bytes:
-    """The bytes that hex digits stand for. Raises StuffingError."""
+    """Return the bytes that hex digits stand for. Raises StuffingError."""
     if len(text) % 2 or not HEX_DIGITS.issuperset(text):
         raise StuffingError("these are no pairs of hex digits")
     return bytes.fromhex(text.decode("ascii"))
@@ -73,7 +73,7 @@ def _from_cobs(data: bytes) -> bytes:
 
 
 def plain_frame(framing: Framing, data: bytes) -> bytes:
-    """A frame without its stuffing, with its marks. Raises StuffingError."""
+    """Return a frame without its stuffing, with its marks. Raises StuffingError."""
     body = data[: len(data) - framing.behind]
     if framing.stuffing is None or not (body.startswith(framing.start) and body.endswith(framing.end)):
         return data

@@ -67,7 +67,10 @@ def decimal_keys(texts: Sequence[bytes]) -> str | None:
 
 
 def _parted(run: Sequence[GuessedField], texts: Sequence[bytes], known: float) -> Iterator[GuessedField]:
-    """The fields of a run of bytes, text in place of its bytes. `known`: bits of luck that speak for text already."""
+    """Yield the fields of a run of bytes, text in place of its bytes.
+
+    `known`: bits of luck that speak for text already.
+    """
     first, end = run[0].offset, run[-1].offset + run[-1].size
     seen = {place: {text[place] for text in texts} for place in range(first, end)}
     for is_text, group in groupby(range(first, end), lambda place: seen[place] <= PRINTABLE):
@@ -120,7 +123,7 @@ def _field(at: int, size: int, varies: bool, texts: Sequence[bytes], luck: float
 
 
 def is_text(texts: Sequence[bytes]) -> bool:
-    """Whether all of these are signs, and too many for luck."""
+    """Return whether all of these are signs, and too many for luck."""
     if not all(PRINTABLE.issuperset(text) for text in texts):
         return False
     seen = {sign for text in texts[:ENOUGH] for sign in enumerate(text)}

@@ -53,7 +53,7 @@ class TimeSpread:
 
 
 def shown(time: int) -> str:
-    """A time in words, with three digits."""
+    """Return a time in words, with three digits."""
     return f"{time / 1e9:.3g} s" if time >= 1_000_000_000 else f"{time / 1e6:.3g} ms"
 
 
@@ -108,7 +108,7 @@ class GuessedTimes:
 
     @property
     def slowest(self) -> int:
-        """The longest time after which a reply came; 0 for none."""
+        """Return the longest time after which a reply came; 0 for none."""
         return max((one.delay.greatest for one in self.answers if one.delay is not None), default=0)
 
     @property
@@ -121,7 +121,7 @@ class GuessedTimes:
 
 
 def times_of(frames: Sequence[TimedFrame]) -> GuessedTimes:
-    """The times of frames in their order, those that were damaged among them."""
+    """Return the times of frames in their order, those that were damaged among them."""
     asked = [number for number, frame in enumerate(frames) if frame.side == "client"]
     has_replies = any(frame.side == "server" for frame in frames)
     answers = tuple(_answers(frames, asked)) if has_replies else ()

@@ -19,7 +19,10 @@ TOLD_KINDS = ("unknown", "counter", "copy", "text", "named")
 
 
 def definition_text(guess: Guess, name: str, source: str) -> str:
-    """The definition. `name`: of the protocol; `source`: where the bytes come from, in words for its first line."""
+    """Return the definition.
+
+    `name`: of the protocol; `source`: where the bytes come from, in words for its first line.
+    """
     has_sides = {kind.side for kind in guess.kinds} >= {"client", "server"}
     lines = [
         f"# Guessed from {source}: {len(guess.frames)} frames. What stands here was seen; what it means is not known.",
@@ -44,7 +47,7 @@ MOST_RETRIES = 10
 
 
 def _params(times: GuessedTimes) -> Iterator[str]:
-    """How long a client waits and how often it repeats, as far as that was seen."""
+    """Yield how long a client waits and how often it repeats, as far as that was seen."""
     rows = []
     if times.longest_timeout is not None:
         timeout, why = times.longest_timeout, "after that the client went on"
@@ -60,7 +63,7 @@ def _params(times: GuessedTimes) -> Iterator[str]:
 
 
 def _own_checks(guess: Guess) -> dict[CheckMethod, str]:
-    """The methods that are no ready ones, with their names."""
+    """Return the methods that are no ready ones, with their names."""
     own = [kind.check.method for kind in guess.kinds if kind.check is not None and not kind.check.name]
     return {method: f"own_{at}" if at else "own" for at, method in enumerate(dict.fromkeys(own))}
 
@@ -151,7 +154,9 @@ def _body(kind: FrameKind, framing: Framing, guess: Guess) -> Iterator[str]:
 
 
 def _check_behind(check: CheckGuess, framing: Framing, name: str) -> str:
-    """A check outside of the marks: over the content, and over the end mark without its escape byte, if that counts."""
+    """Return a check outside of the marks: over the content, and over the end mark without its escape byte, if that
+    counts.
+    """
     order = ", order: little" if check.place.order == "little" and check.place.size > 1 else ""
     digits = ", as: hex" if check.place.form == "hex" else ""
     mark = "" if check.place.stop else f", {{bytes: \"h'{framing.plain_end.hex().upper()}'\"}}"
@@ -182,7 +187,7 @@ def _escaped(stuffing: Stuffing, frames: Sequence[HeardFrame]) -> list[int]:
 
 
 def _segments(kind: FrameKind, framing: Framing, check: str) -> Iterator[str]:
-    """A segment for each field. `check`: the name of the check."""
+    """Yield a segment for each field. `check`: the name of the check."""
     sized = next((field for field in kind.fields if field.kind in ("length", "count")), None)
     for field in kind.fields:
         about = f"  # {field.about}" if field.about and field.kind in TOLD_KINDS else ""
@@ -303,7 +308,7 @@ def _check(kind: FrameKind, field: GuessedField, framing: Framing, check: str) -
 
 
 def _is_unnamed(field: GuessedField, kind: FrameKind) -> bool:
-    """Whether a field is a constant in the definition, or bits, each of which has a name of its own."""
+    """Return whether a field is a constant in the definition, or bits, each of which has a name of its own."""
     if field.wire:
         return field.wire == "bits"
     is_fixed = field.kind in ("length", "count") and all(one.size for one in kind.fields)
@@ -311,20 +316,20 @@ def _is_unnamed(field: GuessedField, kind: FrameKind) -> bool:
 
 
 def _before_mark(kind: FrameKind) -> str:
-    """The field before the bytes that do not count before a code, or its last byte."""
+    """Return the field before the bytes that do not count before a code, or its last byte."""
     before = next(number for number, field in enumerate(kind.fields) if field.name == "mark") - 1
     last = kind.fields[before]
     return str(last.offset + last.size - 1) if _is_unnamed(last, kind) else last.name
 
 
 def _last_counted(kind: FrameKind) -> str:
-    """The last field that counts for a check in the head."""
+    """Return the last field that counts for a check in the head."""
     names = [field.name for field in kind.fields if field.name != "end"]
     return names[-1]
 
 
 def bit_names(name: str, size: int) -> list[str]:
-    """The names of the bits of so many bytes, the lowest first."""
+    """Return the names of the bits of so many bytes, the lowest first."""
     return [f"{name}_{bit}" for bit in range(8 * size)]
 
 

@@ -109,7 +109,7 @@ class SystemBits:
 
     @property
     def areas(self) -> set[str]:
-        """The names of the areas that such bits stand in."""
+        """Return the names of the areas that such bits stand in."""
         return {word.area.name for word in self._words.values()} | {area.name for area, _, _ in self._calendar}
 
     def wait_for(self, wake: Collection[tuple[str, int]] | None) -> None:
@@ -201,7 +201,7 @@ class SystemBits:
         self._note_next_edge()
 
     def _counts_calendar(self) -> bool:
-        """Whether a block waits for a bit of the calendar."""
+        """Return whether a block waits for a bit of the calendar."""
         places = {(area.name, number) for area, number, _ in self._calendar}
         return bool(places) and (self._wake is None or any((name, bit // 16) in places for name, bit in self._wake))
 

@@ -73,7 +73,7 @@ def pack_bits(bits: Sequence[int]) -> bytes:
 
 
 def unpack_bits(data: bytes, count: int) -> list[int]:
-    """The first `count` bits of `data`, bit 0 of the first byte first; bits after the data are 0."""
+    """Return the first `count` bits of `data`, bit 0 of the first byte first; bits after the data are 0."""
     if not count:
         return []
     number = int.from_bytes(data, "little") & ((1 << count) - 1)
@@ -193,7 +193,7 @@ class Area:
         return partial(self._data.startswith, data, offset)
 
     def write_bytes(self, offset: int, data: bytes, *, force: bool = False) -> None:
-        """Puts `data` at byte `offset`. Bits of the last byte that are beyond the area stay 0."""
+        """Put `data` at byte `offset`. Bits of the last byte that are beyond the area stay 0."""
         end = offset + len(data)
         if offset < 0 or end > len(self._data):
             raise self._beyond("byte", offset, len(data), len(self._data))
@@ -219,7 +219,7 @@ class Area:
         return [int.from_bytes(data[at : at + size], "little") for at in range(0, len(data), size)]
 
     def write(self, unit: str | int, start: int, values: Sequence[int], *, force: bool = False) -> None:
-        """Puts unsigned `values` of `unit` at number `start` on. Either all are written or none."""
+        """Put unsigned `values` of `unit` at number `start` on. Either all are written or none."""
         may = force or self.access != "read"
         if may and unit == "word" and len(values) == 1 and 0 <= start < self.size_bits >> 4:
             try:  # the usual write, without detours
@@ -259,7 +259,7 @@ class Area:
         return [int.from_bytes(data[at : at + size], "little") for at in range(0, len(data), size)]
 
     def write_from(self, first_bit: int, unit: str | int, values: Sequence[int], *, force: bool = False) -> None:
-        """Puts unsigned `values` of `unit`, the first at bit `first_bit`. Either all are written or none."""
+        """Put unsigned `values` of `unit`, the first at bit `first_bit`. Either all are written or none."""
         bits = unit_bits(unit)
         start, shift = divmod(first_bit, bits)
         if not shift:
@@ -285,7 +285,7 @@ class Area:
         return (number & ((1 << count) - 1)).to_bytes((count + 7) // 8, "little")
 
     def write_bits(self, start: int, count: int, data: bytes, *, force: bool = False) -> None:
-        """Puts the first `count` bits of `data`, packed as `read_bits` gives them; no fewer may be there."""
+        """Put the first `count` bits of `data`, packed as `read_bits` gives them; no fewer may be there."""
         self._within("bit", 1, start, count)
         if self.access == "read" and not force:
             raise self._read_only()
@@ -643,7 +643,7 @@ class DeviceMemory:
         return self.area(area).read(unit, start, count)
 
     def write(self, area: str, unit: str | int, start: int, values: Sequence[int], *, force: bool = False) -> None:
-        """Puts unsigned values at number `start` on; all or none."""
+        """Put unsigned values at number `start` on; all or none."""
         (self._by_name.get(area) or self.area(area)).write(unit, start, values, force=force)
 
     def read_bytes(self, area: str, offset: int, count: int) -> bytes:
@@ -651,7 +651,7 @@ class DeviceMemory:
         return self.area(area).read_bytes(offset, count)
 
     def write_bytes(self, area: str, offset: int, data: bytes, *, force: bool = False) -> None:
-        """Puts `data` at byte `offset`."""
+        """Put `data` at byte `offset`."""
         self.area(area).write_bytes(offset, data, force=force)
 
     def watch(self, area: str, first_word: int, count: int, callback: Changed, mask: int = ALL_BITS) -> Watch:
@@ -666,7 +666,7 @@ class DeviceMemory:
         return tuple((area.name, area.unit, area.size) for area in self)
 
     def snapshot(self) -> dict[str, bytes]:
-        """The bytes of every area."""
+        """Return the bytes of every area."""
         return {area.name: area.read_bytes(0, area.size_bytes) for area in self}
 
 

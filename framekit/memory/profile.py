@@ -131,7 +131,7 @@ class BlockWords:
         return self.first + self.words * self.sets * self.blocks
 
     def base(self, set_number: int, block: int) -> int:
-        """The first word of a block; sets count from 1, blocks from 0. Raises ValueError for any other."""
+        """Return the first word of a block; sets count from 1, blocks from 0. Raises ValueError for any other."""
         if not 1 <= set_number <= self.sets or not 0 <= block < self.blocks:
             raise ValueError(
                 f"there is no block {block} of set {set_number} – "
@@ -197,7 +197,7 @@ _KINDS: dict[str, FixedKind] = {kind: kind for kind in get_args(FixedKind)}
 
 
 def load_profile(name_or_path: str | Path, folder: Path | None = None, at: Position = NOWHERE) -> MemoryProfile:
-    """The profile in a file (a Path), or of a name: `NAME.memory.yaml` in `folder`, else a shipped one.
+    """Return the profile in a file (a Path), or of a name: `NAME.memory.yaml` in `folder`, else a shipped one.
 
     `at` is where the name was written. Raises DefinitionError with everything that is wrong.
     """
@@ -227,7 +227,10 @@ def load_profile_node(node: Mapping, folder: Path | None = None) -> MemoryProfil
 
 
 def _profile(root: Mapping, documents: Documents, file: Path | None = None) -> MemoryProfile:
-    """The profile in nodes. Raises Broken when it is not even nearly one, DefinitionError with all its problems."""
+    """Return the profile in nodes.
+
+    Raises Broken when it is not even nearly one, DefinitionError with all its problems.
+    """
     reader = documents.reader
     profile = ProfileLoader(reader, root).profile()
     if not reader.problems:
@@ -247,7 +250,7 @@ def _find(name: str, folder: Path | None, at: Position) -> Path:
 
 
 def read_scan(reader: Reader, node: Node) -> int:
-    """How long a scan takes (ns). Raises Broken."""
+    """Return how long a scan takes (ns). Raises Broken."""
     time = reader.time(node)
     if not SHORTEST_PERIOD <= time < NEVER:
         raise reader.broken(node.at, "a scan takes 1 ms or more", "write it like 10 ms")
@@ -327,7 +330,7 @@ class ProfileLoader:
         )
 
     def _type(self, node: Node | None, unit: str, element_bits: int) -> str | None:
-        """The type of number that elements hold; None: one without sign. Raises Broken."""
+        """Return the type of number that elements hold; None: one without sign. Raises Broken."""
         if node is None:
             return None
         text = self.reader.text(node)

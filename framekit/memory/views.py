@@ -43,7 +43,7 @@ class NumberView:
     bytes_swapped: bool
 
     def read(self, data: bytes) -> list[int] | list[float]:
-        """The numbers in data in memory's form. Raises MemoryValueError for digits that are none."""
+        """Return the numbers in data in memory's form. Raises MemoryValueError for digits that are none."""
         numbers = [number for (number,) in struct.iter_unpack(f"<{self._code}", self._ordered(data))]
         return as_decimal(numbers, self.unit) if self.kind == "bcd" else numbers
 
@@ -74,7 +74,7 @@ class NumberView:
             raise MemoryValueError(what) from None
 
     def _keeps(self, value: int) -> None:
-        """Raises MemoryValueError for a whole number that no such float is."""
+        """Raise MemoryValueError for a whole number that no such float is."""
         code = f"<{self._code}"
         with suppress(OverflowError, struct.error):
             held = int(struct.unpack(code, struct.pack(code, value))[0])
@@ -83,7 +83,7 @@ class NumberView:
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """The least and the greatest number that it holds."""
+        """Return the least and the greatest number that it holds."""
         bits = unit_bits(self.unit)
         if self.kind == "float":
             most: float = struct.unpack(">f", b"\x7f\x7f\xff\xff")[0] if bits == 32 else sys.float_info.max
@@ -118,11 +118,11 @@ class TextView:
         return "byte" if place == "byte" else "word"
 
     def units(self, characters: int, place: str) -> int:
-        """How many of these units hold so many characters."""
+        """Return how many of these units hold so many characters."""
         return characters if place == "byte" else (characters + 1) // 2
 
     def read(self, data: bytes, characters: int, place: str) -> str:
-        """The text in data in memory's form, up to the first 00."""
+        """Return the text in data in memory's form, up to the first 00."""
         return self._ordered(data, place)[:characters].partition(b"\0")[0].decode(self.encoding)
 
     def write(self, text: str, characters: int, place: str) -> bytes:
@@ -151,7 +151,7 @@ class CountedTextView:
     encoding: str = "latin-1"
 
     def read(self, data: bytes) -> list[str]:
-        """The texts in data in memory's form; a number beyond the element's end counts as all of it."""
+        """Return the texts in data in memory's form; a number beyond the element's end counts as all of it."""
         elements = [data[at : at + self.size] for at in range(0, len(data), self.size)]
         return [
             swap(one[2:], 2)[: int.from_bytes(one[:2], "little")].decode(self.encoding) for one in elements
@@ -175,7 +175,7 @@ class CountedTextView:
 
 
 def view_of(type_: str, order: str | None = None) -> NumberView | TextView:
-    """The view of a name of `VIEWS`. Raises ValueError for another name, or an unknown order."""
+    """Return the view of a name of `VIEWS`. Raises ValueError for another name, or an unknown order."""
     if order is not None and order not in ORDERS:
         raise ValueError(f"'{order}' is no order of bytes – write {', '.join(ORDERS)}")
     reversed_, swapped = order in ("ABCD", "BADC"), order in ("BADC", "DCBA")
@@ -206,7 +206,7 @@ def as_decimal(values: Iterable[int], unit: str | int) -> list[int]:
 
 
 def from_decimal(values: Iterable[int], unit: str | int) -> list[int]:
-    """The reverse of `as_decimal`. Raises MemoryValueError for a value that has no such form."""
+    """Return the reverse of `as_decimal`. Raises MemoryValueError for a value that has no such form."""
     digits, result = unit_bits(unit) // 4, []
     for value in values:
         if not 0 <= value < 10**digits:

@@ -81,7 +81,7 @@ class Device:
 
     @property
     def lacks_station(self) -> bool:
-        """Whether it has no station of its own though requests of its protocol may name one."""
+        """Return whether it has no station of its own though requests of its protocol may name one."""
         by_default = self.protocol.station.default is not None
         return self.own is None and (by_default or needs_station(self.protocol))
 
@@ -97,7 +97,7 @@ class Device:
         ]
 
     def create_memory(self) -> DeviceMemory:
-        """A memory of its own with the start values in it."""
+        """Return a memory of its own with the start values in it."""
         memory = DeviceMemory(area.anew() for area in self.areas)
         put_values(memory, self.initial)
         return memory
@@ -282,7 +282,9 @@ class _DeviceLoader:
         return usual
 
     def _profile(self) -> MemoryProfile | None:
-        """The profile that the file describes; None for the areas of the protocol. Raises Broken, DefinitionError."""
+        """Return the profile that the file describes; None for the areas of the protocol. Raises Broken,
+        DefinitionError.
+        """
         node = self.root.get("memory")
         described = isinstance(node, Scalar) or (
             isinstance(node, MappingNode) and any(entry.key.text not in NO_PROFILE for entry in node.entries)
@@ -337,7 +339,9 @@ class DeviceSettings:
     mapping: MappingOf[str, str] = field(default_factory=dict)
 
     def on(self, root: MappingNode) -> MappingNode:
-        """The file with these settings in place of its own; start values and map entries are added to the file's."""
+        """Return the file with these settings in place of its own; start values and map entries are added to the
+        file's.
+        """
         changes: dict[str, Node] = {}
         if self.stations:
             at = _at("station", ",".join(self.stations))
@@ -376,7 +380,7 @@ def _texts(flag: str, texts: MappingOf[str, str]) -> dict[str, Node]:
 
 
 def _joined(old: Node | None, changes: MappingOf[str, Node]) -> MappingNode:
-    """The entries of a mapping, some replaced and some added."""
+    """Return the entries of a mapping, some replaced and some added."""
     entries: Iterable[Entry] = old.entries if isinstance(old, MappingNode) else ()
     kept = [entry for entry in entries if entry.key.text not in changes]
     added = [Entry(Scalar(name, getattr(node, "at", NO_FILE)), node) for name, node in changes.items()]
@@ -394,7 +398,7 @@ NO_FILE = Position("the command line", 0, 0)
 
 
 def put_values(memory: DeviceMemory, initial: tuple[tuple[OwnPlace, tuple[int, ...]], ...]) -> None:
-    """Puts start values into a memory, also into areas that are read-only for others."""
+    """Put start values into a memory, also into areas that are read-only for others."""
     for place, values in initial:
         memory.area(place.address.area).write_from(place.address.first_bit, place.address.unit, values, force=True)
 
@@ -402,7 +406,8 @@ def put_values(memory: DeviceMemory, initial: tuple[tuple[OwnPlace, tuple[int, .
 def memory_of(
     protocol: Protocol, sizes: MappingOf[str, Area] | None = None
 ) -> tuple[tuple[MemoryArea, ...], AddressGrammar]:
-    """A memory with the areas a protocol knows, those in `sizes` as large as there, addressed as the protocol does.
+    """Return a memory with the areas a protocol knows, those in `sizes` as large as there, addressed as the protocol
+    does.
 
     A size of 0 leaves an area out.
     """
@@ -488,7 +493,7 @@ def read_sizes(reader: Reader, node: Node | None, protocol: Protocol) -> dict[st
 
 
 def _first_of(reader: Reader, grammar: ProtocolAddresses, entry: Entry) -> Address:
-    """The first element of an area. Raises Broken."""
+    """Return the first element of an area. Raises Broken."""
     text = entry.key.text
     with reader.refusing(entry.key.at):
         address = grammar.place(text)

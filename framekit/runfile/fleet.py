@@ -22,7 +22,7 @@ _NAME = re.compile(r"[^\s/+#$][^/+#]{0,63}")
 
 
 def name_of(text: str) -> str:
-    """A name that can stand in a topic. Raises ValueError."""
+    """Return a name that can stand in a topic. Raises ValueError."""
     if _NAME.fullmatch(text) is None:
         raise ValueError(f"'{text}' is no name here – write up to 64 characters without / + #")
     return text
@@ -65,7 +65,7 @@ class FleetSection:
 
     @property
     def gateway(self) -> str:
-        """The name of this gateway."""
+        """Return the name of this gateway."""
         return self.name or socket.gethostname()
 
     def mistakes(self) -> Iterator[tuple[str, str, str]]:
@@ -92,5 +92,5 @@ def read_fleet(reader: Reader, node: Node, folder: Path) -> FleetSection:
 
 
 def fleet_schema() -> dict[str, object]:
-    """The schema of `fleet:`."""
+    """Return the schema of `fleet:`."""
     return kind_schema(FleetSection, "fleet")

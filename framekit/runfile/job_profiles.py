@@ -32,7 +32,7 @@ SUFFIX = ".jobs.yaml"
 
 
 def load_job_profile(name_or_path: str | Path, folder: Path | None = None, at: Position = NOWHERE) -> JobProfile:
-    """The profile in a file (a Path), or of a name: `NAME.jobs.yaml` in `folder`, else a shipped one.
+    """Return the profile in a file (a Path), or of a name: `NAME.jobs.yaml` in `folder`, else a shipped one.
 
     `at` is where the name was written. Raises DefinitionError with everything that is wrong.
     """
@@ -59,7 +59,10 @@ class JobProfileLoader:
         self.root = root
 
     def profile(self) -> JobProfile:
-        """The profile. Raises Broken when a part is missing that everything else needs; the rest is read before."""
+        """Return the profile.
+
+        Raises Broken when a part is missing that everything else needs; the rest is read before.
+        """
         reader, root = self.reader, self.root
         first, last = self._slots()
         late, pause = self._mapping("late"), self._mapping("pause")

@@ -109,7 +109,7 @@ class Reference:
             self.collect(part, name, path, top)
 
     def name(self, schema: Schema, owner: str, path: str) -> str:
-        """A name that no other part has: the schema's title, then with its owner, then with a number."""
+        """Return a name that no other part has: the schema's title, then with its owner, then with a number."""
         title = str(schema.get("title", owner)).removeprefix("the ") if schema is not self.root else owner
         name = title if title not in self.names else f"{title} in {owner}"
         number = 2

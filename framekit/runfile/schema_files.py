@@ -47,7 +47,7 @@ Schemas = dict[str, dict[str, Any]]
 
 
 def with_tables(schemas: Schemas) -> Schemas:
-    """The schemas, by the name of their file, with everything in them that tables of keys say."""
+    """Return the schemas, by the name of their file, with everything in them that tables of keys say."""
     assert segments.Segment in KINDS["field"].__mro__  # the kinds are there
     protocol, common = schemas["protocol.schema.json"]["$defs"], schemas["common.schema.json"]["$defs"]
     names = {f"{key}_segment": kind.schema() for key, kind in KINDS.items()}
@@ -72,7 +72,7 @@ def with_tables(schemas: Schemas) -> Schemas:
 
 
 def with_kinds(definitions: dict[str, Any], thing: str, kinds: dict[str, Any]) -> None:
-    """Puts the kinds of a thing, which keys name, into the definitions of a schema."""
+    """Put the kinds of a thing, which keys name, into the definitions of a schema."""
     names = {word: f"{word.replace(' ', '_')}_{thing}" for word in kinds}
     definitions[thing]["oneOf"] = [{"required": [word]} for word in kinds]
     definitions[thing]["dependentSchemas"] = {word: here(name) for word, name in names.items()}

@@ -64,7 +64,7 @@ class SinksLoader:
         return kind
 
     def file(self, node: Node) -> str:
-        """A file of its own; a relative name counts from the run's folder. Raises Broken."""
+        """Return a file of its own; a relative name counts from the run's folder. Raises Broken."""
         name = self.reader.text(node).strip()
         if not name:
             raise self.reader.broken(node.at, "this is no file", "write a name")

@@ -57,8 +57,8 @@ class Imported:
 
 
 def read_vendor_table(path: Path, address: str = "{}", add: int = 0, order: str | None = None) -> Imported:
-    """The points of a register list. `address`: how a number is written, `{}` standing for it; `add`: more than it.
-    `order`: how the bytes of numbers of several words stand.
+    """Return the points of a register list. `address`: how a number is written, `{}` standing for it; `add`: more than
+    it. `order`: how the bytes of numbers of several words stand.
 
     Raises DefinitionError for a file that is no table, or has no columns for names and addresses.
     """
@@ -114,7 +114,7 @@ class TableRows(Protocol):
 
 
 def numbered_rows(rows: TableRows) -> Iterator[tuple[int, list[str]]]:
-    """The rows of a table, each with the number of its first line: a cell may hold several."""
+    """Yield the rows of a table, each with the number of its first line: a cell may hold several."""
     line = 1
     for row in rows:
         yield line, row
@@ -143,7 +143,7 @@ def _keys(row: Sequence[str]) -> dict[str, int]:
 
 
 def _point(cells: Mapping[str, str], naming: str, address: str, add: int) -> tuple[str, dict[str, str]]:
-    """The name and the keys of a point. Raises ValueError for a row that cannot be read."""
+    """Return the name and the keys of a point. Raises ValueError for a row that cannot be read."""
     name = label_of(cells.get(naming, ""))
     if not name:
         raise ValueError(f"'{cells.get(naming, '')}' has no letters or digits for a name")
@@ -175,7 +175,9 @@ def label_of(text: str) -> str:
 
 
 def _address(text: str, form: str, add: int) -> str:
-    """The first number of `40001`, `0x10`, `10h` or `40001-40002` in the form; as it stands where none is asked for."""
+    """Return the first number of `40001`, `0x10`, `10h` or `40001-40002` in the form; as it stands where none is asked
+    for.
+    """
     first = re.split(r"\s*(?:-|–|\.\.|…)\s*", text, maxsplit=1)[0]
     if form == "{}" and not add:
         return first

@@ -122,17 +122,17 @@ class SinkKind(ABC):
 
     @property
     def target(self) -> str:
-        """The destination of the values, for people: the value of the key that names the kind."""
+        """Return the destination of the values, for people: the value of the key that names the kind."""
         return str(getattr(self, self.word))
 
     @property
     def has_secret(self) -> bool:
-        """Whether it gives a secret to the other side."""
+        """Return whether it gives a secret to the other side."""
         return any(isinstance(getattr(self, one.name), Secret) for one in fields(self))
 
     @property
     def listens(self) -> tuple[str, int] | None:
-        """The address and port on which it waits for others, if it does."""
+        """Return the address and port on which it waits for others, if it does."""
         return None
 
     def mistakes(self, points: Sequence[Point]) -> Iterator[tuple[str, str, str]]:
@@ -159,7 +159,7 @@ class Host(Interface):
 
     @property
     def run(self) -> str:
-        """The name of the run."""
+        """Return the name of the run."""
 
     def status(self) -> RunStatus:
         """How channels, blocks and sinks are doing now. Raises TimeoutError while the run is busy or ends."""
@@ -177,7 +177,7 @@ class Host(Interface):
         """The sink has lost its server: it is to be closed, and opened anew."""
 
     def now(self) -> int:
-        """The time of the run's clock (ns), which never goes back."""
+        """Return the time of the run's clock (ns), which never goes back."""
 
     def report(self, what: str) -> None:
         """Report an event of the sink, such as an empty file where values should be, to the user."""
@@ -239,7 +239,7 @@ SINKS: dict[str, type[SinkKind]] = {}
 
 
 def add_sink(word: str, kind: type[SinkKind]) -> None:
-    """Registers a kind of sink of a program's own.
+    """Register a kind of sink of a program's own.
 
     Raises ValueError for a word that means something in a sink already, and for no schema.
     """
@@ -248,5 +248,5 @@ def add_sink(word: str, kind: type[SinkKind]) -> None:
 
 
 def schema_of(kind: type[SinkKind]) -> dict[str, Any]:
-    """The schema of a sink of this kind."""
+    """Return the schema of a sink of this kind."""
     return kind_schema(kind, f"{kind.word} sink")

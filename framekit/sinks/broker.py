@@ -70,7 +70,7 @@ def place_of(text: str) -> Place:
 
 
 def read_place(reading: KeyReading, node: Node) -> Place:
-    """The place that a node says. Raises Broken."""
+    """Return the place that a node says. Raises Broken."""
     try:
         return place_of(reading.reader.text(node))
     except ValueError as error:
@@ -105,7 +105,7 @@ class BrokerAccess(NamedTuple):
         return str(self.place)
 
     def client(self, name: str, *, reconnects: bool = False) -> Client:
-        """A client of this name, not connected yet. Raises OSError, ValueError."""
+        """Return a client of this name, not connected yet. Raises OSError, ValueError."""
         from paho.mqtt.client import Client
         from paho.mqtt.enums import CallbackAPIVersion
 
@@ -169,7 +169,7 @@ class BrokerSink(NetworkSink):
         return place if place.port is not None else replace(place, port=PORT if self.tls is None else TLS_PORT)
 
     def client_name(self, run: str) -> str:
-        """The same at every start, and another for every sink."""
+        """Return the same at every start, and another for every sink."""
         own = zlib.crc32(f"{socket.gethostname()} {os.path.abspath(self.store)}".encode())
         return self.client or f"framekit-{run}-{own:08x}"
 
@@ -245,7 +245,7 @@ class BrokerConnection:
         }  # fmt: skip
 
     def answered(self, topic: str) -> None:
-        """Waits until the broker has taken all that was posted: it answers a subscription that it has already.
+        """Wait until the broker has taken all that was posted: it answers a subscription that it has already.
 
         Raises ConnectionError.
         """

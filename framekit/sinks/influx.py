@@ -160,7 +160,7 @@ class InfluxSink(Sink):
         raise AssertionError("the second try is the last")
 
     def line(self, time: int, value: PointValue) -> str:
-        """A line: the measurement, point and unit as tags, then value, text, quality and reason."""
+        """Return a line: the measurement, point and unit as tags, then value, text, quality and reason."""
         unit = self._points[value.name].unit
         tags = f",point={_tag(value.name)}" + (f",unit={_tag(unit)}" if unit else "")
         fields = [*_value(self._points[value.name], value), f'quality="{value.quality}"']
@@ -195,5 +195,5 @@ def _tag(text: str, equals: str = "") -> str:
 
 
 def _text(text: str) -> str:
-    """A text in quotes."""
+    """Return a text in quotes."""
     return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'

@@ -63,7 +63,7 @@ class ParquetSink(LinesFile):
         yield json.dumps([time, {one.name: good_value(one) for one in values}], ensure_ascii=False).encode() + b"\n"
 
     def put_aside(self, stamp: str) -> None:
-        """Makes the Parquet file of the rows; they go when it is whole."""
+        """Make the Parquet file of the rows; they go when it is whole."""
         target = name_with(self.finished, stamp)
         half = target.with_name(f"{target.name}.half")
         try:
@@ -109,7 +109,7 @@ def write_parquet(lines: Path, target: Path) -> None:
 
 
 def _as(kind: str, value: Any) -> Any:
-    """A value as its column takes it."""
+    """Return a value as its column takes it."""
     if value is None or kind not in ("string", "bool", "double"):
         return value
     return {"string": str, "bool": bool, "double": float}[kind](value)

@@ -79,7 +79,7 @@ class Postgres(NetworkSink):
 
     @property
     def target(self) -> str:
-        """The database without its options."""
+        """Return the database without its options."""
         return self.postgres.partition("?")[0]
 
     @property
@@ -166,7 +166,7 @@ class PostgresSink(Sink):
         return count
 
     def row(self, time: int, one: PointValue) -> tuple[Any, ...]:
-        """A value as a row; PostgreSQL has no character 0 in texts, ␀ stands for it."""
+        """Return a value as a row; PostgreSQL has no character 0 in texts, ␀ stands for it."""
         seconds, rest = divmod(time, 1_000_000_000)
         moment = datetime.fromtimestamp(seconds, UTC).replace(microsecond=rest // 1000)
         value = one.value if one.quality == "good" else None

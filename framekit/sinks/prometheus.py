@@ -95,7 +95,7 @@ class PrometheusServer(Sink):
         return iter(())
 
     def collect(self) -> Iterator[Metric]:
-        """The metrics of this moment, asked for by the library in the thread of a request."""
+        """Yield the metrics of this moment, asked for by the library in the thread of a request."""
         yield _of_program()
         if self._run is None:
             return

@@ -18,7 +18,7 @@ class Secret:
     name: str
 
     def read(self) -> str:
-        """The password. Raises OSError, ValueError."""
+        """Return the password. Raises OSError, ValueError."""
         if self.kind == "env":
             found = os.environ.get(self.name)
             if found is None:

@@ -100,7 +100,7 @@ class Metric(NamedTuple):
 
 
 def encoded(metrics: list[Metric], time: int, seq: int | None = None) -> bytes:
-    """A payload of these metrics; deaths have no `seq`."""
+    """Return a payload of these metrics; deaths have no `seq`."""
     payload = payload_class()(timestamp=time)
     if seq is not None:
         payload.seq = seq
@@ -178,7 +178,7 @@ _WHOLE = range(-(1 << 63), 1 << 63)
 
 
 def read_name(reading: KeyReading, node: Node) -> str:
-    """A name of a group or a node. Raises Broken."""
+    """Return a name of a group or a node. Raises Broken."""
     text = reading.reader.text(node).strip()
     if not text or set(text) & set("/+#\0"):
         raise reading.reader.broken(node.at, f"'{text}' is no name in Sparkplug", "leave / + and # out")
@@ -329,7 +329,7 @@ def _now() -> int:
 
 
 def _type(point: Point) -> int:
-    """The type of a point's metric, the same for ever."""
+    """Return the type of a point's metric, the same for ever."""
     if point.names or point.form.type == "string":
         return STRING
     is_whole = not point.form.is_float and (point.scaling is None or point.scaling.is_whole)

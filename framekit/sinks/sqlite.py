@@ -166,7 +166,7 @@ class RowAges:
 
     @property
     def has_rows(self) -> bool:
-        """Whether a row was written in this run."""
+        """Return whether a row was written in this run."""
         return self._began is not None
 
     def written(self, now: int, time: int, row: int) -> None:
@@ -180,7 +180,7 @@ class RowAges:
             self._marks.append((now, row))
 
     def is_due(self, now: int) -> bool:
-        """Whether old rows are to be removed."""
+        """Return whether old rows are to be removed."""
         return now >= self._due
 
     def old(self, now: int) -> Iterator[tuple[str, tuple[int, ...]]]:
@@ -208,7 +208,7 @@ def _storable(value: Any) -> Any:
 
 
 def _is_history(database: sqlite3.Connection, path: Path) -> bool:
-    """Whether the file holds a history; False for an empty one. Raises HistoryError for anything else."""
+    """Return whether the file holds a history; False for an empty one. Raises HistoryError for anything else."""
     try:
         (application,) = database.execute("PRAGMA application_id").fetchone()
         (version,) = database.execute("PRAGMA user_version").fetchone()
@@ -240,7 +240,7 @@ class HistoryRow(NamedTuple):
 def read_history(
     path: Path, points: Sequence[str] = ("*",), since: int | None = None, until: int | None = None
 ) -> Iterator[HistoryRow]:
-    """The values of a history, oldest first; of the points whose names fit one of `points`, `*` for any text.
+    """Yield the values of a history, oldest first; of the points whose names fit one of `points`, `*` for any text.
 
     Raises HistoryError for a file that holds none, sqlite3.Error.
     """

@@ -84,7 +84,7 @@ class Store:
 
     @property
     def is_open(self) -> bool:
-        """Whether samples can be added."""
+        """Return whether samples can be added."""
         return self._database is not None
 
     def open(self) -> None:

@@ -328,12 +328,12 @@ class Turns:
 
     @property
     def waiting(self) -> int:
-        """The number of pieces that wait for their turn."""
+        """Return the number of pieces that wait for their turn."""
         return len(self._waiting)
 
     @property
     def room(self) -> int:
-        """The size that a piece should have (bytes)."""
+        """Return the size that a piece should have (bytes)."""
         if self._waiting:
             return FEWEST
         is_over = self.now() >= self._until and not self._ends

@@ -215,7 +215,7 @@ class TcpPort(StreamPort):
             self.lost(reason)
 
     async def connect(self, connection: Connection) -> None:
-        """Makes the connection. Raises OSError."""
+        """Make the connection. Raises OSError."""
         await self.clock.loop.create_connection(lambda: connection, self.host, self.number)
 
     def close(self) -> None:
@@ -258,7 +258,7 @@ def host_and_port(url: str) -> tuple[str, int]:
 
 
 def bracketed(host: str) -> str:
-    """A host as it stands before a port number."""
+    """Return a host as it stands before a port number."""
     return f"[{host}]" if ":" in host else host
 
 
@@ -366,7 +366,7 @@ class NetworkListener(ABC):
 
     @abstractmethod
     def _bound(self, family: socket.AddressFamily, address: tuple[str, int]) -> socket.socket:
-        """The socket at that address. Raises OSError."""
+        """Return the socket at that address. Raises OSError."""
 
     @abstractmethod
     async def _open(self, listening: socket.socket) -> None:
@@ -399,7 +399,7 @@ class TcpListener(NetworkListener):
 
 
 def name_in(certificate: Mapping[str, Any]) -> str:
-    """The common name of a certificate that has been checked, on one line; empty where there is none."""
+    """Return the common name of a certificate that has been checked, on one line; empty where there is none."""
     parts = (part for group in certificate.get("subject", ()) for part in group)
     return printable(next((value for name, value in parts if name == "commonName"), ""))
 
@@ -485,7 +485,7 @@ class DatagramPort(Port):
     @property
     @abstractmethod
     def _is_ready(self) -> bool:
-        """Whether something can be sent."""
+        """Return whether something can be sent."""
 
     def send_break(self, duration: int) -> None:
         if self._is_ready:
@@ -698,7 +698,7 @@ class UdpListener(asyncio.DatagramProtocol, NetworkListener):
         super().stop()
 
     def send(self, data: bytes, address: Any) -> None:
-        """Sends bytes to a sender, in more than one datagram only where they do not fit into one."""
+        """Send bytes to a sender, in more than one datagram only where they do not fit into one."""
         if self._transport is not None and not self._transport.is_closing():
             for start in range(0, len(data), LARGEST):
                 self._transport.sendto(data[start : start + LARGEST], address)

@@ -137,13 +137,13 @@ class PortListener(Protocol):
     reached: str
 
     def listen(self) -> None:
-        """Begins to listen; connections are accepted as soon as the loop goes on. Raises OSError."""
+        """Begin to listen; connections are accepted as soon as the loop goes on. Raises OSError."""
 
     async def start(self) -> None:
         """As `listen`; connections are accepted when it returns. Raises OSError."""
 
     def stop(self) -> None:
-        """Accepts no more; ports that have been accepted stay open where each has a connection of its own."""
+        """Accept no more; ports that have been accepted stay open where each has a connection of its own."""
 
 
 class PassingPort(Port, PortEvents):
@@ -252,7 +252,7 @@ class SharedPort(PortEvents):
         self.sending: set[UserPort] = set()
 
     def user(self) -> UserPort:
-        """A port for one more user, not yet opened."""
+        """Return a port for one more user, not yet opened."""
         return UserPort(self)
 
     # ---- what users do ------------------------------------------------------------------------------------

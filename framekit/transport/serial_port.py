@@ -89,12 +89,12 @@ class SerialConnection(ABC):
 
     @abstractmethod
     def write(self, data: bytes) -> None:
-        """Hands bytes over to the device without waiting."""
+        """Hand bytes over to the device without waiting."""
 
     @property
     @abstractmethod
     def waiting(self) -> int:
-        """How many bytes have not left yet, as far as that can be asked."""
+        """Return how many bytes have not left yet, as far as that can be asked."""
 
     @property
     def has_carrier(self) -> bool | None:
@@ -103,7 +103,7 @@ class SerialConnection(ABC):
 
     @abstractmethod
     def set_line(self, name: str, on: bool) -> None:
-        """Sets a pyserial attribute (`rts`, `break_condition`), where the device has it."""
+        """Set a pyserial attribute (`rts`, `break_condition`), where the device has it."""
 
     @abstractmethod
     def change_line(self, line: LineFormat) -> None:
@@ -123,7 +123,7 @@ class SerialConnection(ABC):
 
 
 def open_device(url: str, settings: LineFormat | None, wiring: LineSettings = PLAIN) -> Any:
-    """The pyserial object of a device or URL. Raises one of `SERIAL_ERRORS`."""
+    """Return the pyserial object of a device or URL. Raises one of `SERIAL_ERRORS`."""
     import serial
 
     line = settings or LineFormat(9600)
@@ -175,12 +175,12 @@ def change_device(device: Any, line: LineFormat) -> None:
 
 
 def is_device(url: str) -> bool:
-    """Whether it is a device of this machine and no URL."""
+    """Return whether it is a device of this machine and no URL."""
     return "://" not in url
 
 
 def has_descriptor(url: str) -> bool:
-    """Whether a port has a file descriptor that the loop can watch: a device does, but not on Windows."""
+    """Return whether a port has a file descriptor that the loop can watch: a device does, but not on Windows."""
     return is_device(url) and sys.platform != "win32"
 
 
@@ -211,7 +211,7 @@ def _what_there_is(name: str) -> str:
 
 
 def set_attribute(device: Any, name: str, on: bool) -> None:
-    """Sets a line of a device; one that it does not have is passed over."""
+    """Set a line of a device; one that it does not have is passed over."""
     with contextlib.suppress(*SERIAL_ERRORS, NotImplementedError):
         setattr(device, name, on)
 
@@ -565,7 +565,7 @@ class _SerialUse:
             self.events.sent(now)
 
     def _is_held(self, waiting: int, now: int) -> bool:
-        """Whether the same bytes have been waiting for too long: an exchange must not wait for ever."""
+        """Return whether the same bytes have been waiting for too long: an exchange must not wait for ever."""
         if not waiting or waiting != self._held[0]:
             self._held = waiting, now
         return bool(waiting) and now - self._held[1] > LONGEST_HOLD
@@ -597,7 +597,9 @@ class DamageMarks:
         self._rest = b""
 
     def take_out(self, data: bytes) -> tuple[bytes, list[int]]:
-        """The characters, and which of them (indices) are marked; an unfinished mark is kept for the next time."""
+        """Return the characters, and which of them (indices) are marked; an unfinished mark is kept for the next
+        time.
+        """
         if not self._rest and MARK not in data:
             return data, []
         data, self._rest = self._rest + data, b""
@@ -632,7 +634,7 @@ class DamageCounts:
 
 
 def damage_counts(descriptor: int) -> DamageCounts | None:
-    """The counts of a port's driver; None where there are none."""
+    """Return the counts of a port's driver; None where there are none."""
     if sys.platform != "linux":
         return None
     try:
@@ -867,7 +869,7 @@ class DescriptorConnection(SerialConnection):
 
 
 def _open(name: str, settings: LineFormat | None, wiring: LineSettings) -> Any:
-    """A pseudo-terminal need not know the speed and format of a real line; any will do then."""
+    """Return a pseudo-terminal need not know the speed and format of a real line; any will do then."""
     try:
         try:
             return open_device(name, settings, wiring)
@@ -880,7 +882,7 @@ def _open(name: str, settings: LineFormat | None, wiring: LineSettings) -> Any:
 
 
 def is_pseudo(descriptor: int) -> bool:
-    """Whether it is a pseudo-terminal."""
+    """Return whether it is a pseudo-terminal."""
     try:
         return is_pseudo_name(os.ttyname(descriptor))
     except OSError:

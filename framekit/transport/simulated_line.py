@@ -76,7 +76,7 @@ class Transmission:
         return time
 
     def complete_by(self, time: int) -> int:
-        """How many characters are complete at `time`."""
+        """Return how many characters are complete at `time`."""
         elapsed, first = time - self.start, 0
         for index, pause in sorted(self._pauses.items()) if self._pauses else ():
             run = (index - first) * self.step
@@ -87,14 +87,14 @@ class Transmission:
         return first + self._characters(elapsed, len(self.data) - first)
 
     def _characters(self, elapsed: int, most: int) -> int:
-        """How many characters of a run without a pause are complete so long after its begin."""
+        """Return how many characters of a run without a pause are complete so long after its begin."""
         if elapsed < 0:
             return 0
         count = elapsed // self.step if self.step else most
         return count if count < most else most
 
     def runs(self) -> list[int]:
-        """The counts of characters at which a run without a pause ends; the last is the whole."""
+        """Return the counts of characters at which a run without a pause ends; the last is the whole."""
         return [*sorted(index for index in self._pauses if index), len(self.data)]
 
     def overlapped_by(self, other: Transmission) -> list[int]:
@@ -111,7 +111,7 @@ class Transmission:
         return [index for index in places if self.begins_at(index) < end]
 
     def is_busy(self, start: int, end: int) -> bool:
-        """Whether one of its characters is on the wire between these times."""
+        """Return whether one of its characters is on the wire between these times."""
         next_one = self.complete_by(start)
         return next_one < len(self.data) and self.begins_at(next_one) < end
 
@@ -184,7 +184,7 @@ class Transmission:
                 del places[index]
 
     def pause(self, index: int, duration: int) -> None:
-        """Holds up the characters from `index` on; from 0: the whole."""
+        """Hold up the characters from `index` on; from 0: the whole."""
         if index == 0:
             self.start += duration
         elif duration > 0:
@@ -221,7 +221,7 @@ def misheard(value: int, sent: LineFormat, line: LineFormat) -> tuple[int, LineF
 
 
 def _parity_of(value: int, parity: str) -> int:
-    """The parity bit of a character."""
+    """Return the parity bit of a character."""
     odd = value.bit_count() & 1
     return {"E": odd, "O": 1 - odd, "M": 1, "S": 0}[parity]
 
@@ -463,7 +463,7 @@ class SimulatedLine:
         self._random = Random(seed)
 
     def port(self, name: str, *, in_time: bool = False) -> SimulatedPort:
-        """A new port on this line; `in_time` for a simulated device, see `Port`."""
+        """Return a new port on this line; `in_time` for a simulated device, see `Port`."""
         port = SimulatedPort(self, name, in_time)
         self.ports += (port,)
         return port
@@ -518,7 +518,7 @@ class SimulatedLine:
                 self._garble(second, lost)
 
     def _garble(self, transmission: Transmission, places: Iterable[int]) -> None:
-        """Damages characters that something else on the wire overlaps; half of them have no stop bit any more."""
+        """Damage characters that something else on the wire overlaps; half of them have no stop bit any more."""
         bits = transmission.wire_bits - 1
         for index in places:
             transmission.flip(index, self._random.randrange(1, 1 << bits) | self._random.randrange(2) << bits)

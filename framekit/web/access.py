@@ -20,7 +20,7 @@ class Access:
     """The token of one server. `made`: it was not given, so that it has to be told."""
 
     def __init__(self, token: str = "") -> None:
-        """Raises ValueError for a token that is too short to be a secret."""
+        """Raise ValueError for a token that is too short to be a secret."""
         if token and len(token) < SHORTEST_TOKEN:
             raise ValueError(f"the token has {len(token)} characters – give {SHORTEST_TOKEN} or more")
         self.made = not token
@@ -58,7 +58,7 @@ class Visitor:
 
 
 def kept_token(text: str) -> str:
-    """The token that stands where `env:NAME` or `file:NAME` says. Raises ValueError, OSError."""
+    """Return the token that stands where `env:NAME` or `file:NAME` says. Raises ValueError, OSError."""
     found = secret_named(text, "token").read()
     if not found:
         raise ValueError("there is no token – put one there")
@@ -66,7 +66,7 @@ def kept_token(text: str) -> str:
 
 
 def is_known_host(host: str) -> bool:
-    """Whether a Host header names this machine: by an address, as localhost, or by its own name.
+    """Return whether a Host header names this machine: by an address, as localhost, or by its own name.
 
     A page of another name that has been made to lead here (DNS rebinding) comes with that name.
     """
@@ -80,13 +80,13 @@ def is_known_host(host: str) -> bool:
 
 
 def host_name(host: str) -> str:
-    """A host without its port, in small letters."""
+    """Return a host without its port, in small letters."""
     name, colon, port = host.lower().rpartition(":")
     return name if colon and port.isdecimal() else host.lower()
 
 
 def is_own_origin(headers: Mapping[str, str]) -> bool:
-    """Whether a request comes from this page, or from no page: browsers say of every other page which it is."""
+    """Return whether a request comes from this page, or from no page: browsers say of every other page which it is."""
     origin = headers.get("origin")
     if origin is None:
         return True

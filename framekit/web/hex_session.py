@@ -194,7 +194,7 @@ class HexSession:
         return {"client": "out", "server": "in"}.get(self.board.table.kinds[row.kind].side, "")
 
     def _fields(self, kind: Any, told: Told) -> Message:
-        """The fields of a kind, as its first frame has them."""
+        """Return the fields of a kind, as its first frame has them."""
         number = whole_number(kind)
         table = self.board.table
         if number >= len(table.kinds) or not table.kinds[number].rows:
@@ -208,7 +208,7 @@ class HexSession:
     # ---- values -------------------------------------------------------------------------------------------
 
     def _range(self, row: Any, told: Told) -> tuple[int, int, int]:
-        """The bytes of a row that a message means. Raises ValueError."""
+        """Return the bytes of a row that a message means. Raises ValueError."""
         number, first, size = whole_number(row), whole_number(told.get("first")), whole_number(told.get("size"))
         table = self.board.table
         if number >= len(table.rows) or not 1 <= size <= LARGEST_RANGE or first + size > len(table.rows[number].data):
@@ -251,7 +251,7 @@ class HexSession:
         return evidence, f"{field.wire} {field.order}" if field.wire else "", not field.size
 
     def _course(self, row: Any, told: Told) -> Message:
-        """The numbers that these bytes had, one after the other."""
+        """Return the numbers that these bytes had, one after the other."""
         number, first, size = self._range(row, told)
         type_, order = plain_text(told.get("type")), plain_text(told.get("order"))
         data = self.board.table.rows[number].data[first : first + size]
@@ -266,7 +266,7 @@ class HexSession:
     # ---- names --------------------------------------------------------------------------------------------
 
     def _draft(self, wanted: Any, told: Told) -> Message:
-        """The definition as it is now."""
+        """Return the definition as it is now."""
         names = self.board.names
         return {"draft": "" if names is None else names.draft.text, "file": "" if names is None else names.draft.name}
 
@@ -279,12 +279,12 @@ class HexSession:
         return await self._tried(told, lambda: self.board.give(naming), f"{naming.name!r} for {where}")
 
     async def _forget(self, kind: Any, told: Told) -> Message:
-        """A field is to have no name any more."""
+        """Return a field is to have no name any more."""
         name, first = plain_text(kind), whole_number(told.get("first"))
         return await self._tried(told, lambda: self.board.forget(name, first), f"no name for byte {first} of {name}")
 
     async def _tried(self, told: Told, action: Any, what: str) -> Message:
-        """Whether it was done, and why not."""
+        """Return whether it was done, and why not."""
         answer: Message = {"done": whole_number(told.get("id"))}
         why = self.visitor.refused()
         if why:

@@ -59,14 +59,14 @@ async def answered(actions: Actions, told: Any) -> Message | None:
 
 
 def plain_text(given: Any) -> str:
-    """A text of a message. Raises ValueError."""
+    """Return a text of a message. Raises ValueError."""
     if not isinstance(given, str) or len(given) > LONGEST_TEXT:
         raise ValueError("this is no message")
     return given
 
 
 def whole_number(given: Any) -> int:
-    """A number of a message, 0 or more: no true, and no 16.0. Raises ValueError."""
+    """Return a number of a message, 0 or more: no true, and no 16.0. Raises ValueError."""
     if not isinstance(given, int) or isinstance(given, bool) or not 0 <= given <= LARGEST_NUMBER:
         raise ValueError("this is no message")
     return given

@@ -59,12 +59,12 @@ def check_parts(protocol: Protocol) -> Iterator[Problem]:
 
 
 def is_unit(text: str) -> bool:
-    """Whether a text can be a unit at all: a word of the language, or `6 bytes`."""
+    """Return whether a text can be a unit at all: a word of the language, or `6 bytes`."""
     return text in UNIT_BITS or _UNIT.fullmatch(text) is not None
 
 
 def parts_in(form: AddressForm) -> Iterator[Part]:
-    """The parts in braces, those in optional text too."""
+    """Yield the parts in braces, those in optional text too."""
     for item in form.parts:
         for part in item.parts if isinstance(item, Maybe) else (item,):
             if isinstance(part, Part):
@@ -216,18 +216,18 @@ PAIRED = ("BADC", "CDAB")
 
 
 def is_odd(unit: str) -> bool:
-    """Whether a unit is `3 bytes`, say: no words."""
+    """Return whether a unit is `3 bytes`, say: no words."""
     return is_unit(unit) and unit not in UNIT_BITS and int(unit.split()[0]) % 2 == 1 and unit != "1 byte"
 
 
 def units_of(protocol: Protocol, form: AddressForm) -> set[str]:
-    """The units that addresses of a form may have; none where their area says it."""
+    """Return the units that addresses of a form may have; none where their area says it."""
     table = protocol.tables.get(form.units_table or "")
     return {form.unit} if form.unit else set() if table is None else set(map(str, table.entries.values()))
 
 
 def units_in(protocol: Protocol, row: ServiceRow) -> set[str]:
-    """The units that the elements of a row may have, for some request."""
+    """Return the units that the elements of a row may have, for some request."""
     if row.units and all(map(is_unit, row.units)) and not {"unit"} & {*row.back, *row.back_each}:
         return set(row.units)
     areas = [area for name, area in protocol.areas.items() if not row.areas or name in row.areas]

@@ -157,12 +157,12 @@ def _always_nested(segments: Segments) -> Iterator[Nested]:
 
 
 def _always(frame: Frame) -> int | None:
-    """The bytes that a frame always takes; None when that depends on its content."""
+    """Return the bytes that a frame always takes; None when that depends on its content."""
     return frame.size if frame.size is not None else all_fixed(frame.segments)
 
 
 def _within(protocol: Protocol, segments: Segments) -> dict[str, None]:
-    """The names of all frames that may stand in segments, however deep."""
+    """Return the names of all frames that may stand in segments, however deep."""
     found: dict[str, None] = {}
     ahead = [segments]
     while ahead:
@@ -309,7 +309,7 @@ def _read_in_itself(protocol: Protocol, record: Segment) -> Iterator[Problem]:
 
 
 def _values(segments: tuple[Segment, ...], problems: dict[str, Problem]) -> dict[str, Position]:
-    """The values of a list with their places. Only the cases of one choice may share a name."""
+    """Return the values of a list with their places. Only the cases of one choice may share a name."""
     found: dict[str, Position] = {}
     for segment in segments:
         here = dict.fromkeys(segment.value_names, segment.at)
@@ -490,7 +490,7 @@ class FrameEnds:
 
     @cached_property
     def carried(self) -> frozenset[str]:
-        """The frames that stand inside others."""
+        """Return the frames that stand inside others."""
         parts = (part for frame in self.frames.values() for part in parts_of(frame.segments, Segment))
         return frozenset(name for part in parts for name in part.frames_inside)
 
@@ -576,7 +576,7 @@ class FrameEnds:
         return segment.takes_rest
 
     def _is_open_inside(self, name: str) -> bool:
-        """Whether a frame inside shows no end of its own. Each is looked at once; one inside itself is none."""
+        """Return whether a frame inside shows no end of its own. Each is looked at once; one inside itself is none."""
         frame = self.frames.get(name)
         if frame is None or frame.size is not None or frame.delimited:
             return False
@@ -596,7 +596,7 @@ class FrameEnds:
         return False
 
     def is_surely_open(self, segments: Segments) -> bool:
-        """Whether they are open whatever conditions and choices say."""
+        """Return whether they are open whatever conditions and choices say."""
         return self.is_open(segments) and any(
             segment.when is None and (not segment.blocks or segment.is_there_inside) and self.reaches_on(segment)
             for segment in _in_records(segments)
@@ -609,7 +609,10 @@ def _ends_itself(part: Segment) -> bool:
 
 
 def _is_end_of(constant: Const, part: Segment) -> bool:
-    """Whether a constant shows where a part ends. It ends no frame inside, and no digits if it begins like one."""
+    """Return whether a constant shows where a part ends.
+
+    It ends no frame inside, and no digits if it begins like one.
+    """
     if isinstance(part, Wrap):
         return constant.when is None and constant.data[:1] in {bytes((byte,)) for byte in part.coding.never}
     return not _ends_itself(part)
@@ -624,14 +627,14 @@ def _end_of_escape(wrap: Wrap, behind: Segments) -> Iterator[Problem]:
 
 
 def _begins_with(byte: int, segment: Segment) -> bool:
-    """Whether a segment is surely there, and begins with that byte."""
+    """Return whether a segment is surely there, and begins with that byte."""
     if segment.chooses_by is not None and segment.when is None and segment.usual_block:
         return all(bool(block) and _begins_with(byte, block[0]) for block in segment.blocks)
     return isinstance(segment, Const) and segment.when is None and segment.data[:1] == bytes((byte,))
 
 
 def _in_records(segments: Segments) -> Iterator[Segment]:
-    """The segments with those of records in place of these."""
+    """Yield the segments with those of records in place of these."""
     for segment in segments:
         yield from _in_records(segment.members) if segment.is_record else (segment,)
 
@@ -703,7 +706,7 @@ def _implies(when: Expression | None, wanted: Expression | None) -> bool:
 
 
 def _without_own_end(segments: tuple[Segment, ...]) -> Iterator[Segment]:
-    """The segments of a list with those in records, cases and digits; a wrap with escape ends by itself."""
+    """Yield the segments of a list with those in records, cases and digits; a wrap with escape ends by itself."""
     for segment in segments:
         yield segment
         if segment.is_record:
@@ -754,7 +757,9 @@ def _may_hold(segment: Segment, byte: int) -> bool:
 
 
 def _items(segments: tuple[Segment, ...]) -> int:
-    """The items that the lists of a frame have together, lists in lists too; those of computed length count once."""
+    """Return the items that the lists of a frame have together, lists in lists too; those of computed length count
+    once.
+    """
     found = 0
     for segment in flat(segments):
         inside = _items(segment.members)
@@ -835,7 +840,7 @@ def _is_constant(segment: Segment) -> bool:
 
 
 def _parts(protocol: Protocol, segments: Segments, around: frozenset[str]) -> Iterator[Segment]:
-    """The segments that stand for bytes as they are on the wire, those of frames inside too, wraps as a whole."""
+    """Yield the segments that stand for bytes as they are on the wire, those of frames inside too, wraps as a whole."""
     for segment in segments:
         inside = segment.blocks if segment.inner_record is None else (segment.inner_record,)
         names = [name for name in segment.frames_inside if name in protocol.frames and name not in around]

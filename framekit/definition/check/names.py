@@ -81,7 +81,7 @@ def asked_for(expression: Expression) -> set[str]:
 
 
 def takes_something(sequence: Sequence) -> bool:
-    """Whether something can have arrived that `it` may stand for."""
+    """Return whether something can have arrived that `it` may stand for."""
     if sequence.always or "on_other" in sequence.handlers:
         return True
     return any(step.receive or any(action.take for action in parts_of(step, Action)) for step in sequence.steps)
@@ -422,7 +422,7 @@ class NameChecker:
                     self._note(node.at, what, did_you_mean(node.name, fields - OF_EVERY_FRAME))
 
     def _fields(self, frames: set[str]) -> set[str] | None:
-        """The fields of these frames; None when they are not known."""
+        """Return the fields of these frames; None when they are not known."""
         if not frames or not frames <= self.protocol.frames.keys() or frames & set(self.broken):
             return None
         found = {name for frame in frames for name in field_names(self.protocol.frames[frame].segments)}

@@ -218,7 +218,7 @@ def actions_of(*holders: object) -> Iterator[Action]:
 
 
 def shared_actions(sequence: Sequence) -> Iterator[Action]:
-    """The actions that hold for all steps of a sequence."""
+    """Return the actions that hold for all steps of a sequence."""
     return actions_of(sequence.always, dict(sequence.handlers))
 
 
@@ -282,7 +282,7 @@ def _lane(protocol: Protocol, role: Role, lane: Lane) -> Iterator[Problem]:
 
 
 def _given_by_services(protocol: Protocol, sequence: str) -> set[str]:
-    """The arguments that every service which runs a sequence takes, and so hands to it.
+    """Return the arguments that every service which runs a sequence takes, and so hands to it.
 
     Rows of read and write without a request hand over the names they have of the place and the data.
     """
@@ -476,7 +476,7 @@ class _SequenceChecker:
         self._note(at, f"there is no step '{word}' in '{self.sequence.name}'", hint)
 
     def _targets(self, step: Step) -> set[str | None]:
-        """The steps that may follow; None is the end of the sequence."""
+        """Return the steps that may follow; None is the end of the sequence."""
         following: set[str | None] = set()
         words = {action.then for action in actions_of(step) if action.then is not None}
         if self._falls_through(step):
@@ -495,7 +495,7 @@ class _SequenceChecker:
 
     @staticmethod
     def _falls_through(step: Step) -> bool:
-        """Whether `then` of the step itself can be taken."""
+        """Return whether `then` of the step itself can be taken."""
         if step.receive is None and step.branch is None:
             return True
         actions = (*(step.receive or ()), *(step.branch or ()), *chain(*step.handlers.values()))
@@ -539,7 +539,7 @@ class _SequenceChecker:
 
 
 def waits(step: Step, *, sending: bool = True) -> bool:
-    """Whether a step takes time or looks at the line, `sending` too if wanted; calls and asks are taken to."""
+    """Return whether a step takes time or looks at the line, `sending` too if wanted; calls and asks are taken to."""
     timed = (step.wait, step.hold_break, step.receive, step.call, step.ask, step.send if sending else None)
     return any(part is not None for part in timed) or any(action.send is not None for action in actions_of(step))
 
@@ -566,7 +566,9 @@ def _calls_in_circles(protocol: Protocol) -> Iterator[Problem]:
 
 
 def _circle(calls: dict[str, list[str]], name: str, before: list[str]) -> list[str]:
-    """The sequences of a circle that begins with the first of `before`, or with `name`; none if there is no such."""
+    """Return the sequences of a circle that begins with the first of `before`, or with `name`; none if there is no
+    such.
+    """
     chain = [*before, name]
     for called in calls.get(name, ()):
         if called == chain[0]:

@@ -169,7 +169,7 @@ def _reads_of(node: Node, lists: Mapping[str, EachOf]) -> Iterator[Attribute]:
 
 
 def _list_names(row: ServiceRow) -> dict[str, EachOf]:
-    """The lists of the request that have an item for each variable, by name."""
+    """Return the lists of the request that have an item for each variable, by name."""
     sent = [row.request, row.buffer]
     holders: list[FrameOf | LayoutOf | RecordOf] = [*parts_of(sent, FrameOf), *parts_of(sent, LayoutOf)]
     holders += parts_of(sent, RecordOf)
@@ -177,7 +177,7 @@ def _list_names(row: ServiceRow) -> dict[str, EachOf]:
 
 
 def item_names(protocol: Protocol, row: ServiceRow) -> set[str]:
-    """The fields that items of the request's lists have."""
+    """Return the fields that items of the request's lists have."""
     sent, lists, found = [row.request, row.buffer], _list_names(row), set[str]()
     frames = [protocol.frames.get(made.frame) for made in parts_of(sent, FrameOf)]
     layouts = [protocol.layouts.get(made.layout) for made in parts_of(sent, LayoutOf)]
@@ -230,7 +230,7 @@ def _uncounted(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
 
 
 def _holders_of_data(values: Iterable[Value]) -> Iterator[str]:
-    """The fields that `data` is given to."""
+    """Yield the fields that `data` is given to."""
     for made in values:
         if isinstance(made, (FrameOf, LayoutOf, RecordOf, EachOf)):
             for name, value in made.fields.items():
@@ -240,7 +240,7 @@ def _holders_of_data(values: Iterable[Value]) -> Iterator[str]:
 
 
 def _padded(protocol: Protocol, sent: list[Value]) -> set[str]:
-    """The data that are filled up with padding, in the frames and layouts of a request."""
+    """Return the data that are filled up with padding, in the frames and layouts of a request."""
     frames = [protocol.frames.get(made.frame) for made in parts_of(sent, FrameOf)]
     layouts = [protocol.layouts.get(made.layout) for made in parts_of(sent, LayoutOf)]
     holders = [holder.segments for holder in (*frames, *layouts) if holder is not None]
@@ -248,7 +248,9 @@ def _padded(protocol: Protocol, sent: list[Value]) -> set[str]:
 
 
 def serves(protocol: Protocol) -> bool:
-    """Whether a device may be made of this definition; of an application, the protocol that carries it decides."""
+    """Return whether a device may be made of this definition; of an application, the protocol that carries it
+    decides.
+    """
     if protocol.kind == "application":
         return True
     return any(step.serve is not None for sequence in protocol.sequences.values() for step in sequence.steps)
@@ -350,7 +352,7 @@ def _leaves_of(made: FrameOf | LayoutOf | RecordOf) -> Iterator[tuple[str, Expre
 
 
 def _compared_with_own(node: Compare) -> Iterator[str]:
-    """The fields in a comparison with the own station."""
+    """Yield the fields in a comparison with the own station."""
     if "own" in names_in(node):
         yield from (part.name for part in (node.first, *(side for _, side in node.rest)) if isinstance(part, Attribute))
 
@@ -391,7 +393,7 @@ def check_unserved(protocol: Protocol) -> Iterator[Problem]:
 
 
 def _takes_all(alike: _Alike, earlier: ServiceRow, later: ServiceRow) -> bool:
-    """Whether the earlier row fits every request that the later one fits."""
+    """Return whether the earlier row fits every request that the later one fits."""
     assert earlier.request is not None and later.request is not None
     if earlier.buffer is None and later.buffer is not None:
         return False
@@ -413,7 +415,7 @@ def _when(row: ServiceRow) -> Expression | None:
 
 
 def _back_fits(earlier: ServiceRow, later: ServiceRow) -> bool:
-    """Whether `back` of the earlier row can be worked out whenever that of the later one can."""
+    """Return whether `back` of the earlier row can be worked out whenever that of the later one can."""
     read = [(later.back.get(name), value) for name, value in earlier.back.items() if name != "when"]
     read += [(later.back_each.get(name), value) for name, value in earlier.back_each.items()]
     return all(
@@ -423,7 +425,7 @@ def _back_fits(earlier: ServiceRow, later: ServiceRow) -> bool:
 
 
 def _areas_fit(earlier: ServiceRow, later: ServiceRow) -> bool:
-    """Whether the earlier row is for every area that a request of the later one can name."""
+    """Return whether the earlier row is for every area that a request of the later one can name."""
     source = _area_source(earlier)
     if source == "code" and _area_source(later) != "code":
         return False

@@ -98,7 +98,7 @@ class _Held(NamedTuple):
 
 
 def held_in(segments: Iterable[Segment]) -> dict[str, _Held]:
-    """The records and lists of records by name; those of one name in several cases together."""
+    """Return the records and lists of records by name; those of one name in several cases together."""
     found: dict[str, _Held] = {}
     for one in flat(segments):
         if one.inner_record is not None and one.name is not None and not (isinstance(one, Repeat) and one.single):
@@ -161,7 +161,7 @@ class KindChecker:
         self._note(expression.at, what, todo)
 
     def kind(self, expression: Expression) -> Kind:
-        """The kind of an expression; problems inside it are noted."""
+        """Return the kind of an expression; problems inside it are noted."""
         self.expression = expression
         return self._kind(expression.root)
 
@@ -227,13 +227,13 @@ class KindChecker:
         return field_kinds(holder.members).get(node.name, "any") if holder.is_one else "list"
 
     def _columns(self, node: Node) -> Collection[str] | None:
-        """The names in the rows of the table that a row is taken of."""
+        """Return the names in the rows of the table that a row is taken of."""
         if isinstance(node, Index) and isinstance(node.value, Name) and self.names.get(node.value.name) == "table":
             return self.columns.get(node.value.name)
         return None
 
     def _held(self, node: Node) -> _Held | None:
-        """The record or list of records that a node stands for."""
+        """Return the record or list of records that a node stands for."""
         match node:
             case Name(name=name):
                 return self.holders.get(name)
@@ -250,7 +250,7 @@ class KindChecker:
         return None
 
     def _is_whole(self, node: Node) -> bool:
-        """Whether a node is a record by itself, which has fields but no value: that is noted."""
+        """Return whether a node is a record by itself, which has fields but no value: that is noted."""
         holder = self._held(node)
         if holder is None or not holder.is_one or holder.is_item:
             return False
@@ -409,7 +409,7 @@ def _is_zero(node: Node) -> bool:
 
 
 def _zero_time(first: Node, second: Node, left: Kind, right: Kind) -> bool:
-    """Whether a time is compared with a plain 0."""
+    """Return whether a time is compared with a plain 0."""
     return {left, right} == {"number", "time"} and (_is_zero(first) or _is_zero(second))
 
 
@@ -457,7 +457,7 @@ def field_kinds(segments: Iterable[Segment]) -> dict[str, Kind]:
 
 
 def named_numbers(segments: Iterable[Segment]) -> frozenset[str]:
-    """The names of values that are numbers for every function, and that a text may be compared with."""
+    """Return the names of values that are numbers for every function, and that a text may be compared with."""
     numbers = [(segment, dict(segment.numbers_with_names())) for segment in flat(segments)]
     named = {name for _, names in numbers for name, values in names.items() if values is not None}
     others = {segment.name for segment, names in numbers if segment.name and names.get(segment.name) is None}
@@ -465,7 +465,7 @@ def named_numbers(segments: Iterable[Segment]) -> frozenset[str]:
 
 
 def add_kind(found: dict[str, Kind], name: str, kind: Kind) -> None:
-    """Notes the kind of a name; one with two kinds is `any`."""
+    """Note the kind of a name; one with two kinds is `any`."""
     found[name] = kind if found.get(name, kind) == kind else "any"
 
 
@@ -475,7 +475,7 @@ def kind_of_variable(type_: str) -> Kind:
 
 
 def kind_of_state(variable: StateVariable) -> Kind:
-    """The kind of a state variable."""
+    """Return the kind of a state variable."""
     if variable.keys is not None:
         return "table"
     return "any" if variable.values else kind_of_variable(variable.type)
@@ -489,7 +489,7 @@ _BUILT_IN: dict[str, Kind] = {"role": "text", "now": "time", "buffer": "bytes", 
 
 
 def columns_of(table: Table) -> frozenset[str]:
-    """The names in the rows of a table."""
+    """Return the names in the rows of a table."""
     rows = [*table.entries.values(), *(value for _, _, value in table.ranges)]
     return frozenset(name for row in rows if isinstance(row, Mapping) for name in row)
 
@@ -767,7 +767,7 @@ class _Kinds:
 
 
 def _known_values(frame: Frame) -> dict[str, tuple[Kind, Mapping[int, str] | None]]:
-    """The values of a frame whose kind is known, with the names of their numbers."""
+    """Return the values of a frame whose kind is known, with the names of their numbers."""
     known: dict[str, tuple[Kind, Mapping[int, str] | None]] = {}
     for segment in flat(frame.segments):
         values = dict(segment.numbers_with_names())

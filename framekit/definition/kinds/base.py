@@ -98,7 +98,7 @@ class Segment:
 
     @classmethod
     def schema(cls) -> dict[str, Any]:
-        """The schema of a segment of this kind."""
+        """Return the schema of a segment of this kind."""
         found = mapping_schema(cls, f"{cls.KEY} segment")
         found["required"] = [one for one in found.get("required", ()) if one != cls.KEY]
         if not found["required"]:
@@ -119,20 +119,22 @@ class Segment:
 
     @classmethod
     def load(cls, loader: SegmentLoading, keys: Keys) -> Segments:
-        """The segments that a mapping of this kind stands for. Raises Broken."""
+        """Return the segments that a mapping of this kind stands for. Raises Broken."""
         common = loader.common(keys, cls.KEY)
         return (cls(**{**common, **cls.attributes(loader, keys)}),)
 
     @classmethod
     def attributes(cls, loader: SegmentLoading, keys: Keys) -> dict[str, Any]:
-        """The attributes that the keys give. Raises Broken."""
+        """Return the attributes that the keys give. Raises Broken."""
         return read_keys(cls, loader, keys)
 
     # ---- what it holds ------------------------------------------------------------------------------------
 
     @property
     def path(self) -> str:
-        """The names of the records around it and its own, joined by dots: only the cases of one choice share it."""
+        """Return the names of the records around it and its own, joined by dots: only the cases of one choice
+        share it.
+        """
         return self.sibling_path(self.name or "")
 
     def sibling_path(self, name: str) -> str:
@@ -141,12 +143,12 @@ class Segment:
 
     @property
     def value_names(self) -> tuple[str, ...]:
-        """The names of the values that it holds itself."""
+        """Return the names of the values that it holds itself."""
         return (self.name,) if self.name and self.VALUE is not None else ()
 
     @property
     def blocks(self) -> tuple[Segments, ...]:
-        """The lists of segments inside whose values belong to the same record as the segment."""
+        """Return the lists of segments inside whose values belong to the same record as the segment."""
         return ()
 
     @property
@@ -156,17 +158,17 @@ class Segment:
 
     @property
     def inner_record(self) -> Segments | None:
-        """The segments inside whose values make records of their own; None if there is no such list."""
+        """Return the segments inside whose values make records of their own; None if there is no such list."""
         return None
 
     @property
     def is_record(self) -> bool:
-        """Whether its value is one record."""
+        """Return whether its value is one record."""
         return self.inner_record is not None and not self.is_list
 
     @property
     def members(self) -> Segments:
-        """The segments of `inner_record`; none if there is no such list."""
+        """Return the segments of `inner_record`; none if there is no such list."""
         return self.inner_record or ()
 
     @property
@@ -186,19 +188,19 @@ class Segment:
 
     @property
     def frames_inside(self) -> tuple[str, ...]:
-        """The frames of which one stands in its place."""
+        """Return the frames of which one stands in its place."""
         return ()
 
     def with_blocks(self, change: Callable[[Segments], Segments]) -> Self:
-        """The same segment with every list of `blocks` changed."""
+        """Return the same segment with every list of `blocks` changed."""
         return self
 
     def with_record(self, change: Callable[[Segments], Segments]) -> Self:
-        """The same segment with the list of `inner_record` changed."""
+        """Return the same segment with the list of `inner_record` changed."""
         return self
 
     def with_lists(self, change: Callable[[Segments], Segments]) -> Self:
-        """The same segment with every list in it changed."""
+        """Return the same segment with every list in it changed."""
         return self.with_blocks(change).with_record(change)
 
     # ---- bytes --------------------------------------------------------------------------------------------
@@ -220,12 +222,12 @@ class Segment:
 
     @property
     def whole_frame(self) -> int | None:
-        """The size of the whole frame, where the segment fills it up."""
+        """Return the size of the whole frame, where the segment fills it up."""
         return None
 
     @property
     def takes_rest(self) -> bool:
-        """Whether it reaches to the end of its region."""
+        """Return whether it reaches to the end of its region."""
         return False
 
     @property
@@ -235,7 +237,7 @@ class Segment:
 
     @property
     def size_expression(self) -> Expression | None:
-        """The expression that gives its size, if one does."""
+        """Return the expression that gives its size, if one does."""
         size = getattr(self, "size", None) if self.number_type is None else self.number_type.size
         return size if isinstance(size, Expression) else None
 
@@ -247,22 +249,22 @@ class Segment:
             yield self.name, self.VALUE or "any"
 
     def numbers_with_names(self) -> Iterator[tuple[str, Mapping[int, str] | None]]:
-        """The values that are numbers of their own, with the names of these."""
+        """Return the values that are numbers of their own, with the names of these."""
         return iter(())
 
     @property
     def wanted_names(self) -> tuple[str, ...]:
-        """The values without which no frame can be built where the segment is there."""
+        """Return the values without which no frame can be built where the segment is there."""
         return self.value_names if self.WANTED else ()
 
     @property
     def given_names(self) -> tuple[str, ...]:
-        """The values that may be given when a frame is built: those that are not computed always."""
+        """Return the values that may be given when a frame is built: those that are not computed always."""
         return self.value_names
 
     @property
     def lacks_default(self) -> bool:
-        """Whether it holds a value that the definition neither computes nor gives a default."""
+        """Return whether it holds a value that the definition neither computes nor gives a default."""
         inside = self.blocks if self.is_there_inside else ()
         return bool(self.wanted_names) or any(lack_default(block) for block in inside)
 
@@ -284,7 +286,7 @@ class Segment:
         yield self.size_expression, "number", None
 
     def computed(self) -> Iterator[tuple[str, Expression]]:
-        """The expressions that give values, by the name of the value."""
+        """Return the expressions that give values, by the name of the value."""
         return iter(())
 
     @property
@@ -300,7 +302,7 @@ class Segment:
     # ---- loading ------------------------------------------------------------------------------------------
 
     def resolved(self, references: References) -> Segment:
-        """The same segment with the names of others in it written out, and looked for in lists inside."""
+        """Return the same segment with the names of others in it written out, and looked for in lists inside."""
         return self.with_record(references.inside)
 
     def fixed(self, reader: Reader, wheres: Mapping[str, Fixing], used: set[str]) -> Segment:
@@ -313,7 +315,7 @@ class Segment:
 
     @property
     def chooses_by(self) -> Expression | None:
-        """The value it chooses by."""
+        """Return the value it chooses by."""
         return None
 
     # ---- checking -----------------------------------------------------------------------------------------
@@ -342,7 +344,7 @@ def sizes_of(segments: Segments, of_frame: Callable[[str], Sizes]) -> Sizes:
 
 
 def lack_default(segments: Segments) -> bool:
-    """Whether something in a list that is always there has to be given."""
+    """Return whether something in a list that is always there has to be given."""
     return any(segment.when is None and segment.lacks_default for segment in segments)
 
 
@@ -425,7 +427,7 @@ VALUE_NAMES = Form(ref("value_names"), lambda r, node: value_names(r.space, node
 
 
 def constant_number(expression: Expression | None) -> int | None:
-    """The number, if the expression is just one."""
+    """Return the number, if the expression is just one."""
     match expression.root if expression is not None else None:
         case Number(value=value, is_time=False):
             return value
@@ -461,12 +463,15 @@ def most_bytes(node: ExpressionNode) -> int | None:
 
 
 def _place(node: ExpressionNode | None) -> int | None:
-    """The end of a slice as a number: 0 for one that is missing, None for one that is worked out."""
+    """Return the end of a slice as a number: 0 for one that is missing, None for one that is worked out."""
     return 0 if node is None else constant_number(Expression("", node))
 
 
 def bytes_of_number(segment: Numbered, plus: int = 0) -> frozenset[int]:
-    """The bytes that its number may have on the wire; wire number = number + plus. A range limits those of one byte."""
+    """Return the bytes that its number may have on the wire; wire number = number + plus.
+
+    A range limits those of one byte.
+    """
     is_byte = segment.type.kind == "int" and segment.type.size == 1 and segment.zero_means is None
     if not is_byte or segment.limits is None or segment.limits[0] + plus < 0:
         return segment.type.contents
@@ -494,7 +499,7 @@ def zero_with_a_sign(segment: Numbered) -> Iterator[Problem]:
 
 
 def number_written(reader: Reader, holder: Any, scalar: Scalar) -> int:
-    """A number, or a name of one among the `values` of a field or of bits. Raises Broken."""
+    """Return a number, or a name of one among the `values` of a field or of bits. Raises Broken."""
     for number, name in (holder.values or {}).items():
         if name == scalar.text:
             return int(number)

@@ -39,7 +39,7 @@ class BitsPart:
 
     @property
     def most(self) -> int | None:
-        """The greatest number that fits; None for 1024 bits and more."""
+        """Return the greatest number that fits; None for 1024 bits and more."""
         return (1 << self.high - self.low + 1) - 1 if self.high < 1024 else None
 
     def check(self) -> Iterator[Problem]:

@@ -154,7 +154,7 @@ class Check(Segment):
 
     @property
     def edges(self) -> tuple[str, ...]:
-        """The segments at the ends of its ranges."""
+        """Return the segments at the ends of its ranges."""
         return tuple(name for one in self.covers or () if isinstance(one, tuple) for name in one if name != "here")
 
     @property
@@ -174,7 +174,7 @@ class Check(Segment):
         return self.size // (2 if self.form in ("hex", "HEX", "nibbles") else 1)
 
     def with_names(self, change: Callable[[tuple[str, ...]], tuple[str, ...]]) -> Self:
-        """The same check, where other segments stand for those that it names."""
+        """Return the same check, where other segments stand for those that it names."""
         covers = self.covers
         if covers is not None:
             parts = ((change((one,)) if isinstance(one, str) else (one,)) for one in covers)
@@ -207,7 +207,7 @@ class Check(Segment):
         return self._edge(references, first, 0), "here" if last == "here" else self._edge(references, last, -1)
 
     def _edge(self, references: References, name: str, which: int) -> str:
-        """The segment at one end of a range: by name, or by its offset in bytes from the start."""
+        """Return the segment at one end of a range: by name, or by its offset in bytes from the start."""
         if name.isdigit():
             return references.at_offset(int(name), self.at, which)
         written = references.written_out((name,), self.at, may_be_empty=False)

@@ -97,7 +97,7 @@ class Length(Counting):
 
     @property
     def counted(self) -> tuple[str, ...]:
-        """The paths of the segments whose bytes it counts."""
+        """Return the paths of the segments whose bytes it counts."""
         return tuple(map(self.sibling_path, self.of))
 
     def resolved(self, references: References) -> Segment:
@@ -124,7 +124,7 @@ class Count(Counting):
 
     @property
     def counted(self) -> str:
-        """The path of the list whose items it counts."""
+        """Return the path of the list whose items it counts."""
         return self.sibling_path(self.of)
 
     def resolved(self, references: References) -> Segment:
@@ -139,6 +139,6 @@ class Count(Counting):
 
 
 def _has_bytes(segment: Segment) -> bool:
-    """Whether it is a plain value whose bytes a length could count."""
+    """Return whether it is a plain value whose bytes a length could count."""
     inside = segment.inner_record or segment.frames_inside or isinstance(segment, Counting)
     return segment.takes_bytes and segment.value_names == (segment.name,) and not inside

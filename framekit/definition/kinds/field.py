@@ -54,7 +54,7 @@ class Long:
 
 
 def _given(reading: KeyReading, node: Node) -> Expression:
-    """A default: bytes for a field of bytes, an empty text for an empty scalar, else an expression."""
+    """Return a default: bytes for a field of bytes, an empty text for an empty scalar, else an expression."""
     reader = reading.reader
     scalar = reader.scalar(node)
     if reading.found["type"].kind == "bytes" and not scalar.text.strip().startswith("h'"):
@@ -166,7 +166,9 @@ class Field(Segment):
 
     @property
     def wire_values(self) -> tuple[int | str | bytes, ...] | None:
-        """The values that it may have on the wire by `where`, `is` or `only: values`; None if these leave it open."""
+        """Return the values that it may have on the wire by `where`, `is` or `only: values`; None if these leave it
+        open.
+        """
         allowed: tuple[int | str | bytes, ...] | None = None
         if self.constants is not None:
             allowed = self.constants

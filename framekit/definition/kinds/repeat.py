@@ -182,7 +182,7 @@ class Repeat(Segment):
 
     @property
     def plain_type(self) -> FieldType | None:
-        """The type of the items, where they are plain values."""
+        """Return the type of the items, where they are plain values."""
         if isinstance(self.of, FieldType):
             return self.of
         last = self.of[-1] if self.single else None
@@ -190,7 +190,7 @@ class Repeat(Segment):
 
     @property
     def record(self) -> Segments | None:
-        """The segments of an item, where the items are records."""
+        """Return the segments of an item, where the items are records."""
         return None if self.single else self.inner_record
 
     @property
@@ -206,7 +206,7 @@ class Repeat(Segment):
 
     @property
     def is_counted(self) -> bool:
-        """Whether the number of items is known before the first one is read."""
+        """Return whether the number of items is known before the first one is read."""
         return self.times is not None and self.times != "rest"
 
     def with_record(self, change: Callable[[Segments], Segments]) -> Self:
@@ -289,7 +289,7 @@ def _from_the_second(segment: Segment) -> bool:
 
 
 def _may_be_nothing(segment: Segment) -> bool:
-    """Whether a segment is there only under a condition, or in one of several cases."""
+    """Return whether a segment is there only under a condition, or in one of several cases."""
     in_cases = bool(segment.blocks) and not segment.is_there_inside
     return segment.when is not None or not segment.takes_bytes or in_cases
 
@@ -360,7 +360,7 @@ class IncludeKeys(Segment):
 
 
 def _under(segment: Segment, when: Expression | None, refuse: int | None) -> Segment:
-    """An included segment with the `when` and `refuse` of its include."""
+    """Return an included segment with the `when` and `refuse` of its include."""
     if when is not None:
         segment = replace(segment, when=both(when, segment.when))
     if refuse is not None and segment.refuse is None:

@@ -96,7 +96,7 @@ class Wrap(Segment):
 
     @property
     def escape(self) -> int | None:
-        """The byte that is doubled in the content, if one is."""
+        """Return the byte that is doubled in the content, if one is."""
         return self.coding.escape if isinstance(self.coding, Doubled) else None
 
     @property

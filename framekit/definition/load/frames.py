@@ -63,7 +63,7 @@ class SegmentLoader:
         self.known = _names_everywhere(space)
 
     def load(self, node: Node | None) -> Segments:
-        """The segments of a list; those that are broken are left out after their problem is noted."""
+        """Return the segments of a list; those that are broken are left out after their problem is noted."""
         found: list[Segment] = []
         for item in self.reader.items(node):
             try:
@@ -106,7 +106,7 @@ class SegmentLoader:
         }
 
     def layout(self, node: Node) -> Segments:
-        """The segments of the layout that `node` names, read in its own namespace. Raises Broken."""
+        """Return the segments of the layout that `node` names, read in its own namespace. Raises Broken."""
         nodes, space = self.space.layout(node)
         names = [name for name, _ in self.under_way]
         place = next((place for place, (_, other) in enumerate(self.under_way) if other is nodes), None)
@@ -127,11 +127,11 @@ class SegmentLoader:
             self.under_way.pop()
 
     def find_frames(self, space: Any, node: Node) -> tuple[str, ...]:
-        """The frames that a name means. Raises Broken."""
+        """Return the frames that a name means. Raises Broken."""
         return self.frames.find(space, node)
 
     def nested(self, node: Node, depth: Node) -> str:
-        """The frame for a layout that stands in itself, one level deeper. Raises Broken."""
+        """Return the frame for a layout that stands in itself, one level deeper. Raises Broken."""
         nodes, space = self.space.layout(node)
         most = self.reader.number(depth)
         if not 2 <= most <= MOST_LEVELS:
@@ -153,7 +153,7 @@ class SegmentLoader:
 
 
 def _stands_in(wanted: Sequence, space: Meanings, nodes: Node, seen: list[Node]) -> bool:
-    """Whether a layout is included somewhere in nodes, also by layouts that these include."""
+    """Return whether a layout is included somewhere in nodes, also by layouts that these include."""
     if isinstance(nodes, Sequence):
         return any(_stands_in(wanted, space, item, seen) for item in nodes.items)
     if not isinstance(nodes, Mapping):
@@ -210,7 +210,7 @@ def _read_by(value: Segment) -> set[str]:
 
 
 def _names_everywhere(space: Meanings) -> set[str]:
-    """The names of a file that its expressions may read wherever they stand."""
+    """Return the names of a file that its expressions may read wherever they stand."""
     return {name for section in ("params", "state", "tables", "queues") for name in space.section(section)}
 
 
@@ -245,7 +245,7 @@ def load_where(reader: Reader, node: Node) -> dict[str, Where]:
 
 
 def apply_where(reader: Reader, parts: Parts, wheres: dict[str, Where], frame: Scalar) -> Parts:
-    """The segments with the constants written into their fields; unknown fields are noted."""
+    """Return the segments with the constants written into their fields; unknown fields are noted."""
     used: set[str] = set()
     head, body, tail = (change_all(part, lambda one: one.fixed(reader, wheres, used)) for part in parts)
     known = [name for part in parts for one in part for name, _ in one.numbers_with_names() if name == one.name]
@@ -300,7 +300,7 @@ def resolve_references(
 
 
 def _resolved(parts: Parts, aliases: dict[str, tuple[str, ...]], whose: str, missing: MissingSegments) -> Parts:
-    """The segments of a frame or record, those of records in it too, with the names in them written out."""
+    """Return the segments of a frame or record, those of records in it too, with the names in them written out."""
     head, body, tail = parts
     names = {segment.name: segment for segment in flat(head + body + tail) if segment.name}
     meant = dict(aliases)
@@ -326,7 +326,7 @@ class _Resolver:
         self.missing = missing
 
     def inside(self, segments: Segments) -> Segments:
-        """The segments of a record inside, where names stand for the same."""
+        """Return the segments of a record inside, where names stand for the same."""
         return _resolved(((), segments, ()), dict(self.meant), self.whose, self.missing)[1]
 
     def written_out(self, names: tuple[str, ...], at: Position, *, may_be_empty: bool = True) -> tuple[str, ...]:
@@ -344,7 +344,7 @@ class _Resolver:
         return tuple(result)
 
     def at_offset(self, offset: int, at: Position, which: int) -> str:
-        """The segment that begins (`which` 0) or ends (-1) so many bytes from the start."""
+        """Return the segment that begins (`which` 0) or ends (-1) so many bytes from the start."""
         place = 0
         for name, segment in self.names.items():
             size = fixed_size(segment)
@@ -445,7 +445,7 @@ class FrameLoader:
             node = value.get("extends") if isinstance(value, Mapping) else None
 
     def members(self, name: str) -> tuple[str, ...]:
-        """The frames of a group, those that exist to be refused last; a frame stands for itself."""
+        """Return the frames of a group, those that exist to be refused last; a frame stands for itself."""
         if name in self.outlines:
             return (name,)
         frames = [outline for outline in self.outlines.values() if name in outline.groups]
@@ -455,7 +455,7 @@ class FrameLoader:
         return name in self.outlines or name in self.groups
 
     def find(self, space: Namespace, node: Node) -> tuple[str, ...]:
-        """The frames that `GROUP`, `FRAME` or `FILE.GROUP` means. Raises Broken when there is no such name."""
+        """Return the frames that `GROUP`, `FRAME` or `FILE.GROUP` means. Raises Broken when there is no such name."""
         name = self.reader.text(node)
         if self.knows(name):
             return self.members(name)
@@ -474,7 +474,7 @@ class FrameLoader:
     # ---- then the frames ----------------------------------------------------------------------------------
 
     def load_all(self) -> dict[str, Frame]:
-        """All frames; reading one may bring in those of a used file, which are read too."""
+        """Return all frames; reading one may bring in those of a used file, which are read too."""
         tried: set[str] = set()
         while missing := [outline for name, outline in self.outlines.items() if name not in tried]:
             for outline in missing:
@@ -545,7 +545,7 @@ class FrameLoader:
         return "both" if node is None else SIDES.get(self.reader.text(node), "both")
 
     def _inherited(self, space: Namespace, groups: tuple[str, ...]) -> dict[str, Node]:
-        """The keys of a group, the first, over those of the groups it extends."""
+        """Return the keys of a group, the first, over those of the groups it extends."""
         found: dict[str, Node] = {}
         for name in reversed(groups):
             value = space.section("groups")[name].entry.value

@@ -14,7 +14,7 @@ from framekit.definition.problems import Position, did_you_mean
 
 
 def load_table(reader: Reader, entry: Entry) -> Table:
-    """A table; keys are numbers, texts or ranges `1200-19200`."""
+    """Return a table; keys are numbers, texts or ranges `1200-19200`."""
     entries: dict[int | str, TableValue] = {}
     ranges: list[tuple[int, int, TableValue]] = []
     for row in reader.entries(entry.value):
@@ -143,7 +143,7 @@ class Namespace:
         return [item for source in self._sources() for item in source.uses.items()]
 
     def _saying(self, key: str, word: str) -> set[str]:
-        """The files in which a key has this word."""
+        """Return the files in which a key has this word."""
         return {file for one in self._sources() if scalar_of(one.root.get(key)) == word for file in one.files}
 
     def turns_conversions(self, file: str) -> bool:
@@ -151,11 +151,11 @@ class Namespace:
         return file in self._turned
 
     def order(self, file: str) -> str:
-        """The byte order of numbers written in `file`."""
+        """Return the byte order of numbers written in `file`."""
         return "little" if file in self._little else "big"
 
     def section(self, key: str) -> dict[str, Owned]:
-        """The entries of a section by name, the definition's own first, then its application's."""
+        """Return the entries of a section by name, the definition's own first, then its application's."""
         if key not in self._sections:
             found: dict[str, Owned] = {}
             for source in self._sources():
@@ -183,7 +183,7 @@ class Namespace:
         return None
 
     def layout(self, node: Node) -> tuple[Sequence, Meanings]:
-        """The segments of a layout and the namespace they are to be read in. Raises Broken."""
+        """Return the segments of a layout and the namespace they are to be read in. Raises Broken."""
         name = self.reader.text(node)
         space: Namespace = self
         layouts = space.section("layouts")
@@ -197,7 +197,7 @@ class Namespace:
         return self.reader.sequence(layouts[name].entry.value), space
 
     def table(self, name: str) -> Table | None:
-        """A table of this namespace, or None."""
+        """Return a table of this namespace, or None."""
         if name not in self._tables:
             owned = self.section("tables").get(name)
             self._tables[name] = None
@@ -207,7 +207,7 @@ class Namespace:
         return self._tables[name]
 
     def check(self, node: Node) -> CheckMethod:
-        """A check method of this definition or a ready one. Raises Broken."""
+        """Return a check method of this definition or a ready one. Raises Broken."""
         name = self.reader.text(node)
         own = self.section("checks")
         if name in own:

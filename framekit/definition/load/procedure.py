@@ -169,7 +169,7 @@ class ProcedureLoader:
         return tuple((entry.key.text, self.values.fields(entry.value)) for entry in self.reader.entries(node))
 
     def arrivals(self, keys: Mapping) -> tuple[str, ...]:
-        """The frames that `frame` of a row names."""
+        """Return the frames that `frame` of a row names."""
         frames: list[str] = []
         for item in self.reader.items(keys.get("frame")):
             if self.reader.text(item) != "expected":

@@ -67,7 +67,7 @@ NumbersOf = Callable[[Node], "Mapping[str, int] | None"]
 
 
 def resolve_names(reader: Reader, value: Any, numbers_of: NumbersOf) -> Any:
-    """A model value with every expression in it resolved."""
+    """Return a model value with every expression in it resolved."""
     if isinstance(value, Compare):
         value = _compared(reader, value, numbers_of)
     elif isinstance(value, Segment) and value.chooses_by is not None:
@@ -76,7 +76,7 @@ def resolve_names(reader: Reader, value: Any, numbers_of: NumbersOf) -> Any:
 
 
 def _changed(value: Any, change: Callable[[Any], Any]) -> Any:
-    """A value with each of its parts changed; the same object where none of them is another one then."""
+    """Return a value with each of its parts changed; the same object where none of them is another one then."""
     if isinstance(value, Position):
         return value
     if isinstance(value, tuple):
@@ -452,7 +452,7 @@ def _same(path: Path, value: Expression, station: Expression, at: Position, pad:
 
 
 def _put(node: Any, station: Node) -> Any:
-    """An expression with another one in the place of `station`."""
+    """Return an expression with another one in the place of `station`."""
     if isinstance(node, Name) and node.name == STATION:
         return station
     return _changed(node, lambda part: _put(part, station))
@@ -479,7 +479,7 @@ def with_item_words(segments: Segments, known: Collection[str], in_item: bool = 
 
 
 def _inside(holder: Segment, of: Segments, names: Collection[str], in_item: bool) -> Segments:
-    """The segments of a record or of an item; where only an item's end shows if it is the last, it says so."""
+    """Return the segments of a record or of an item; where only an item's end shows if it is the last, it says so."""
     found = with_item_words(of, names, in_item or holder.is_list)
     if isinstance(holder, Repeat) and holder.times == "rest" and LAST in names_read_in(found):
         found = (*found, ItemEnd(at=holder.at))

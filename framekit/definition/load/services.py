@@ -39,7 +39,7 @@ class ServiceLoader:
         self.reader: Reader = values.reader
 
     def rows(self, entry: Entry) -> tuple[ServiceRow, ...]:
-        """The rows of one service, in order; broken ones are left out."""
+        """Return the rows of one service, in order; broken ones are left out."""
         found, service = [], entry.key.text
         for number, item in enumerate(self.reader.items(entry.value), start=1):
             with self.reader.going_on():
@@ -57,7 +57,7 @@ class ServiceLoader:
         return found
 
     def block(self, node: Node) -> BlockWork:
-        """The exchange that a request asks for. Raises Broken."""
+        """Return the exchange that a request asks for. Raises Broken."""
         reader, keys = self.reader, self.reader.mapping(node)
         for one, other in pairwise([key for key in ("read", "write", "call") if key in keys]):
             at = keys.get(other)
@@ -72,7 +72,7 @@ class ServiceLoader:
         return read_part(BlockWork, self, keys)
 
     def rules(self, node: Node) -> CommandRules:
-        """The section `commands` of an application. Raises Broken."""
+        """Return the section `commands` of an application. Raises Broken."""
         reader, keys, frames = self.reader, self.reader.mapping(node), self.values.frames.outlines
         frame = keys.get("frame")
         if frame is not None and (name := reader.text(frame)) not in frames:
@@ -96,7 +96,7 @@ _WIDTH = re.compile(r"(?:(?P<least>\w+)-)?(?P<most>\w+)")
 def load_address_forms(
     reader: Reader, node: Node | None, areas: Collection[str], tables: Collection[str]
 ) -> tuple[AddressForm, ...]:
-    """The forms of an `addresses` section; broken ones are noted and left out."""
+    """Return the forms of an `addresses` section; broken ones are noted and left out."""
     found = []
     for item in reader.items(node):
         with reader.going_on():

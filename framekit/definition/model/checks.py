@@ -109,7 +109,7 @@ class CheckMethod:
 
     @property
     def is_of_bytes(self) -> bool:
-        """Whether bytes are all it takes."""
+        """Return whether bytes are all it takes."""
         return self.kind != "fold" and not self.is_keyed
 
     def fault(self) -> str | None:
@@ -172,7 +172,7 @@ class CatalogueEntry:
 
 @cache
 def crc_catalogue() -> tuple[CatalogueEntry, ...]:
-    """Every CRC of the data file, narrow ones first."""
+    """Return every CRC of the data file, narrow ones first."""
     lines = CATALOGUE.read_text(encoding="ascii").splitlines()
     return tuple(_entry(line) for line in lines if line and not line.startswith("#"))
 
@@ -213,7 +213,7 @@ def add_method(method: CheckMethod, module: str) -> None:
 
 @cache
 def ready_methods() -> Mapping[str, CheckMethod]:
-    """All ready methods by name and by alias; an alias gives the method with its main name."""
+    """Return all ready methods by name and by alias; an alias gives the method with its main name."""
     methods = {method.name: method for method in SIMPLE}
     methods.update((alias, methods[name]) for alias, name in SIMPLE_ALIASES.items())
     methods.update(ADDED)

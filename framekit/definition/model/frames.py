@@ -35,7 +35,7 @@ def flat(segments: Iterable[Segment]) -> Iterator[Segment]:
 
 
 def everything(segments: Iterable[Segment]) -> Iterator[Segment]:
-    """Every segment, also those in records and lists; these come after the segments of the record around them."""
+    """Yield every segment, also those in records and lists; these come after the segments of the record around them."""
     for segment in flat(segments):
         yield segment
         yield from everything(segment.inner_record or ())
@@ -52,7 +52,7 @@ def leaves(segments: Iterable[Segment]) -> Iterator[Segment]:
 
 
 def in_place_of_records(segments: Segments) -> Iterator[Segment]:
-    """The segments with those of records that are always there in place of these."""
+    """Yield the segments with those of records that are always there in place of these."""
     for segment in segments:
         if segment.is_record and segment.when is None:
             yield from in_place_of_records(segment.members)
@@ -61,7 +61,7 @@ def in_place_of_records(segments: Segments) -> Iterator[Segment]:
 
 
 def certain(segments: Iterable[Segment], there: bool = True) -> Iterator[tuple[Segment, bool]]:
-    """Every segment of one record, and whether it is there in every such record but for its own condition."""
+    """Yield every segment of one record, and whether it is there in every such record but for its own condition."""
     for segment in segments:
         yield segment, there
         for block in segment.blocks:
@@ -69,7 +69,7 @@ def certain(segments: Iterable[Segment], there: bool = True) -> Iterator[tuple[S
 
 
 def by_value_name(segments: Iterable[Segment]) -> dict[str, Segment]:
-    """The segments of one record that hold values, by the name of the value."""
+    """Return the segments of one record that hold values, by the name of the value."""
     return {name: segment for segment in flat(segments) for name in segment.value_names}
 
 
@@ -83,7 +83,7 @@ def change_all(segments: Segments, change: Callable[[Segment], Segment]) -> Segm
 
 
 def with_holders(segments: Segments, holder: str = "") -> Segments:
-    """The segments, each with the path of the record that holds it."""
+    """Return the segments, each with the path of the record that holds it."""
 
     def change(segment: Segment) -> Segment:
         held = replace(segment, holder=holder) if holder else segment
@@ -93,7 +93,7 @@ def with_holders(segments: Segments, holder: str = "") -> Segments:
 
 
 def nearest_path(name: str, segment: Segment, paths: Container[str]) -> str:
-    """The path that a name has in expressions of a segment: that of the innermost record which has the name.
+    """Return the path that a name has in expressions of a segment: that of the innermost record which has the name.
 
     `paths`: all there are. The name itself, if no record has it.
     """
@@ -111,7 +111,7 @@ def without_when(segment: Segment) -> Segment:
 
 
 def field_names(segments: Iterable[Segment]) -> set[str]:
-    """The names that values of these segments have."""
+    """Return the names that values of these segments have."""
     return {name for segment in flat(segments) for name in _own_names(segment)}
 
 
@@ -167,7 +167,9 @@ _NO_PARTS = frozenset({"str", "int", "bool", "bytes", "float", "None", "Position
 
 @cache
 def _names_of(kind: type) -> tuple[str, ...]:
-    """The fields of a class that may hold parts, the last one first: not those that say to be a number or a text."""
+    """Return the fields of a class that may hold parts, the last one first: not those that say to be a number or a
+    text.
+    """
     if not is_dataclass(kind) or issubclass(kind, (Expression, Position)):
         return ()
     kinds = [(field.name, set(re.findall(r"\w+", str(field.type)))) for field in reversed(fields(kind))]
@@ -175,17 +177,19 @@ def _names_of(kind: type) -> tuple[str, ...]:
 
 
 def expressions_of(value: Any) -> Iterator[Expression]:
-    """Every expression inside `value`."""
+    """Return every expression inside `value`."""
     return parts_of(value, Expression)
 
 
 def names_read(value: Any) -> set[str]:
-    """Every name that an expression inside `value` reads."""
+    """Return every name that an expression inside `value` reads."""
     return {name for expression in expressions_of(value) for name in names_in(expression.root)}
 
 
 def names_read_in(segments: Iterable[Segment]) -> set[str]:
-    """The names that expressions in one record or item read, those of records in it too, not those of lists in it."""
+    """Return the names that expressions in one record or item read, those of records in it too, not those of lists in
+    it.
+    """
     found: set[str] = set()
     for segment in flat(segments):
         for expression in expressions_of(segment.with_lists(lambda _: ())):
@@ -314,7 +318,7 @@ class StaticSizes:
         return segment.sizes(self.frame)
 
     def is_variable(self, segment: Segment) -> bool:
-        """Whether its size depends on more than whether it is there."""
+        """Return whether its size depends on more than whether it is there."""
         return self.present(segment).fixed is None
 
     def split(self, segments: Segments) -> tuple[Segments, Segments]:
@@ -323,7 +327,7 @@ class StaticSizes:
         return (segments, ()) if last < 0 else (segments[: last + 1], segments[last + 1 :])
 
     def may_refuse(self, segments: Segments) -> bool:
-        """Whether a fault here, or in a frame inside, is one that is answered with a refusal."""
+        """Return whether a fault here, or in a frame inside, is one that is answered with a refusal."""
         known: set[str] = set()
         wanted = [segments]
         while wanted:

@@ -194,7 +194,7 @@ class CallOf:
 
 
 def handler_keys(*events: str) -> Mapping[str, tuple[Action, ...]]:
-    """The attribute of the handlers: event → actions."""
+    """Return the attribute of the handlers: event → actions."""
     schemas = {
         event: {**here("action" if event == "on_byte" else "handler"), "description": HANDLERS[event]}
         for event in events
@@ -374,12 +374,12 @@ class Role:
 
     @property
     def exchanges(self) -> bool:
-        """Whether services can be called in it."""
+        """Return whether services can be called in it."""
         return any(lane.exchange for lane in self.lanes)
 
     @property
     def listens(self) -> tuple[str, ...]:
-        """The sequences that run whenever a lane is free."""
+        """Return the sequences that run whenever a lane is free."""
         return tuple(lane.listen for lane in self.lanes if lane.listen is not None)
 
 

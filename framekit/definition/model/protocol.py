@@ -65,40 +65,42 @@ class Protocol:
 
     @property
     def service_rows(self) -> tuple[ServiceRow, ...]:
-        """The rows of all services, in the order of the file."""
+        """Return the rows of all services, in the order of the file."""
         return tuple(row for rows in self.services.values() for row in rows)
 
     @property
     def lanes(self) -> tuple[Lane, ...]:
-        """The lanes of all roles."""
+        """Return the lanes of all roles."""
         return tuple(lane for role in self.roles.values() for lane in role.lanes)
 
     @property
     def exchanged(self) -> dict[str, None]:
-        """The sequences that exchanges of any role run."""
+        """Return the sequences that exchanges of any role run."""
         return dict.fromkeys(name for lane in self.lanes for name in lane.exchange)
 
     @property
     def carried(self) -> frozenset[str]:
-        """The frames of which one stands somewhere inside another."""
+        """Return the frames of which one stands somewhere inside another."""
         return frozenset(name for one in parts_of(dict(self.frames), Inner) for name in one.frames)
 
     @property
     def delivers(self) -> bool:
-        """Whether a sequence offers frames to all lanes that have not come over the line."""
+        """Return whether a sequence offers frames to all lanes that have not come over the line."""
         sequences = dict(self.sequences)
         held: list[Step | Action] = [*parts_of(sequences, Step), *parts_of(sequences, Action)]
         return any(one.deliver is not None for one in held)
 
     @property
     def asking_role(self) -> str | None:
-        """The role of a client: the first that can exchange, or the only one there is."""
+        """Return the role of a client: the first that can exchange, or the only one there is."""
         asking = [role.name for role in self.roles.values() if role.exchanges]
         return next(iter(asking or (self.roles if len(self.roles) == 1 else ())), None)
 
     @property
     def serving_role(self) -> str | None:
-        """The role of a server: the other side of a client's, or the first that listens; None where no role does."""
+        """Return the role of a server: the other side of a client's, or the first that listens; None where no role
+        does.
+        """
         asking = next((role.name for role in self.roles.values() if role.exchanges), None)
         return self._first_listening() if asking is None else self.other_side(asking)
 
@@ -113,12 +115,12 @@ class Protocol:
         return self._first_listening(role) or (role if own.listens else None)
 
     def _first_listening(self, but: str = "") -> str | None:
-        """The first role that listens; those that only do that go before others."""
+        """Return the first role that listens; those that only do that go before others."""
         found = [one for one in self.roles.values() if one.listens and one.name != but]
         return min(found, key=lambda one: one.exchanges).name if found else None
 
     def called_from(self, names: Iterable[str]) -> tuple[Sequence, ...]:
-        """These sequences, and those that they call."""
+        """Return these sequences, and those that they call."""
         waiting, found = list(names), dict[str, Sequence]()
         while waiting:
             sequence = self.sequences.get(name := waiting.pop())
@@ -135,7 +137,7 @@ class Protocol:
         return [name for name, variable in self.state.items() if variable.scope == "device" and name in names]
 
     def frames_of(self, name: str) -> tuple[str, ...]:
-        """The frames a row means by a frame's or a group's name; frames that exist to be refused come last."""
+        """Return the frames a row means by a frame's or a group's name; frames that exist to be refused come last."""
         if name in self.frames:
             return (name,)
         return self.groups[name].frames

@@ -73,7 +73,7 @@ GIVEN = Form(ref("plain_value"), _given)
 
 
 def _size_in_bytes(thing: str) -> Form:
-    """The number of bytes of a variable or parameter; only bytes have one."""
+    """Return the number of bytes of a variable or parameter; only bytes have one."""
 
     def read(reading: KeyReading, node: Node) -> int:
         if (type_ := reading.found["type"]) != "bytes":
@@ -88,7 +88,7 @@ def _size_in_bytes(thing: str) -> Form:
 
 
 def _one_or_choices(reading: KeyReading, name: str) -> tuple[Scalar | None, list[Scalar]]:
-    """A single value, or `{default, choices}`."""
+    """Return a single value, or `{default, choices}`."""
     reader, node = reading.reader, reading.keys.get(name)
     if isinstance(node, Keys):
         choices = [reader.scalar(item) for item in reader.items(node.get("choices"))]
@@ -140,11 +140,11 @@ class Line:
 
     @property
     def has_marks(self) -> bool:
-        """Whether characters have a ninth bit, by which frames say which byte is marked."""
+        """Return whether characters have a ninth bit, by which frames say which byte is marked."""
         return self.kind == "serial" and self.format.strip().startswith("9")
 
     def port_of(self, url: str) -> str:
-        """A port as users name it: `tcp://HOST` gets the protocol's own port number."""
+        """Return a port as users name it: `tcp://HOST` gets the protocol's own port number."""
         if self.tcp is None or not WITHOUT_NUMBER.fullmatch(url):
             return url
         return f"{url.rstrip('/')}:{self.tcp}"
@@ -184,7 +184,7 @@ def _pad(reading: KeyReading, node: Node) -> int:
 
 
 def _if_type(name: str, form: Form, *types: str) -> Any:
-    """An attribute that a key gives only with these types; with others it has no effect."""
+    """Return an attribute that a key gives only with these types; with others it has no effect."""
 
     def read(reading: KeyReading) -> Any:
         node = reading.keys.get(name) if reading.found["type"] in types else None
@@ -304,7 +304,7 @@ def _variable_type(reading: KeyReading) -> str:
 
 
 def _layout(reading: KeyReading) -> str | None:
-    """The layout of the records of a variable that is no table."""
+    """Return the layout of the records of a variable that is no table."""
     if "table" in reading.keys or reading.found["type"] not in ("list", "record"):
         return None
     return reading.reader.maybe(reading.reader.text, reading.keys.get(reading.found["type"]))
@@ -333,7 +333,7 @@ class StateVariable:
     publish: bool = key("publish", FLAG, default=False)
 
     def number_of(self, value: Any) -> Any:
-        """The number that a name of `values` stands for; any other value as it is."""
+        """Return the number that a name of `values` stands for; any other value as it is."""
         return next((number for number, name in (self.values or {}).items() if name == value), value)
 
 

@@ -103,12 +103,12 @@ JOBS = ("job", "abort", "inspect")
 
 
 def word(scalar: Scalar) -> Expression:
-    """A bare word, as an expression that gives it."""
+    """Return a bare word, as an expression that gives it."""
     return Expression(scalar.text, Text(scalar.at, scalar.text))
 
 
 def _session(reading: KeyReading, node: Node) -> Expression:
-    """A bare word, or an expression that gives one."""
+    """Return a bare word, or an expression that gives one."""
     scalar = reading.reader.scalar(node)
     return word(scalar) if scalar.text in SESSION_WORDS else reading.reader.expression(node)
 
@@ -235,7 +235,7 @@ def _elements(reading: KeyReading, node: Node) -> int:
 
 
 def _columns(reading: KeyReading) -> dict[str, Constant]:
-    """The other keys of an area."""
+    """Return the other keys of an area."""
     own = {*properties_of(Area), "about"}
     columns = [entry for entry in reading.keys.read_all() if entry.key.text not in own]
     return {column.key.text: reading.reader.cell(column.value) for column in columns}
@@ -325,7 +325,7 @@ class AddressForm:
     ranges: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
     def results_in_order(self) -> list[str]:
-        """The names of the results, each after those it mentions; those of a circle are left out."""
+        """Return the names of the results, each after those it mentions; those of a circle are left out."""
         return ordered_by_need(self.results)
 
     @property
@@ -342,7 +342,7 @@ class AddressForm:
         return self.names - self.results.keys() - used - {"start"}
 
     def may_name(self, areas: Collection[str]) -> bool:
-        """Whether it can name one of these areas; none given: of any."""
+        """Return whether it can name one of these areas; none given: of any."""
         return not areas or not isinstance(self.area, str) or self.area in areas
 
     @property
@@ -437,7 +437,7 @@ class ServeWork:
 
     @property
     def moves_data(self) -> bool:
-        """Whether this work transfers data itself, in place of the row."""
+        """Return whether this work transfers data itself, in place of the row."""
         return any((self.write, self.span, self.update, self.read, self.each, self.block))
 
 
@@ -475,7 +475,7 @@ def _reply(reading: KeyReading, keys_: Keys) -> ReplyRow:
 
 
 def _run(reading: KeyReading, node: Node) -> Expression:
-    """The sequence to run: its bare name, or an expression that gives it."""
+    """Return the sequence to run: its bare name, or an expression that gives it."""
     if isinstance(node, Scalar) and node.text in reading.space.section("sequences"):
         return word(node)
     return reading.reader.expression(node)
@@ -534,7 +534,7 @@ class ServiceRow:
 
     @property
     def sequences(self) -> set[str]:
-        """The names of sequences that `run` may come to."""
+        """Return the names of sequences that `run` may come to."""
         nodes = () if self.run is None else walk(self.run.root)
         return {node.value for node in nodes if isinstance(node, Text)}
 
