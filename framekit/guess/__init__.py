@@ -1,4 +1,5 @@
-"""What can be said of a line without a manual: where frames begin and end, which bytes are what, and the check.
+"""Analysis of an unknown line from captured bytes: framing, fields of frames, check code, times.
 
-Nothing here knows a protocol. Every statement comes with its evidence: so many of so many.
+The analysis uses no knowledge of particular protocols. Each statement carries its evidence: the number of frames that
+agree, out of how many.
 """

@@ -1,7 +1,8 @@
-"""The check of unknown frames: every place, every range, every method, and what holds in nearly all frames.
+"""Search for the check code of unknown frames: every place, range and method, accepted if it holds in nearly all
+frames.
 
-Sums and exclusive ors are looked for with any constant, CRCs of the catalogue with any register at the start, others by
-algebra. Hypotheses are tried on a few pairs of frames first; what survives is held against all of them.
+Sums and exclusive ors are tried with any constant, CRCs of the catalogue with any initial register, other CRCs by
+algebra. Each hypothesis is tried on a few pairs of frames first; the survivors are tested on all frames.
 """
 
 from __future__ import annotations
@@ -21,18 +22,20 @@ from framekit.guess.model import CheckGuess, CheckPlace, Evidence, Order
 from framekit.guess.stuffing import StuffingError, from_digits
 
 LARGEST_START = 6
-"""The first byte that counts is looked for among so many."""
+"""Number of offsets tried as the first byte that the check covers."""
 LARGEST_TAIL = 3
 NEARLY = 0.6
-"""A CRC of 16 bits or more holds in so much of the frames, at least: others are damaged, or cut at the wrong place."""
+"""Least share of frames in which a CRC of 16 bits or more must hold: the rest may be damaged or badly cut."""
 MOST = 0.8
 """And any other code."""
 SURE = 24.0
 """Bits of luck from which a check is believed."""
 TRIED = 16.0
-"""So many bits are taken off for the number of hypotheses."""
+"""Bits subtracted from the evidence to account for the number of hypotheses."""
 LEAST_CODES = 24
-"""A code has so many values, or one for every other frame: what hardly ever changes is none."""
+"""Least number of distinct values of a check code (or half the number of frames, if that is less): a field that hardly
+ever changes is no check code.
+"""
 MOST_PAIRS = 7
 MOST_SOLVED = 4
 FLETCHER = "(((acc & 0xFF) + byte) & 0xFF) | ((((acc >> 8) + (acc & 0xFF) + byte) & 0xFF) << 8)"
@@ -56,7 +59,7 @@ class Family(NamedTuple):
 
 @cache
 def families() -> tuple[Family, ...]:
-    """Return those of the catalogue with whole bytes."""
+    """Return the CRC families of the catalogue whose width is a whole number of bytes."""
     methods = [entry.method for entry in crc_catalogue() if entry.method.width in (8, 16, 24, 32)]
     return tuple(dict.fromkeys(Family(one.width, one.poly, one.refin, one.refout) for one in methods))
 
@@ -72,7 +75,7 @@ def _ready_crcs() -> dict[tuple[Family, int, int], str]:
 
 
 def fletcher(data: bytes) -> int:
-    """Fletcher's code of two bytes: the sum in the low one, the sum of the sums in the high one."""
+    """Return Fletcher's check code of two bytes: the sum in the low byte, the sum of the sums in the high byte."""
     low = high = 0
     for byte in data:
         low = low + byte & 0xFF
@@ -86,7 +89,9 @@ def code_of(check: CheckGuess, data: bytes) -> int:
 
 
 def alike(check: CheckGuess) -> list[CheckGuess]:
-    """Listed CRCs that differ from this one in register and end only, from the first byte on too."""
+    """Return the catalogued CRCs that differ from `check` in register and final value only, over the same range or from
+    byte 0.
+    """
     method = check.method
     own = Family(method.width, method.poly, method.refin, method.refout)
     return [
@@ -104,7 +109,9 @@ def holds(check: CheckGuess, frame: bytes) -> bool:
 
 
 def cut_at(place: CheckPlace, frame: bytes) -> CountedBytes | None:
-    """What counts in a frame, and its code; None where it is too short, or has other signs than digits."""
+    """Return the covered bytes of a frame and its check code; None if the frame is too short or has characters that are
+    no digits.
+    """
     end = len(frame) - place.tail
     begin = end - place.size if place.at is None else place.at
     if place.at is not None:
@@ -138,9 +145,9 @@ def _digits(text: bytes) -> bytes | None:
 
 
 def find_checks(frames: Sequence[bytes], start: int = 0, tail: int = 0, most: int = 3) -> list[CheckGuess]:
-    """Return the checks that hold, the best first; none where none is sure.
+    """Return the best `most` checks that hold, best first; an empty list if none is certain.
 
-    Frames are whole and unstuffed, begin with `start` constant bytes and end with `tail` such.
+    Frames are whole and unstuffed, begin with `start` constant bytes and end with `tail` constant bytes.
     """
     distinct = list(dict.fromkeys(frames))
     if len(distinct) < 3:
@@ -194,7 +201,7 @@ def _together(found: Sequence[CheckGuess]) -> list[CheckGuess]:
 
 
 def _places(frames: Sequence[bytes], start: int, tail: int) -> Iterator[CheckPlace]:
-    """Where a code may stand, and what may count, the usual first."""
+    """Yield the possible places of a check code with the ranges it may cover, usual places first."""
     shortest = sorted(map(len, frames))[len(frames) // 4]  # a few may be cut
     tails = dict.fromkeys((tail, *range(LARGEST_TAIL + 1)))
     starts = list(dict.fromkeys((0, start, *range(LARGEST_START + 1))))
@@ -227,7 +234,9 @@ def _places(frames: Sequence[bytes], start: int, tail: int) -> Iterator[CheckPla
 
 
 def _stops(frames: Sequence[bytes], behind: int) -> tuple[int, ...]:
-    """Bytes before a code that may not count: none, or one that is the same in nearly all frames, such as `*`."""
+    """Return the numbers of uncovered bytes to try before a code: 0, or also 1 if that byte is nearly constant, such as
+    `*`.
+    """
     before = Counter(frame[-behind - 1] for frame in frames if len(frame) > behind)
     return (0, 1) if before and before.most_common(1)[0][1] >= 0.9 * len(frames) else (0,)
 
@@ -258,7 +267,9 @@ Simple = Callable[[bytes], int]
 
 @cache
 def _plain_methods(width: int) -> tuple[tuple[CheckMethod, bool], ...]:
-    """Methods of a width that start at 0, and whether they add up (else: exclusive or)."""
+    """Return the methods of a width that start at 0, each with whether it adds (True) or combines by exclusive or
+    (False).
+    """
     names = {8: ("sum8", "xor8"), 16: ("sum16", "wsum16", "wsum16-little", "xor16", "xor16-little")}[width]
     return tuple((ready_methods()[name], "sum" in name) for name in names)
 
@@ -327,7 +338,7 @@ def _simple_guess(
 
 
 def _swallows_mark(cuts: Sequence[CountedBytes]) -> bool:
-    """Whether a byte of the code never changes, and is none that small numbers have: a mark beside a shorter code."""
+    """Return whether a byte of the code is constant and neither 00 nor FF: then it is a mark next to a shorter code."""
     for shift in (0, 8):
         value, often = Counter(cut.code >> shift & 0xFF for cut in cuts).most_common(1)[0]
         if often >= 0.9 * len(cuts) and value not in (0, 0xFF):
@@ -340,8 +351,9 @@ def _changed(method: CheckMethod, **parameters: object) -> CheckMethod:
 
 
 def _is_copy(cuts: Sequence[CountedBytes], share: float) -> bool:
-    """Whether in so many frames a byte of the code goes with one byte of the frame alone, as of a counter that stands
-    beside another one."""
+    """Return whether a byte of the code depends on a single byte of the frame in at least `share` of the frames, as the
+    bytes of two counters do.
+    """
     shortest = min(len(cut.data) for cut in cuts)
     for shift in (0, 8):
         codes = [cut.code >> shift & 0xFF for cut in cuts]
@@ -365,7 +377,7 @@ def _is_copy(cuts: Sequence[CountedBytes], share: float) -> bool:
 
 
 def _pairs(cuts: Sequence[CountedBytes]) -> list[tuple[CountedBytes, CountedBytes]]:
-    """Frames of one size that differ, each once."""
+    """Return pairs of different frames of equal size; each frame is used once."""
     groups: dict[int, list[CountedBytes]] = defaultdict(list)
     for cut in cuts:
         groups[len(cut.data)].append(cut)
@@ -392,12 +404,12 @@ def _crcs(place: CheckPlace, cuts: Sequence[CountedBytes], width: int, of: int) 
 
 
 def _combined(one: bytes, two: bytes) -> bytes:
-    """Two of one size, by exclusive or."""
+    """Return the exclusive or of two byte strings of equal size."""
     return (int.from_bytes(one, "big") ^ int.from_bytes(two, "big")).to_bytes(len(one), "big")
 
 
 def _agrees(family: Family, changed: Sequence[tuple[bytes, int]]) -> bool:
-    """Return whether most of the pairs differ as a family says, two at least."""
+    """Return whether at least two pairs, and at least 60 % of them, differ as the CRC family requires."""
     wrong = 0
     for data, code in changed:
         wrong += plain_crc(data, *family) != code
@@ -409,7 +421,7 @@ def _agrees(family: Family, changed: Sequence[tuple[bytes, int]]) -> bool:
 def _ready_in(
     place: CheckPlace, cuts: Sequence[CountedBytes], alone: Sequence[CountedBytes], family: Family, of: int
 ) -> Iterator[CheckGuess]:
-    """Ready methods of a family, where frames of one size are too few."""
+    """Yield the catalogued CRCs of a family, for lines with too few frames of equal size."""
     for (other, init, xorout), name in _ready_crcs().items():
         if other != family:
             continue
@@ -456,7 +468,7 @@ def _with_start(place: CheckPlace, cuts: Sequence[CountedBytes], family: Family,
 
 
 def _by_algebra(place: CheckPlace, frames: Sequence[bytes]) -> Iterator[CheckGuess]:
-    """CRCs with a polynomial of their own."""
+    """Yield CRCs whose polynomial is not in the catalogue."""
     if place.counted == "hex" and place.form != "hex":
         return
     cuts = _cuts(place, frames)

@@ -1,8 +1,9 @@
-"""CRCs by algebra: the polynomial that divides what frames differ in, and what a register began with.
+"""CRC parameters by algebra: the polynomial as common divisor of differences, and the initial register.
 
 Two frames of one size with the codes c and d over the data A and B: whatever init and xorout are, c ^ d is the
-remainder of (A ^ B)·x^w. So the polynomial divides (A ^ B)·x^w ^ c ^ d; the greatest common divisor of several such is
-the polynomial itself, mostly. Polynomials over GF(2) are whole numbers here, the lowest power in the lowest bit.
+remainder of (A ^ B)·x^w. So the polynomial divides (A ^ B)·x^w ^ c ^ d; the greatest common divisor of several such
+differences is usually the polynomial itself. Polynomials over GF(2) are whole numbers here, the lowest power in the
+lowest bit.
 """
 
 from __future__ import annotations
@@ -15,13 +16,13 @@ from framekit.codec.support import crc, make_crc_table, reflect
 
 MIRROR = bytes(reflect(byte, 8) for byte in range(256))
 MOST_FACTOR = 8
-"""The degree of what else the differences may have in common, at most."""
+"""Largest degree of the extra factor that the differences may share by chance."""
 MOST = 0.7
-"""A register that explains so much of the frames is one that they began with."""
+"""Least share of frames that an initial register must explain."""
 
 
 def remainder(number: int, divisor: int) -> int:
-    """What is left of a polynomial."""
+    """Return the remainder of polynomial `number` divided by `divisor`."""
     degree = divisor.bit_length()
     while (excess := number.bit_length() - degree) >= 0:
         number ^= divisor << excess
@@ -48,14 +49,14 @@ def common_divisor(numbers: Iterable[int]) -> int:
 
 
 def difference(one: bytes, other: bytes, code: int, width: int, mirrored: bool) -> int:
-    """What the polynomial divides: of two data of one size, and the exclusive or of their codes."""
+    """Return a multiple of the polynomial: computed from two data of equal size and the exclusive or of their codes."""
     if mirrored:
         one, other, code = one.translate(MIRROR), other.translate(MIRROR), reflect(code, width)
     return (int.from_bytes(one, "big") ^ int.from_bytes(other, "big")) << width ^ code
 
 
 def polynomials(differences: Sequence[int], width: int) -> Iterator[int]:
-    """Polynomials of this degree that divide all of the differences, without their highest power."""
+    """Yield the polynomials of degree `width` that divide all differences, without their highest power."""
     found = common_divisor(differences)
     extra = found.bit_length() - 1 - width
     if not 0 <= extra <= MOST_FACTOR:
@@ -80,11 +81,11 @@ def plain_crc(data: bytes, width: int, poly: int, refin: bool, refout: bool, ini
 def starts_of(
     rests: Mapping[int, tuple[int, int]], width: int, poly: int, refin: bool, refout: bool, likely: Sequence[int]
 ) -> Iterator[tuple[int, int]]:
-    """(init, xorout) that may explain what is left of the codes.
+    """Yield pairs (init, xorout) that may explain the codes.
 
-    `rests`: by the size of the data, for init 0, and in how many frames. First those that explain all sizes, the likely
-    registers before what follows from the sizes; then likely ones that explain most frames; then what follows from the
-    sizes that most frames have.
+    `rests`: for each size of the data, the exclusive or of the code and the CRC with init 0, and the number of frames
+    with it. The order is: pairs that explain all sizes, with likely registers first and then registers solved from the
+    sizes; likely registers that explain most frames; registers solved from the sizes that most frames have.
     """
 
     def xorout_of(init: int) -> tuple[int, float]:
@@ -108,7 +109,9 @@ def starts_of(
 
 
 def _solved(rests: Mapping[int, int], width: int, poly: int, refin: bool, refout: bool) -> Iterator[int]:
-    """Registers at the start that explain how the rests of several sizes differ: linear equations over GF(2)."""
+    """Yield the initial registers that explain how the rests of several sizes differ, by linear equations over
+    GF(2).
+    """
     sizes = sorted(rests)
     if len(sizes) < 2:
         return

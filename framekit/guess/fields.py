@@ -1,7 +1,7 @@
-"""Which bytes of frames are what: constants, counters, addresses, lengths, copies of the request, values.
+"""Roles of the bytes of frames: constants, counters, addresses, lengths, copies of the request, values.
 
-Frames are told apart by the way they go and by the byte that goes with their form. In each kind a byte is named by what
-holds of it in nearly all frames; what nothing is known of stays unknown.
+Frames are grouped into kinds by their direction and by the byte that determines their form. In each kind a byte is
+named by the property it has in nearly all frames; a byte without such a property stays `unknown`.
 """
 
 from __future__ import annotations
@@ -29,37 +29,41 @@ from framekit.guess.pieces import LARGEST_SIGNAL
 from framekit.guess.texts import is_text, with_texts
 
 HEAD = 12
-"""So many bytes of a frame's head are looked at one by one."""
+"""Number of bytes at the head of a frame that are examined singly."""
 MOST_KINDS = 12
 NEARLY = 0.97
 LEAST_STEPS = 6
 MOST_COPIED = 6
-"""A reply repeats so many bytes of the head of its request, at most."""
+"""Largest number of bytes at the head of a request that a reply may repeat."""
 LEAST_OF_KIND = 3
 ENOUGH_OF_FORM = 6
-"""In so many frames what is constant is no luck."""
+"""Number of frames from which a constant byte is no coincidence."""
 FEW = 0.1
-"""So much of the frames may be damaged, or say that something is wrong."""
+"""Largest share of frames that may be damaged or be error replies."""
 SURE = 20.0
 """Bits of luck from which a counter, a count or a copy is sure."""
 
 
 class FrameShape(NamedTuple):
-    """What of a plain frame belongs to its framing: bytes of the start mark, and bytes of check and end mark;
-    `outside`: those of a check behind the end mark."""
+    """Sizes of the parts of a plain frame that belong to its framing (bytes)."""
 
     head: int
+    """Size of the start mark."""
     tail: int
+    """Size of check and end mark."""
     outside: int = 0
+    """Size of the check after the end mark."""
 
 
 class KindHints(NamedTuple):
-    """What requests and replies tell of kinds: `copies`: places that a reply repeats; `turned`: those of a reply that
-    have a byte of the request, or that with the same bits turned over; `is_asked_for`: the request tells the size."""
+    """Hints about kinds that pairs of request and reply give."""
 
     copies: set[int]
+    """Offsets whose byte a reply repeats."""
     turned: frozenset[int]
+    """Offsets in a reply with a byte of the request, unchanged or with the same bits inverted."""
     is_asked_for: bool
+    """Whether the request determines the size of the reply."""
 
 
 class AskedTold(NamedTuple):
@@ -70,7 +74,7 @@ class AskedTold(NamedTuple):
 
 
 def shape_of(framing: Framing, check: CheckGuess | None, texts: Sequence[bytes]) -> FrameShape:
-    """Where content begins, and what follows it."""
+    """Return the sizes of the parts before and after the content."""
     has_marks = framing.kind in ("marks", "length")
     behind, end = framing.behind, framing.plain_end
     has_marks = has_marks and all(
@@ -83,10 +87,10 @@ def shape_of(framing: Framing, check: CheckGuess | None, texts: Sequence[bytes])
 
 
 def directed(frames: Sequence[HeardFrame], plain: Sequence[bytes]) -> tuple[list[str], float]:
-    """Who sent each frame: `client`, `server`, or '' where that cannot be told; and the bits of luck behind it.
+    """Return the sender of each frame (`client`, `server`, or '' if unknown), and the evidence for it in bits.
 
-    Where the capture knows two ways, the way of the first frame is the client's. On one wire, and on a port that hears
-    both, frames take turns.
+    If the capture has two directions, the direction of the first frame is the client's. On one wire, and on a port that
+    receives both directions, frames alternate.
     """
     ways = [frame.direction for frame in frames]
     if "in" in ways and "out" in ways:
@@ -111,10 +115,11 @@ CLIENT_SERVER = ("client", "server")
 
 
 def function_place(texts: Sequence[bytes], shape: FrameShape, known: set[int], hints: KindHints) -> int | None:
-    """The byte of the head that goes with the form of frames, but for their counts; rather one that replies repeat.
+    """Return the offset in the head whose byte best predicts the size of frames, or None; offsets that replies repeat
+    are preferred.
 
-    A byte that is not turned has to have as many forms as values, and the request must not tell the size already: else
-    it may be a value that was measured.
+    A byte that is not in `hints.turned` needs as many forms as values, and the request must not determine the size
+    already: otherwise the byte may be a measured value.
     """
     shortest = min(len(text) for text in texts)
     before = _surprise(Counter(map(len, texts)))
@@ -142,7 +147,9 @@ def function_place(texts: Sequence[bytes], shape: FrameShape, known: set[int], h
 
 
 def _has_forms(place: int, texts: Sequence[bytes], shape: FrameShape) -> bool:
-    """Whether frames differ in more than this byte, for each of its values: in size, or in what is constant."""
+    """Return whether the frames of each value of this byte differ in more than the byte: in size or in constant
+    bytes.
+    """
     groups: dict[int, list[bytes]] = defaultdict(list)
     for text in texts:
         groups[text[place]].append(text)
@@ -155,18 +162,21 @@ def _has_forms(place: int, texts: Sequence[bytes], shape: FrameShape) -> bool:
 
 
 def _drifts(values: Sequence[int], one: int, two: int) -> bool:
-    """Whether one value follows the other rarely, as with what changes with time."""
+    """Return whether the value changes rarely from one of the two to the other, as a slowly changing quantity does."""
     own = [value for value in values if value in (one, two)]
     changes = sum(before != after for before, after in pairwise(own))
     return changes < 0.5 * min(own.count(one), own.count(two))
 
 
 class _Form(NamedTuple):
-    """Frames with one value of a byte: the sizes of most of them, their number, and what is constant but for it."""
+    """Form of the frames that share one value of a byte."""
 
     sizes: frozenset[int]
+    """Sizes of most of the frames."""
     frames: int
+    """Number of frames."""
     constants: dict[int, int]
+    """Constant bytes by offset, without the byte that selects the frames."""
 
     @classmethod
     def of(cls, texts: Sequence[bytes], place: int, shape: FrameShape) -> _Form:
@@ -177,7 +187,9 @@ class _Form(NamedTuple):
         return cls(often, len(texts), {at: min(own) for at, own in places.items() if at != place and len(own) == 1})
 
     def is_like(self, other: _Form) -> bool:
-        """Whether nothing is seen in which they differ."""
+        """Return whether the two forms show no difference: a common size, and equal constants if both have enough
+        frames.
+        """
         if not self.sizes & other.sizes:
             return False
         if min(self.frames, other.frames) < ENOUGH_OF_FORM:
@@ -186,8 +198,9 @@ class _Form(NamedTuple):
 
 
 def _turned(pairs: Sequence[AskedTold], shape: FrameShape, known: set[int]) -> frozenset[int]:
-    """Places in which most replies have a byte of the request's head, or that with the same bits turned over: few
-    values, that come again."""
+    """Return the offsets at which most replies have a byte of the request's head, unchanged or with the same bits
+    inverted, if it has few values that recur.
+    """
     if len(pairs) < LEAST_STEPS:
         return frozenset()
     found = set()
@@ -206,7 +219,7 @@ def _turned(pairs: Sequence[AskedTold], shape: FrameShape, known: set[int]) -> f
 
 
 def _is_asked_for(pairs: Sequence[AskedTold], shape: FrameShape, copies: set[int]) -> bool:
-    """Whether the size of most replies is told by their request, but for what the reply repeats of it."""
+    """Return whether the request determines the size of most replies, apart from the bytes that replies repeat."""
     sizes: dict[bytes, Counter[int]] = defaultdict(Counter)
     for pair in pairs:
         inner = pair.request[: len(pair.request) - shape.tail]
@@ -229,7 +242,7 @@ def _is_count(place: int, texts: Sequence[bytes]) -> bool:
 
 
 def _surprise(counts: Counter[int]) -> float:
-    """Bits that a value of these tells."""
+    """Return the entropy of a value with these counts (bits)."""
     whole = sum(counts.values())
     return -sum(count / whole * log2(count / whole) for count in counts.values())
 
@@ -277,9 +290,9 @@ def _by_function(
     numbers: Sequence[tuple[int, str]], plain: Sequence[bytes], shape: FrameShape, known: set[int],
     hints: KindHints,
 ) -> dict[tuple[str, int | None, int | None], list[int]]:  # fmt: skip
-    """Frames of each side by the byte that tells their form: (side, the byte, its place) → numbers.
+    """Return the numbers of the frames by (side, value of the byte that selects the form, its offset).
 
-    Where one side has such a byte and replies repeat it, the other side is told apart by it too.
+    If one side has such a byte and replies repeat it, the frames of the other side are separated by it too.
     """
     sides: dict[str, list[int]] = defaultdict(list)
     for number, side in numbers:
@@ -306,7 +319,7 @@ def _by_function(
 
 
 def _telling(asked: Sequence[bytes], told: Sequence[bytes], shape: FrameShape) -> set[int]:
-    """Places in the head of frames that are always the same on either side, but not on both."""
+    """Return the offsets in the head whose byte is constant on either side, with different values on the two sides."""
     if min(len(asked), len(told)) < LEAST_OF_KIND:
         return set()
     shortest = min(map(len, (*asked, *told)))
@@ -328,7 +341,7 @@ def _known_places(framing: Framing, check: CheckGuess | None) -> set[int]:
 
 
 def _copies(pairs: Sequence[AskedTold], shape: FrameShape, known: set[int]) -> dict[int, Evidence]:
-    """Places of a reply that have what stands there in the request."""
+    """Return the offsets at which replies repeat the byte of their request, with the evidence."""
     found: dict[int, Evidence] = {}
     if len(pairs) < LEAST_STEPS:
         return found
@@ -359,8 +372,11 @@ def fields_of(
     texts: Sequence[bytes], shape: FrameShape, length: LengthField | None, check: CheckGuess | None,
     copies: dict[int, Evidence], *, is_reply: bool, function: int | None, forms: frozenset[int],
 ) -> tuple[GuessedField, ...]:  # fmt: skip
-    """The fields of frames of one kind, from the first byte to the last. `function`: the byte that tells the kind;
-    `forms`: constants that other kinds have otherwise."""
+    """Return the fields of frames of one kind, from the first byte to the last.
+
+    `function`: offset of the byte that selects the kind; `forms`: offsets of constants with other values in other
+    kinds.
+    """
     shortest, longest = min(map(len, texts)), max(map(len, texts))
     if check is None and longest <= LARGEST_SIGNAL and len(set(texts)) == 1:
         whole = Evidence(len(texts), len(texts))
@@ -456,21 +472,21 @@ ONE_UP = "goes up by one from frame to frame"
 
 
 def _steps(at: int, width: int, order: Order, texts: Sequence[bytes]) -> Evidence | None:
-    """How often a number goes up by one, where it nearly always does."""
+    """Return the evidence for a number that nearly always increases by one from frame to frame; None if it does not."""
     if len(texts) <= LEAST_STEPS:
         return None
     numbers = [int.from_bytes(text[at : at + width], order) for text in texts]
     steps = sum((two - one) % (1 << 8 * width) == 1 for one, two in pairwise(numbers))
     low = {number & 0xFF for number in numbers}
     if width > 1 and not any(two == one + 1 and two & 0xFF == 0 for one, two in pairwise(numbers)):
-        return None  # no carry was seen: the low byte counts, and the other one is beside it
+        return None  # no carry was seen: the low byte counts, the high byte is a separate field
     if steps < 0.9 * (len(numbers) - 1) or len(low) <= LEAST_STEPS:
         return None
     return Evidence(steps, len(numbers) - 1, 8.0 * steps)
 
 
 def _more(plus: int, unit: int) -> str:
-    """How a number goes with the size of its frame."""
+    """Describe the relation of a number to the size of its frame, in words."""
     if unit == 1:
         return f"the frame has {plural(plus, 'byte')} more"
     return f"it counts words: the frame has twice that, and {plural(plus, 'byte')} more"
@@ -490,7 +506,7 @@ def _count(at: int, texts: Sequence[bytes]) -> GuessedField | None:
 
 
 def _merged(fields: Sequence[GuessedField], texts: Sequence[bytes]) -> list[GuessedField]:
-    """Constants beside each other are one field."""
+    """Merge adjacent constants into one field."""
     found: list[GuessedField] = []
     for field in fields:
         last = found[-1] if found else None
@@ -505,7 +521,7 @@ def _merged(fields: Sequence[GuessedField], texts: Sequence[bytes]) -> list[Gues
 
 
 def _named(field: GuessedField, names: Counter[str]) -> GuessedField:
-    """With a name of its own."""
+    """Return the field with a number appended to its name if the name is not unique."""
     names[field.name] += 1
     many = names[field.name] > 1 or field.name in ("unknown", "constant", "text")
     name = f"{field.name}_{names[field.name]}" if many else field.name

@@ -15,25 +15,27 @@ from framekit.guess.stuffing import StuffingError, find_stuffing, plain_frame
 MOST_MARK = 2
 """Bytes of a mark that are looked for."""
 LARGEST_OFFSET = 16
-"""Where a length may stand, as the sizes of pieces show it."""
+"""Number of offsets tried for a length field, if the sizes of pieces are known."""
 STREAM_OFFSET = 8
 """And where streams are cut by it alone."""
 USUAL_WIDTHS = {2: 0, 1: 1, 4: 2}
-"""Which of several that fit is taken: where the high byte is always 0, nothing tells them apart."""
+"""Preference among widths that fit equally: if the high byte is always 0, the captured bytes do not decide."""
 LARGEST_PLUS = 40
-"""Bytes around what a length counts, at most."""
+"""Largest number of bytes that a length field may leave uncounted."""
 LONGEST_FRAME = 4096
 MOST_PIECES = 2000
-"""So many pieces are looked at when hypotheses are made; all of them count when they are held against the line."""
+"""Number of pieces from which hypotheses are made; all pieces are used to test them."""
 MOST = 0.85
-"""What most of the pieces have in common is a hypothesis."""
+"""Least share of pieces that must have a property for a hypothesis."""
 SURE = 8.0
 """Bits of luck from which a length field or a mark is sure."""
 
 
 @dataclass(frozen=True, slots=True)
 class CutLine:
-    """What a framing makes of a line: the frames in order of their time, and how well its ends are those of pieces."""
+    """Result of applying a framing to a line: the frames in order of time, and how well their ends match the ends of
+    pieces.
+    """
 
     framing: Framing
     frames: tuple[HeardFrame, ...]
@@ -42,12 +44,12 @@ class CutLine:
 
 
 def as_heard(chunks: Sequence[HeardBytes]) -> Cutting:
-    """The pieces as they came, those without a pause between them as one."""
+    """Return the pieces as captured, merged where no pause separates them."""
     return Cutting("heard", tuple(joined(chunks)))
 
 
 def framings_of(chunks: Sequence[HeardBytes], cutting: Cutting) -> list[CutLine]:
-    """What the framing may be, the most likely first; the last one takes the pieces as they are cut."""
+    """Return possible framings, most likely first; the last takes the pieces as frames."""
     pieces, is_whole = cutting.pieces, cutting.kind == "whole"
     streams = streams_of(pieces, () if cutting.kind == "heard" else chunks)
     ordered = sorted(
@@ -75,11 +77,12 @@ def framings_of(chunks: Sequence[HeardBytes], cutting: Cutting) -> list[CutLine]
 
 
 FEW = 3
-"""Fewer pieces say little of themselves."""
+"""Number of pieces below which shared bytes are weak evidence."""
 COVERED = 0.85
 ENOUGH = 0.7
-"""A framing whose frames hold fewer of the bytes, or whose ends are those of pieces more seldom, is none: a few frames
-come in two pieces, or two in one."""
+"""Least share of bytes in frames, and of frame ends at ends of pieces, for a framing to be accepted: a few frames come
+in two pieces, or two frames in one piece.
+"""
 ENOUGH_ALONE = 0.8
 """And a length that was seen with one size of pieces only, which any constant fits."""
 BY_CUTTING = 1.0
@@ -132,7 +135,7 @@ def cut_line(framing: Framing, streams: Sequence[PieceStream], is_whole: bool = 
 
 
 def cut_stream(framing: Framing, stream: PieceStream) -> list[tuple[int, int]]:
-    """Where frames begin and end in a stream; what is between them is noise."""
+    """Return the begin and end of each frame in a stream; bytes between frames are noise."""
     if framing.kind == "pauses":
         return [(start, start + len(piece)) for start, piece in zip(stream.starts, stream.pieces, strict=True)]
     data, starts = stream.data, {*stream.starts, len(stream.data)}
@@ -162,7 +165,7 @@ def cut_stream(framing: Framing, stream: PieceStream) -> list[tuple[int, int]]:
 
 
 def _end_of(framing: Framing, data: bytes, at: int, starts: set[int]) -> int | None:
-    """Where the frame ends that begins here; None: none does."""
+    """Return the end of the frame that begins at `at`; None if no frame begins there."""
     if not data.startswith(framing.start, at):
         return None
     if framing.kind == "fixed":
@@ -183,12 +186,14 @@ def _end_of(framing: Framing, data: bytes, at: int, starts: set[int]) -> int | N
 
 
 def _end_by_mark(framing: Framing, data: bytes, at: int, starts: set[int]) -> int | None:
-    """The first end mark; without stuffing rather the first one behind which a piece, or another frame, begins."""
+    """Return the offset after the first end mark; without stuffing, prefer the first end mark before the begin of a
+    piece or of another frame.
+    """
     start, end = framing.start, framing.end
     first_end: int | None = None
     place = at + len(start)
     if start == end and data.startswith(end, place):
-        return None  # the end of a frame before, and the start of this one
+        return None  # the end mark of the previous frame, followed by the start mark of this frame
     stuffing = framing.stuffing
     while True:
         place = data.find(end, place)
@@ -231,7 +236,7 @@ def value_at(length: LengthField, data: bytes, at: int) -> int | None:
 
 
 def _common(texts: Sequence[bytes]) -> tuple[bytes, bytes]:
-    """What most pieces begin with, and what they end with: four bytes at most."""
+    """Return the bytes that most pieces begin with and the bytes that most pieces end with, at most four each."""
 
     def longest(ends: Sequence[bytes]) -> bytes:
         for size in range(4, 0, -1):
@@ -241,7 +246,7 @@ def _common(texts: Sequence[bytes]) -> tuple[bytes, bytes]:
         return b""
 
     start, end = longest([text[:4] for text in texts]), longest([text[:-5:-1] for text in texts])[::-1]
-    if len(texts) < FEW:  # what a few pieces have in common is a mark only if it comes again
+    if len(texts) < FEW:  # bytes that a few pieces share are a mark only if they recur
         start = next((start[:size] for size in (2, 1) if _often(start[:size], texts)), b"")
         end = next((end[-size:] for size in (2, 1) if _often(end[-size:], texts)), b"")
     return start, end
@@ -275,7 +280,7 @@ def _hypotheses(texts: Sequence[bytes], streams: Sequence[PieceStream]) -> Itera
 
 
 def _codes_behind(texts: Sequence[bytes], end: bytes, streams: Sequence[PieceStream]) -> Iterator[Framing]:
-    """Marks that begin with one escape byte, and a code behind the end mark."""
+    """Yield framings by marks that begin with one escape byte and have a check code after the end mark."""
     for behind in (2, 1):
         bodies = [text[:-behind] for text in texts if len(text) > behind + 2 * MOST_MARK]
         if len(bodies) < FEW:
@@ -290,7 +295,7 @@ def _codes_behind(texts: Sequence[bytes], end: bytes, streams: Sequence[PieceStr
 
 
 def _with_stuffing(framing: Framing, streams: Sequence[PieceStream]) -> Iterator[Framing]:
-    """As it is, and with the stuffing that its content shows."""
+    """Yield the framing with the stuffing that its content shows, if any, and without stuffing."""
     start, end = framing.start, framing.end
     if len(end) == 2 and len(start) == 2 and start[0] == end[0] and start != end:
         # a lone end mark may stand in the content as the second half of a doubled byte
@@ -309,7 +314,7 @@ def _with_stuffing(framing: Framing, streams: Sequence[PieceStream]) -> Iterator
 
 
 def _lengths(texts: Sequence[bytes]) -> Iterator[LengthField]:
-    """Numbers in the head of most pieces that go with their sizes."""
+    """Yield numbers in the head of most pieces that determine their sizes."""
     whole = [text for text in texts if len(text) > 2]
     if len({len(text) for text in whole}) < 2:
         return
@@ -352,7 +357,7 @@ def _fields(offsets: int) -> Iterator[LengthField]:
 
 
 def _lengths_of_stream(streams: Sequence[PieceStream]) -> Iterator[LengthField]:
-    """Numbers that lead from frame to frame through streams whose pieces say little."""
+    """Yield length fields that lead from frame to frame through streams whose pieces are weak evidence."""
     found: list[tuple[float, LengthField]] = []
     for length in _fields(STREAM_OFFSET):
         for plus in range(length.end - 4 if length.offset else length.end, length.end + 12):
@@ -381,7 +386,7 @@ def _worth(length: LengthField, streams: Sequence[PieceStream]) -> float:
         if at != len(data):
             return 0.0
     if len(heads) < 3 or empty > 0.3 * len(heads):
-        return 0.0  # what counts nothing again and again is no length
+        return 0.0  # an element that is often 0 is no length
     own = range(length.offset, length.end)
     alike = [
         place for place in range(STREAM_OFFSET)
@@ -392,7 +397,9 @@ def _worth(length: LengthField, streams: Sequence[PieceStream]) -> float:
 
 
 def readings_of(length: LengthField, frames: Sequence[HeardFrame]) -> list[LengthField]:
-    """How else the same bytes give the sizes of nearly all frames: without a high byte that is 0, or with one."""
+    """Return other length fields on the same bytes that fit nearly all frames: without a high byte that is 0, or with
+    it.
+    """
     low = length.end - 1 if length.order == "big" else length.offset
     if length.form != "binary" or length.width > 2:
         return []
@@ -403,7 +410,7 @@ def readings_of(length: LengthField, frames: Sequence[HeardFrame]) -> list[Lengt
 
 
 def _fitting(length: LengthField, frames: Sequence[HeardFrame]) -> int:
-    """How many frames have the size that a length field tells."""
+    """Return the number of frames whose size matches the length field."""
     return sum(_is_size(length, frame.data) for frame in frames)
 
 
@@ -413,7 +420,7 @@ def _is_size(length: LengthField, text: bytes) -> bool:
 
 
 def _told_apart(length: LengthField, frames: Sequence[HeardFrame]) -> LengthField:
-    """The low byte alone, where a high byte may stand before it as well as behind it."""
+    """Return the low byte alone as the length field if a high byte may precede it as well as follow it."""
     others = readings_of(length, frames)
     narrow = next((one for one in others if one.width == 1), None)
     if length.width != 2 or narrow is None or len(others) < 2:
@@ -422,8 +429,12 @@ def _told_apart(length: LengthField, frames: Sequence[HeardFrame]) -> LengthFiel
 
 
 def _weighed(cut: CutLine, texts: Sequence[bytes], is_whole: bool) -> CutLine:
-    """With the evidence for the framing: frames that it finds, and what that would be as luck. Where there were no
-    pieces to hold it against, the frames are what it made itself, and show next to nothing."""
+    """Return the result with the evidence for the framing: the number of frames it finds, and how unlikely that is by
+    chance.
+
+    If no pieces exist to test the framing against, its frames come from the hypothesis alone and are nearly no
+    evidence.
+    """
     framing, frames = cut.framing, cut.frames
     plain = []
     for frame in frames:

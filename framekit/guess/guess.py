@@ -1,4 +1,4 @@
-"""From what was heard on a line to what can be said of it, each statement with its evidence."""
+"""Statements about an unknown line from its captured bytes, each with its evidence."""
 
 from __future__ import annotations
 
@@ -31,19 +31,19 @@ from framekit.guess.times import GuessedTimes, TimedFrame, shown, times_of
 from framekit.guess.writing import named_apart
 
 MOST_FRAMINGS = 4
-"""So many are tried for a check that tells them apart."""
+"""Number of framings tried in search of a check that decides between them."""
 MOST_PIECES = 4
-"""A frame that the system handed over in pieces has fewer than that, mostly."""
+"""Largest number of pieces, plus one, in which the system may hand over one frame."""
 ENOUGH_CHECKED = 0.9
-"""A check that holds in so much of the frames tells that they are cut right."""
+"""Least share of frames in which a check must hold to confirm the framing."""
 MOST_NAMED = 3
 """Kinds of replies that are named in a statement."""
 WELL = 0.95
-"""So much of the bytes and ends fits, where nothing else has to be tried."""
+"""Share of bytes and ends from which a framing is accepted without further trials."""
 LEAST_PIECES = 3
-"""Pauses cut a line into so many pieces, at least."""
+"""Least number of pieces that cutting by pauses must give."""
 MOST_TOGETHER = 0.5
-"""So many of the pieces are several frames, where it is believed that some are."""
+"""Least share of pieces that must hold several frames before a piece is split."""
 WIDE = 16
 """Bits of a check that holds hardly ever by luck, wherever a piece is cut."""
 LONGEST_PART = 512
@@ -55,7 +55,9 @@ MOST_CHECKED = 400
 
 
 def guess(chunks: Sequence[HeardBytes]) -> Guess:
-    """What can be said of these bytes, in the order in which they came. Nothing is said of none."""
+    """Return the statements about these bytes, which are in order of arrival; a guess without statements if no bytes
+    exist.
+    """
     found = Guess(chunks)
     if not any(chunk.data for chunk in chunks):
         return found
@@ -93,13 +95,16 @@ def guess(chunks: Sequence[HeardBytes]) -> Guess:
 
 @dataclass(frozen=True, slots=True)
 class TriedCut:
-    """The likeliest framing of one cutting: its frames as they stood on the line and without their stuffing (None where
-    that is none), and their check."""
+    """The likeliest framing for one cutting of the bytes."""
 
     cutting: Cutting
+    """The pieces that the framing was found in."""
     cut: CutLine
+    """The frames as on the wire."""
     plain: list[bytes | None]
+    """The frames without stuffing; None for a frame whose stuffing is invalid."""
     check: CheckGuess | None
+    """The check of the frames, if one was found."""
 
     @property
     def is_checked(self) -> bool:
@@ -107,7 +112,7 @@ class TriedCut:
 
     @property
     def is_marked(self) -> bool:
-        """Whether marks or a length tell where frames end."""
+        """Return whether marks or a length determine the end of frames."""
         return self.cut.framing.kind in ("marks", "length")
 
     @property
@@ -118,7 +123,7 @@ class TriedCut:
 
     @property
     def is_seen(self) -> bool:
-        """Return whether anything but the cutting shows where frames are."""
+        """Return whether there is evidence for the framing other than the cutting."""
         framing = self.cut.framing
         if self.is_checked or framing.kind in ("marks", "length") or framing.start or framing.end:
             return True
@@ -132,16 +137,23 @@ class TriedCut:
 
     @property
     def rank(self) -> tuple[float, int]:
-        """The share of all bytes in which the check holds, where that is not nearly all of them; and the frames: two
-        that follow each other at once often have a check together, and each has one of its own."""
+        """Return the share of bytes in which the check holds, up to `ENOUGH_CHECKED`, and the number of those frames.
+
+        The number decides between good framings: two adjacent frames often have a check together, while each has its
+        own.
+        """
         good = self.good
         share = sum(len(one.data) for one in good) / sum(len(piece.data) for piece in self.cutting.pieces)
         return min(share, ENOUGH_CHECKED), len(good)
 
 
 def _best_cut(chunks: Sequence[HeardBytes]) -> TriedCut:
-    """The bytes as they came, where that explains them; else the cutting whose check holds in the most bytes; else,
-    where the pieces say little, the first one that has marks or a length, or else that at the clearest pauses."""
+    """Return the best cutting: the captured pieces if they explain the bytes, else the cutting whose check holds in the
+    most bytes.
+
+    If the pieces are weak evidence and no check holds, return the first cutting with marks or a length, or else the
+    cutting at the clearest pauses.
+    """
     first = _tried(chunks, as_heard(chunks))
     framing = first.cut.framing
     is_sure = first.is_told and framing.evidence.chance >= SURE_FRAMING
@@ -167,8 +179,12 @@ def _best_cut(chunks: Sequence[HeardBytes]) -> TriedCut:
 
 
 def _in_parts(tried: TriedCut) -> TriedCut | None:
-    """Frames that followed each other at once, as request and reply on one wire: the CRC of both together is the same
-    with another register, and each has the usual one. None: they are no such."""
+    """Split pieces that consist of several adjacent frames, such as request and reply on one wire; return None if they
+    do not.
+
+    The CRC over both frames together fits with another initial register, and the CRC of each frame fits with its usual
+    register.
+    """
     check, framing = tried.check, tried.cut.framing
     if not tried.is_checked or check is None or check.name or check.method.kind != "crc":
         return None
@@ -190,7 +206,7 @@ def _in_parts(tried: TriedCut) -> TriedCut | None:
 
 
 def _parts(check: CheckGuess, data: bytes) -> list[bytes]:
-    """The frames that follow each other in these bytes, two or more at once; nothing where the rest is none."""
+    """Return the adjacent frames in these bytes, two or more; an empty list if the rest is no frame."""
     least = check.place.start + check.place.size + check.place.tail + 1
     for end in range(least, min(len(data) - least, LONGEST_PART) + 1):
         if holds(check, data[:end]):
@@ -200,8 +216,9 @@ def _parts(check: CheckGuess, data: bytes) -> list[bytes]:
 
 
 def _doubted(tried: TriedCut) -> TriedCut:
-    """Where only pauses cut one wire, a piece may be a request and its reply: what is said of the size and of a check
-    that no one lists is not sure."""
+    """Mark size and uncatalogued check as uncertain if only pauses separate frames on one wire: a piece may be a
+    request with its reply.
+    """
     check, cut = tried.check, tried.cut
     two_ways = len({piece.direction for piece in tried.cutting.pieces}) > 1
     if tried.cutting.kind != "pauses" or two_ways or (check is not None and check.name):
@@ -238,7 +255,7 @@ def _tried(chunks: Sequence[HeardBytes], cutting: Cutting) -> TriedCut:
 
 
 def _around(framing: Framing) -> tuple[int, int]:
-    """Bytes of the mark at the start, and of the one at the end."""
+    """Return the sizes of the start mark and of the end mark."""
     return len(framing.start), 0 if framing.behind else len(framing.end)
 
 
@@ -247,7 +264,9 @@ def _share(check: CheckGuess) -> float:
 
 
 def _of_digits(cut: CutLine, check: CheckGuess) -> tuple[CutLine, list[bytes | None], CheckGuess] | None:
-    """The frames as bytes, where all between the marks are hex digits, and what these stand for counts."""
+    """Return frames, plain bytes and check with hex digits decoded if everything between the marks is hex digits and
+    the check covers the decoded bytes; else None.
+    """
     framing = cut.framing
     if check.place.counted != "hex" or framing.kind != "marks":
         return None
@@ -262,7 +281,7 @@ def _of_digits(cut: CutLine, check: CheckGuess) -> tuple[CutLine, list[bytes | N
 
 
 def _mended(cut: CutLine, plain: list[bytes | None], check: CheckGuess) -> tuple[CutLine, list[bytes | None]]:
-    """Frames that came in two pieces are one, and a piece that is several frames is cut, where the check says so."""
+    """Join frames that came in two pieces, and split pieces that hold several frames, as the check shows."""
     if cut.framing.kind not in ("pauses", "fixed") or cut.framing.stuffing is not None:
         return cut, plain
     frames: list[HeardFrame] = []
@@ -299,7 +318,7 @@ def _plain(framing: Framing, data: bytes) -> bytes | None:
 
 
 def _unsure(kind: FrameKind) -> FrameKind:
-    """Fields of frames that were cut so here, and that nothing else shows to be frames."""
+    """Return the kind with the evidence of its fields removed: the frames were cut by this analysis only."""
     fields = (replace(one, evidence=replace(one.evidence, chance=0.0)) for one in kind.fields)
     return replace(kind, fields=tuple(fields))
 
@@ -308,7 +327,7 @@ def _unsure(kind: FrameKind) -> FrameKind:
 
 
 def _of_pieces(pieces: Sequence[HeardBytes]) -> Statement:
-    """All that is said where pieces are as bytes are handed over, and nothing shows the frames in them."""
+    """Return the only statement possible if the pieces are portions of a transfer and frames are not recognizable."""
     size, often = Counter(len(piece.data) for piece in pieces).most_common(1)[0]
     text = f"pieces of {plural(size, 'byte')} are how the bytes were handed over; where frames end was not found"
     return Statement(text, Evidence(often, len(pieces)), False, "frames of that size")
@@ -425,8 +444,10 @@ def _of_sides(sides: Sequence[str], luck: float) -> Iterator[Statement]:
 
 
 def _timed(frames: Sequence[HeardFrame], kinds: Sequence[FrameKind], two_ways: bool) -> list[TimedFrame]:
-    """The frames in their order, with their kinds; of damaged ones the way tells who sent them. A signal of the
-    client, such as an ACK, is no request."""
+    """Return the frames in order with their kinds; the direction determines the sender of a damaged frame.
+
+    A signal of the client, such as ACK, is omitted.
+    """
     kind_of = {id(frame): kind for kind in kinds for frame in kind.frames}
     sides = {kind.direction: kind.side for kind in kinds if two_ways}
     found = []

@@ -1,4 +1,4 @@
-"""What was heard on an unknown line, and what is said of it."""
+"""Bytes captured on an unknown line, and the statements about them."""
 
 from __future__ import annotations
 
@@ -10,16 +10,17 @@ from framekit.definition.model.checks import CheckMethod
 from framekit.guess.times import GuessedTimes
 
 Direction = Literal["in", "out", ""]
-"""Which way bytes went; '' where one wire has both, or nothing tells it."""
+"""Direction of the bytes; '' if one wire carries both directions or the direction is unknown."""
 Order = Literal["big", "little"]
 Form = Literal["binary", "hex", "decimal"]
-"""How a number stands on the wire: as bytes, as two hex digits (ASCII) for each byte, or as decimal digits."""
+"""Form of a number on the wire: bytes, two hex digits (ASCII) for each byte, or decimal digits."""
 
 
 class HeardBytes(NamedTuple):
-    """Bytes that came together: the time of the first (ns; None where nothing tells it), the way, and the bytes."""
+    """Bytes that arrived together."""
 
     time: int | None
+    """Time of the first byte (ns); None if unknown."""
     direction: Direction
     data: bytes
 
@@ -34,11 +35,12 @@ class HeardFrame(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """So many of so many hold; `chance`: as how many bits of luck that would count (greater is surer)."""
+    """Evidence: a statement holds in `holds` of `of` cases."""
 
     holds: int
     of: int
     chance: float = 0.0
+    """Improbability of this result by chance, in bits; greater is more certain."""
 
     def __str__(self) -> str:
         return f"{self.holds} of {self.of}"
@@ -46,15 +48,14 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True)
 class Statement:
-    """Something that is said of a line, in words. `is_sure`: it would be a defect of this program if it were wrong.
-
-    `against`: what would contradict it.
-    """
+    """A statement about a line, in words."""
 
     text: str
     evidence: Evidence
     is_sure: bool
+    """Whether an error in this statement would be a defect of the program."""
     against: str = ""
+    """Description of the observation that would contradict the statement."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,47 +75,49 @@ class LengthField:
 
     @property
     def size(self) -> int:
-        """Bytes on the wire."""
+        """Return the size on the wire (bytes)."""
         return self.width * (2 if self.form == "hex" else 1)
 
     @property
     def end(self) -> int:
-        """The first byte behind it."""
+        """Return the offset of the first byte after the field."""
         return self.offset + self.size
 
 
 @dataclass(frozen=True, slots=True)
 class Stuffing:
-    """How bytes that would end a frame are written inside of it, in the words of the language's `wrap`.
-
-    `kind`: `escape_xor` (the escape byte, then the byte xor `xor`), `escape_codes` (the escape byte, then a code:
-    `codes`, code → byte), `doubled` (the escape byte stands twice; a frame begins and ends with it and another byte),
-    `cobs`, `hex` (two digits for each byte).
-    """
+    """Stuffing: the encoding of bytes that would otherwise end a frame, as in `wrap` of the language."""
 
     kind: Literal["escape_xor", "escape_codes", "doubled", "cobs", "hex"]
+    """`escape_xor`: escape byte, then the byte xor `xor`; `escape_codes`: escape byte, then a code; `doubled`: the
+    escape byte is doubled, and a frame begins and ends with the escape byte and another byte; `cobs`; `hex`: two digits
+    for each byte.
+    """
     escape: int = 0
     xor: int = 0
     codes: tuple[tuple[int, int], ...] = ()
+    """Pairs (code, byte) of `escape_codes`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Framing:
-    """Where frames begin and end.
-
-    `kind`: `pauses` (silence around frames, or the pieces as they came), `marks` (a start and an end, or one of them),
-    `length` (a number says it), `fixed` (all have `fixed` bytes). `start` and `end`: bytes that begin and end every
-    frame, for every kind. `behind`: bytes that follow the end mark, as a code does that stands outside of the marks.
-    """
+    """Framing: the rule by which frames begin and end."""
 
     kind: Literal["pauses", "marks", "length", "fixed"]
+    """`pauses`: silence around frames, or the pieces as captured; `marks`: a start mark, an end mark, or both;
+    `length`: a length field; `fixed`: constant size.
+    """
     start: bytes = b""
+    """Bytes that begin every frame, for every kind."""
     end: bytes = b""
+    """Bytes that end every frame, for every kind."""
     length: LengthField | None = None
     stuffing: Stuffing | None = None
     fixed: int = 0
+    """Size of every frame of kind `fixed` (bytes)."""
     evidence: Evidence = Evidence(0, 0)
     behind: int = 0
+    """Number of bytes after the end mark, such as a check code outside of the marks."""
 
     @property
     def plain_end(self) -> bytes:
@@ -124,45 +127,45 @@ class Framing:
 
 @dataclass(frozen=True, slots=True)
 class CheckPlace:
-    """Where a code stands in a frame without its stuffing, and what it counts.
-
-    It takes `size` bytes (a form of hex: that many characters). It ends `tail` bytes before the frame's end, or, where
-    `at` is given, begins there. It counts from the byte `start` to `stop` bytes before the code, or, where `at` is
-    given, from there to `stop` bytes before the end. `counted` hex: the bytes that the characters in between stand for
-    are counted.
-    """
+    """Place of a check code in a frame without stuffing, and the range it covers."""
 
     size: int
+    """Bytes of the code; of form `hex`, characters."""
     order: Order = "big"
     form: Form = "binary"
     tail: int = 0
+    """Bytes between the code and the end of the frame, unless `at` is given."""
     at: int | None = None
+    """Offset of the code, if it is in the head of the frame."""
     start: int = 0
+    """First covered byte: offset in the frame, or, if `at` is given, distance from the end of the code."""
     stop: int = 0
+    """Number of uncovered bytes before the code, or, if `at` is given, before the end of the frame."""
     counted: Form = "binary"
+    """`hex` if the check covers the bytes that the hex digits represent."""
 
     @property
     def behind(self) -> int:
-        """Bytes at the frame's end that do not count; 0 where the code stands in the head."""
+        """Return the number of uncovered bytes at the end of the frame; 0 if the code is in the head."""
         return 0 if self.at is not None else self.stop + self.size + self.tail
 
 
 @dataclass(frozen=True, slots=True)
 class CheckGuess:
-    """A check that fits: `method` may have parameters of its own, `name` is that of a ready one, or ''.
-
-    `plus`: what is added (sums) or combined by exclusive or (all others) at the end, where no ready method does so.
-    `others`: how else the same could be said, as far as the frames tell. Not sure: frames of other sizes may show that
-    it begins or ends with something else.
-    """
+    """A check that fits the frames."""
 
     place: CheckPlace
     method: CheckMethod
+    """The method, possibly with parameters that no catalogued method has."""
     name: str
+    """Name of the catalogued method, or ''."""
     evidence: Evidence
     plus: int = 0
+    """Value added (sums) or combined by exclusive or (other methods) at the end, if no catalogued method does so."""
     others: tuple[str, ...] = ()
+    """Equivalent descriptions that the frames do not exclude."""
     is_sure: bool = True
+    """False if frames of other sizes may show another begin or end of the covered range."""
 
 
 FieldKind = Literal[
@@ -173,25 +176,25 @@ FieldKind = Literal[
 
 @dataclass(frozen=True, slots=True)
 class GuessedField:
-    """Bytes of a frame that belong together; `about`: what is known of them, in words.
-
-    `is_mark`: constant bytes by which frames of this kind are known. `plus` and `unit` of a count: the frame has so
-    many bytes more than so many times that. `wire`: the type that people gave it together with its name, '' for none;
-    `keys`: what else the definition says of that type.
-    """
+    """A field of a frame."""
 
     name: str
     offset: int
     size: int
     kind: FieldKind
     about: str = ""
+    """Description, in words."""
     evidence: Evidence = Evidence(0, 0)
     is_mark: bool = False
+    """Whether the field is constant and identifies frames of this kind."""
     plus: int = 0
+    """For a count: bytes of the frame in addition to `unit` times the count."""
     unit: int = 1
     wire: str = ""
+    """Type that a user chose together with the name; '' if none."""
     order: str = "big"
     keys: str = ""
+    """Further keys of the type in the definition."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,7 +212,7 @@ class FrameKind:
 
 @dataclass(slots=True)
 class Guess:
-    """What is said of a line."""
+    """Statements about a line, with the data they were derived from."""
 
     chunks: Sequence[HeardBytes]
     framing: Framing | None = None

@@ -1,7 +1,6 @@
-"""Fields of guessed frames that people have named: which names and types may be given, and what becomes of the bytes
-around them.
+"""Names and types that users give to fields of guessed frames, and their effect on the adjacent bytes.
 
-A guess is never changed: `named` makes one with the names, from the one without.
+A guess is never changed: `named` returns a new guess with the names.
 """
 
 from __future__ import annotations
@@ -24,14 +23,14 @@ LONGEST_NAME = 60
 LARGEST_NUMBER = 8
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 WORDS = frozenset({"if", "else", "or", "and", "not", "in", "it", "part", "request", "reply", "buffer", "own", "frame"})
-"""Words of expressions: a field of that name could not be used in one."""
+"""Reserved words of expressions: a field with such a name could not be used in an expression."""
 ORDERS = ("big", "little", "BADC", "CDAB")
 KEPT_KINDS = {
     "check": "the check",
     "length": "the length, which says where the frame ends",
     "count": "the count of what follows",
 }
-"""Fields that stay what they are."""
+"""Kinds of fields that cannot be renamed, with their description."""
 
 
 class NamingError(ValueError):
@@ -55,13 +54,14 @@ class FieldNaming(NamedTuple):
 
 
 class NamedType(NamedTuple):
-    """A type that bytes can be given: as many as `sizes` say, any number of them where it is empty."""
+    """A type that can be given to bytes."""
 
     sizes: tuple[int, ...]
+    """Possible sizes (bytes); empty for any size."""
     form: str
 
     def takes(self, size: int) -> bool:
-        """Return whether so many bytes can be that."""
+        """Return whether a field of `size` bytes can have this type."""
         return size in self.sizes if self.sizes else True
 
 
@@ -80,7 +80,7 @@ _FLOATS = {4: struct.Struct(">f"), 8: struct.Struct(">d")}
 
 
 def orders_of(type_: str, size: int) -> tuple[str, ...]:
-    """Return the orders in which the bytes of a number of this type can stand; one where there is no choice."""
+    """Return the byte orders possible for a number of this type and size; a single order if there is no choice."""
     if not TYPES[type_].sizes or size < 2:
         return ORDERS[:1]
     return ORDERS if size in (4, 8) and type_ not in ("bcd", "bits") else ORDERS[:2]
@@ -164,7 +164,7 @@ def _with_the_same_copy(kinds: dict[str, FrameKind], naming: FieldNaming) -> lis
 
 
 def _covers_copies(kind: FrameKind, first: int, end: int) -> bool:
-    """Whether these bytes are copies, whole ones, and nothing else."""
+    """Return whether the range consists of whole fields of kind `copy` only."""
     inside = [field for field in kind.fields if first <= field.offset < end]
     return (
         bool(inside)
@@ -216,12 +216,12 @@ def _named(kind: FrameKind, texts: Sequence[bytes], naming: FieldNaming) -> Fram
 
 
 def _kept(field: GuessedField) -> str:
-    """What a field is that stays what it is; '' for others."""
+    """Return the description of a field that cannot be renamed; '' for other fields."""
     if field.wire:
         return ""
     if field.name == "mark" and field.is_mark:
         return "the mark before the check"
-    if field.is_mark and field.name != "form":  # a form is what both sides never have in common, perhaps by luck
+    if field.is_mark and field.name != "form":  # a form is a constant that the two sides never share, perhaps by chance
         return "what tells the kinds of frames apart"
     if field.name in ("start", "end"):
         return f"the mark with which frames {field.name}"
@@ -265,7 +265,7 @@ def value_names(name: str, type_: str, size: int) -> list[str]:
 
 
 def _check_type(field: GuessedField, texts: Sequence[bytes], where: str) -> None:
-    """Raises NamingError where bytes of some frame are nothing of this type."""
+    """Raise NamingError if the bytes of a frame are invalid for the type of the field."""
     if field.wire not in TYPES:
         raise NamingError(f"there is no type '{field.wire[:20]}' – choose one of {', '.join(TYPES)}")
     if not TYPES[field.wire].takes(field.size) or (not field.size and field.wire not in ("text", "bytes")):
@@ -307,7 +307,7 @@ def _about(naming: FieldNaming, texts: Sequence[bytes]) -> str:
 def _left(
     field: GuessedField, naming: FieldNaming, texts: Sequence[bytes], taken: set[str]
 ) -> Iterator[GuessedField]:  # fmt: skip
-    """What of a field stands before the named bytes."""
+    """Yield the part of a field before the named bytes."""
     if field.offset < naming.offset:
         yield _piece(field, field.offset, naming.offset - field.offset, texts, taken, field.name)
 
@@ -315,7 +315,7 @@ def _left(
 def _right(
     field: GuessedField, naming: FieldNaming, texts: Sequence[bytes], taken: set[str]
 ) -> Iterator[GuessedField]:  # fmt: skip
-    """What of a field stands after them."""
+    """Yield the part of a field after the named bytes."""
     if naming.size and not field.size:
         own = [int(number) for number in re.findall(r"\d+", field.about)[:2]]
         less = naming.end - field.offset
@@ -349,7 +349,9 @@ def _hex(data: bytes) -> str:
 
 
 def _echoing(before: Sequence[FrameKind], kinds: dict[str, FrameKind]) -> list[FrameKind]:
-    """A reply repeats what its requests still have under the same name, at the same place and in the same form."""
+    """Return the kinds with copies kept only where all requests still have a field of the same name, offset and
+    form.
+    """
     asked = [kind for kind in before if kind.side == "client"]
 
     def is_still_there(field: GuessedField) -> bool:

@@ -17,23 +17,26 @@ BITS = (10, 11, 12)
 """Bits of a character: start, 7 or 8, parity, stop."""
 TOLERANCE = 0.02
 LEAST_SIZES = 3
-"""Chunks of so many sizes follow each other at the same time for each character, where that is one."""
+"""Least number of different chunk sizes that must confirm the same time per character."""
 SECOND = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class PieceStream:
-    """All bytes that went one way. `starts`: where pieces begin, the first at 0; `heard`: where that begins which came
-    together, which is less than a piece where pieces were joined; `times`: when that came, if known; `numbers`: which
-    of the whole line it is; `signals`: the starts of short answers that are always the same, such as ACK."""
+    """All bytes of one direction."""
 
     direction: Direction
     data: bytes
     starts: tuple[int, ...]
+    """Offsets at which pieces begin, the first 0."""
     heard: tuple[int, ...]
+    """Offsets at which captured chunks begin; joined pieces consist of several chunks."""
     times: tuple[int | None, ...]
+    """Time of each chunk (ns), if known."""
     numbers: tuple[int, ...]
+    """Index of each chunk in the whole line."""
     signals: frozenset[int] = frozenset()
+    """Offsets of short constant answers, such as ACK."""
 
     @property
     def pieces(self) -> list[bytes]:
@@ -42,13 +45,15 @@ class PieceStream:
         return [self.data[start:end] for start, end in zip(self.starts, ends, strict=True)]
 
     def heard_at(self, place: int) -> int:
-        """The index of what a byte came together with."""
+        """Return the index of the chunk that contains the byte at `place`."""
         return bisect_right(self.heard, place) - 1
 
 
 def character_time(chunks: Sequence[HeardBytes]) -> tuple[float, int] | None:
-    """Nanoseconds of a character, where chunks follow each other without a pause at a usual speed; and whether times
-    are those of first bytes (0), or of last ones (1). None where that cannot be seen."""
+    """Return the duration of a character (ns), and whether times are those of first bytes (0) or of last bytes (1).
+
+    Chunks without a pause between them must follow at a usual speed; None if that is not observed.
+    """
     pairs = [
         (after.time - before.time, (len(before.data), len(after.data)))
         for before, after in pairwise(chunks)
@@ -64,10 +69,10 @@ def character_time(chunks: Sequence[HeardBytes]) -> tuple[float, int] | None:
 def _usual_rate(rates: list[tuple[float, int]]) -> float | None:
     if not rates:
         return None
-    rate = rates[0][0]  # nothing comes sooner than without a pause
+    rate = rates[0][0]  # chunks without a pause are the fastest
     near = {size for other, size in rates if abs(other - rate) <= TOLERANCE * rate}
     if len(near) < LEAST_SIZES:
-        return None  # the same time for one size says nothing of a speed
+        return None  # the same time for one size is no evidence of a speed
     for speed in SPEEDS:
         for bits in BITS:
             usual = bits * SECOND / speed
@@ -77,7 +82,7 @@ def _usual_rate(rates: list[tuple[float, int]]) -> float | None:
 
 
 def joined(chunks: Sequence[HeardBytes]) -> list[HeardBytes]:
-    """Chunks between which there was no pause are one."""
+    """Join chunks that no pause separates."""
     known = character_time(chunks)
     found: list[HeardBytes] = []
     before: HeardBytes | None = None
@@ -101,8 +106,9 @@ LEAST_SIGNALS = 3
 
 
 def signals_of(texts: Sequence[bytes]) -> frozenset[bytes]:
-    """Short pieces that come again and again, and are no parts of frames: no other piece begins or ends so, but where
-    a frame follows at once."""
+    """Return the short pieces that recur and are no parts of frames: no other piece begins or ends with them, unless a
+    frame follows at once.
+    """
     often = Counter(texts)
     short = [text for text, count in often.items() if len(text) <= LARGEST_SIGNAL and count >= LEAST_SIGNALS]
     longer = [text for text in texts if len(text) > LARGEST_SIGNAL]
@@ -127,7 +133,10 @@ def apart(pieces: Sequence[HeardBytes], signals: frozenset[bytes]) -> list[Heard
 
 
 def streams_of(pieces: Sequence[HeardBytes], heard: Sequence[HeardBytes] = ()) -> list[PieceStream]:
-    """A stream for each way. `heard`: what the pieces were joined from, for the times of frames inside of them."""
+    """Return a stream for each direction.
+
+    `heard`: the chunks that the pieces were joined from, for times within frames.
+    """
     signals = signals_of([piece.data for piece in pieces])
     pieces = apart(pieces, signals) if signals else pieces
     found = []
@@ -152,20 +161,20 @@ def _starts(parts: Sequence[bytes]) -> tuple[int, ...]:
 # ---- other cuttings ---------------------------------------------------------------------------------------------
 
 LATENCY = 20_000_000
-"""Adapters hand over what came every 16 ms; a little more counts as that."""
+"""Latency of USB adapters (ns): they hand over received bytes every 16 ms; the margin is included."""
 MOST_GAPS = 3
-"""So many pauses are tried as the shortest between frames."""
+"""Number of pauses tried as the shortest pause between frames."""
 LEAST_RATIO = 1.4
-"""The pauses between frames are so many times those inside of them, at least."""
+"""Least ratio of pauses between frames to pauses within frames."""
 LEAST_JOINED = 0.05
-"""A pause that joins fewer of the pieces than that tells nothing new."""
+"""Least share of pieces that a pause must join to be worth a trial."""
 LEAST_TURNS = 6
 SMALL = 2
 MANY = 0.2
 MOSTLY = 0.5
 NEARLY_ALL = 0.85
 USUAL_SIZES = frozenset({1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024})
-"""What programs and adapters hand over at once, or write on a line of a dump."""
+"""Sizes of blocks in which programs and adapters hand over bytes, or lines of a dump."""
 
 
 class Cutting(NamedTuple):
@@ -177,7 +186,7 @@ class Cutting(NamedTuple):
 
 
 def other_cuttings(chunks: Sequence[HeardBytes]) -> list[Cutting]:
-    """How else the bytes may be cut than as they came, without one that is the same as another."""
+    """Return the cuttings of the bytes other than the captured pieces, without duplicates."""
     chunks = [chunk for chunk in chunks if chunk.data]
     found = [Cutting("pauses", _within(chunks, gap)) for gap in _gaps(chunks)]
     turns = _within(chunks, None)
@@ -196,7 +205,7 @@ def other_cuttings(chunks: Sequence[HeardBytes]) -> list[Cutting]:
 
 
 def _within(chunks: Sequence[HeardBytes], gap: float | None) -> tuple[HeardBytes, ...]:
-    """Chunks of one direction between which there was no longer pause are one; None: however long it was."""
+    """Join chunks of one direction that no pause longer than `gap` (ns) separates; None: any pause."""
     found: list[HeardBytes] = []
     parts: list[bytes] = []
     for before, chunk in zip([None, *chunks], chunks, strict=False):
@@ -219,8 +228,9 @@ def _is_near(before: HeardBytes, chunk: HeardBytes, gap: float | None) -> bool:
 
 
 def _gaps(chunks: Sequence[HeardBytes]) -> list[float]:
-    """Pauses that may be the longest inside of a frame: where there are shorter and longer ones, and hardly any
-    between; and the latency of an adapter."""
+    """Return pauses (ns) that may be the longest within a frame: gaps in the distribution of pauses, and the latency of
+    adapters.
+    """
     steps = sorted(
         max(1000, after.time - before.time)
         for before, after in pairwise(chunks)

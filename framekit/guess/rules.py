@@ -1,7 +1,7 @@
-"""Frames of one line that follow different rules: a short request beside a long reply, an ACK, a mark before commands.
+"""Frames of one line that follow different rules: a short request and a long reply, an ACK, a mark before commands.
 
-Where the check that holds in most frames holds in none of those that begin alike, these have a check of their own, or
-none. Where no check holds in all frames, one is looked for in those of each direction, and in those that begin alike.
+If the check of most frames holds in none of the frames with a common beginning, these get a check of their own, or
+none. If no check holds in all frames, checks are searched in the frames of each direction and of each common beginning.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from framekit.guess.model import CheckGuess, Evidence, Framing, HeardFrame
 
 LEAST_FRAMES = 3
 FEW = 0.1
-"""In so much of the frames of another rule a check of 8 bits holds by luck."""
+"""Share of the frames of another rule in which a check of 8 bits may hold by chance."""
 MOST_HEADS = 4
-"""Frames that begin with so many different bytes may be of so many rules."""
+"""Largest number of different first bytes that may belong to separate rules."""
 MOST_CHECKED = 400
 
 
@@ -33,7 +33,7 @@ class FrameRule:
 def rules_of(
     frames: Sequence[HeardFrame], plain: Sequence[bytes | None], framing: Framing, check: CheckGuess | None
 ) -> list[FrameRule]:
-    """Return the rules, that of most frames first. Frames of none are damaged."""
+    """Return the rules, the rule of most frames first. Frames without a rule are damaged."""
     texts = {number: text for number, text in enumerate(plain) if text is not None}
     if check is None or not check.is_sure:
         found = _by_groups(frames, texts, framing)
@@ -92,7 +92,9 @@ def _by_head(texts: dict[int, bytes], head: int) -> dict[bytes, list[int]]:
 
 
 def _by_groups(frames: Sequence[HeardFrame], texts: dict[int, bytes], framing: Framing) -> list[FrameRule]:
-    """A check for the frames of each direction, or for those that begin alike; nothing where none has one."""
+    """Return rules with a check for the frames of each direction or of each common beginning; an empty list if no group
+    has a check.
+    """
     ways: dict[str, list[int]] = defaultdict(list)
     for number in texts:
         ways[{"in": "that came in", "out": "that went out"}.get(frames[number].direction, "")].append(number)

@@ -11,13 +11,13 @@ from framekit.guess.model import Evidence, Framing, Stuffing
 USUAL = {(0x7E, 0x7D): ("xor", 0x20), (0xC0, 0xDB): ("codes", 0)}
 """Escape bytes that go with a delimiter by custom: few places are enough to see them."""
 LEAST_ESCAPES = 8
-"""An escape byte that no custom knows has to be seen so often."""
+"""Least number of occurrences of an escape byte that is not customary."""
 LEAST = 12.0
 """Bits of luck below which a stuffing is not believed."""
 
 
 class StuffingError(ValueError):
-    """These bytes are not what the stuffing makes."""
+    """The bytes are no valid result of the stuffing."""
 
 
 def unstuffed(stuffing: Stuffing, data: bytes) -> bytes:
@@ -53,7 +53,7 @@ HEX_DIGITS = frozenset(b"0123456789ABCDEFabcdef")
 
 
 def from_digits(text: bytes) -> bytes:
-    """Return the bytes that hex digits stand for. Raises StuffingError."""
+    """Return the bytes that hex digits represent. Raises StuffingError."""
     if len(text) % 2 or not HEX_DIGITS.issuperset(text):
         raise StuffingError("these are no pairs of hex digits")
     return bytes.fromhex(text.decode("ascii"))
@@ -82,7 +82,9 @@ def plain_frame(framing: Framing, data: bytes) -> bytes:
 
 
 def find_stuffing(inner: Sequence[bytes], start: bytes, end: bytes) -> tuple[Stuffing, Evidence] | None:
-    """What the content between marks shows; None: nothing is stuffed, as far as can be seen."""
+    """Return the stuffing that the content between marks shows, with the evidence; None if no stuffing is
+    recognizable.
+    """
     candidates = sorted(_candidates(inner, start, end), key=lambda one: one[1].chance, reverse=True)
     if candidates and candidates[0][1].chance >= LEAST:
         return candidates[0]
@@ -90,7 +92,7 @@ def find_stuffing(inner: Sequence[bytes], start: bytes, end: bytes) -> tuple[Stu
 
 
 def _by_custom(inner: Sequence[bytes], start: bytes, end: bytes) -> tuple[Stuffing, Evidence] | None:
-    """What goes with these marks by custom, where the escape byte never stands there, or as it would."""
+    """Return the stuffing customary for these marks if the content does not contradict it; else None."""
     if len(end) != 1 or start not in (b"", end):
         return None
     for (mark, escape), (kind, xor) in USUAL.items():
@@ -144,7 +146,7 @@ def _doubled(inner: Sequence[bytes], escape: int) -> Iterator[tuple[Stuffing, Ev
         good += 1
         seen += len(one) - len(plain)
     if good >= 0.9 * len(inner):
-        yield stuffing, Evidence(good, len(inner), LEAST + 8.0 * seen)  # marks with an escape byte are for that
+        yield stuffing, Evidence(good, len(inner), LEAST + 8.0 * seen)  # escape bytes in marks are evidence
 
 
 def _escaped(inner: Sequence[bytes], start: bytes, end: int) -> Iterator[tuple[Stuffing, Evidence]]:
@@ -168,10 +170,10 @@ def _escaped(inner: Sequence[bytes], start: bytes, end: int) -> Iterator[tuple[S
         if usual is not None and count >= 3 and most > 0.6 * count:
             continue  # a field
         if usual is None and (count < LEAST_ESCAPES or most > 0.25 * count):
-            continue  # what is escaped stands anywhere
+            continue  # the escaped bytes also occur unescaped
         seen = {byte for byte, often in followers.items() if byte >= 0 and often > 0.02 * count}
         if len(seen) > 40 or seen & {*marks, escape}:
-            continue  # behind an escape byte nothing stands that would have to be escaped
+            continue  # a byte that needs escaping never follows an escape byte
         found = _xor_of(seen, marks, escape, plain_seen, followers, usual)
         if found is not None:
             yield found
@@ -191,7 +193,7 @@ def _xor_of(
         if not meant & {*marks, escape}:
             continue
         raw = sum(plain_seen[byte] for byte in meant if byte != escape)
-        if raw > 0.02 * sum(followers.values()):  # what is escaped never stands there as it is
+        if raw > 0.02 * sum(followers.values()):  # an escaped byte never occurs unescaped
             continue
         known = len(meant & {*marks, escape})
         if usual is None and known < 2:

@@ -1,4 +1,4 @@
-"""Which bytes of frames are text: signs that people read, in all frames, so many of them that it is no luck."""
+"""Recognition of text fields: printable characters in all frames, in a number that rules out chance."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ _DECIMAL = re.compile(rb"(?P<pad> *)(?P<sign>[+-]?)[0-9]+(?P<fraction>\.[0-9]+)?
 LUCK = 12.0
 """Bits of luck from which signs are text."""
 BITS = log2(256 / len(PRINTABLE))
-"""So many of them tells each value that a byte has."""
+"""Evidence for text of one printable byte value (bits)."""
 ENOUGH = 200
-"""In so many texts luck is counted."""
+"""Largest number of texts used for the evidence."""
 LONGEST_SHOWN = 24
 
 
 def with_texts(fields: Sequence[GuessedField], texts: Sequence[bytes]) -> list[GuessedField]:
-    """Bytes beside each other of which nothing is known, and that are signs in all frames, are fields of text.
+    """Merge adjacent unknown bytes that are printable in all frames into text fields.
 
-    Digits beside each other are one field, also where the first of them never change.
+    Adjacent digits are one field, even if the leading digits are constant.
     """
     found: list[GuessedField] = []
     before_text = LUCK if fields and fields[-1].kind == "text" else 0.0
@@ -37,13 +37,13 @@ def with_texts(fields: Sequence[GuessedField], texts: Sequence[bytes]) -> list[G
 
 
 def shown_text(text: bytes) -> str:
-    """Signs in quotes, the first of them."""
+    """Return the beginning of a text in quotes, with other bytes as `·`."""
     signs = "".join(chr(byte) if byte in PRINTABLE else "·" for byte in text[:LONGEST_SHOWN])
     return f"'{signs}'" + (" …" if len(text) > LONGEST_SHOWN else "")
 
 
 def decimal_of(text: bytes) -> int | float | None:
-    """The number that a text is, such as `+012.5`; None where it is none."""
+    """Return the number that a text represents, such as `+012.5`; None if it is no number."""
     match = _DECIMAL.fullmatch(text)
     if match is None:
         return None
@@ -51,7 +51,7 @@ def decimal_of(text: bytes) -> int | float | None:
 
 
 def decimal_keys(texts: Sequence[bytes]) -> str | None:
-    """What the language says of numbers as text besides their size, as these all have it; None: they differ."""
+    """Return the keys, apart from the size, of the number format that all texts share; None if they differ."""
     matches = [_DECIMAL.fullmatch(text) for text in texts]
     found = [match for match in matches if match is not None]
     places = {len(match["fraction"] or b"") for match in found}
@@ -83,7 +83,7 @@ def _parted(run: Sequence[GuessedField], texts: Sequence[bytes], known: float) -
 
 
 def _as_before(run: Sequence[GuessedField], places: Sequence[int]) -> Iterator[GuessedField]:
-    """What was said of these bytes; of a constant as much of it as lies there."""
+    """Yield the earlier fields within the range, with constants cut to it."""
     for one in run:
         begin, end = max(one.offset, places[0]), min(one.offset + one.size, places[-1] + 1)
         if begin < end and one.kind == "constant":
@@ -96,7 +96,7 @@ def _as_before(run: Sequence[GuessedField], places: Sequence[int]) -> Iterator[G
 def _fields(
     places: Sequence[int], seen: dict[int, set[int]], texts: Sequence[bytes], luck: float
 ) -> Iterator[GuessedField]:
-    """Numbers, and what is between them; what never changes beside what does."""
+    """Yield fields for numbers and for the text between them; constant parts are separated from varying parts."""
     parts: list[list[int]] = []
     for place in places:
         is_digit = seen[place] <= NUMBER_SIGNS

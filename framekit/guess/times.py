@@ -1,6 +1,6 @@
-"""Times of a line: who answers whom and after how long, what happens when no reply comes, what comes again and again.
+"""Times of a line: response times, behaviour without a reply, periods of recurring frames.
 
-Times are those of the recording. A frame has the time at which its first piece was handed over.
+Times are those of the recording. The time of a frame is the time at which its first piece was handed over.
 """
 
 from __future__ import annotations
@@ -14,29 +14,31 @@ from typing import NamedTuple
 
 MILLISECOND = 1_000_000
 LEAST_PERIODS = 4
-"""What is asked so often has a period, if the steps are alike."""
+"""Least number of steps, of similar length, that make a period."""
 NEAR = 0.2
 """Steps that differ so little from the middle one are alike."""
 SHORTEST_PERIOD = 10 * MILLISECOND
-"""What comes faster follows something else, not a clock."""
+"""Shortest period (ns): faster frames follow another event, not a clock."""
 MOST_PERIODS = 8
 LEAST_GIVEN_UP = 2
-"""So many requests without a reply tell how often they are repeated."""
+"""Least number of unanswered requests from which the number of repeats is derived."""
 
 
 class TimedFrame(NamedTuple):
-    """A frame with its time (ns), who sent it ('' where that is not known), its kind ('' of a damaged one), and its
-    bytes."""
+    """A frame with its time."""
 
     time: int | None
+    """Time (ns)."""
     side: str
+    """Sender; '' if unknown."""
     kind: str
+    """Name of the kind; '' for a damaged frame."""
     data: bytes
 
 
 @dataclass(frozen=True, slots=True)
 class TimeSpread:
-    """Times in ns: the least, the middle and the greatest of so many."""
+    """Distribution of times (ns): least, median, greatest, and the number of times."""
 
     least: int
     middle: int
@@ -73,34 +75,37 @@ class AnswerTimes:
 
 @dataclass(frozen=True, slots=True)
 class Unanswered:
-    """Requests that no reply followed. `wait`: until the client's next frame. `pause`: what the client waits after a
-    reply, in the middle. `repeats`: how often it repeats before it gives up, None where that was not seen; so it was
-    in `alike` of `given_up` cases."""
+    """Requests without a reply."""
 
     count: int
     of: int
     wait: TimeSpread | None
+    """Time to the client's next frame."""
     pause: int | None
+    """Median pause of the client after a reply (ns)."""
     repeats: int | None
+    """Number of repeats before the client gives up; None if that was not observed."""
     alike: int
+    """Number of cases, of `given_up`, with this number of repeats."""
     given_up: int
 
 
 @dataclass(frozen=True, slots=True)
 class PollPeriod:
-    """What comes again and again: a kind of frames, or one request (`data`). `near` of `of` steps are like the middle
-    one."""
+    """A frame that recurs: a kind of frames, or a single request."""
 
     kind: str
     data: bytes
+    """Bytes of the request; empty for a kind."""
     every: TimeSpread
     near: int
+    """Number of steps, out of `of`, close to the median."""
     of: int
 
 
 @dataclass(frozen=True, slots=True)
 class GuessedTimes:
-    """All of that."""
+    """All times derived from a line."""
 
     answers: tuple[AnswerTimes, ...] = ()
     unanswered: Unanswered | None = None
@@ -113,7 +118,7 @@ class GuessedTimes:
 
     @property
     def longest_timeout(self) -> int | None:
-        """The client that was heard waits so long for a reply at most; None where nothing tells it."""
+        """Return the longest time that the observed client waits for a reply (ns); None if unknown."""
         if self.unanswered is None or self.unanswered.wait is None:
             return None
         least = self.unanswered.wait.least
@@ -179,8 +184,10 @@ def _unanswered(frames: Sequence[TimedFrame], asked: Sequence[int]) -> Unanswere
 
 
 def _given_up(frames: Sequence[TimedFrame], silent: set[int]) -> list[int]:
-    """How often each request was repeated to which no reply came at all. One that goes on until the recording ends, or
-    that is never anything else, tells nothing."""
+    """Return the number of repeats of each request that got no reply at all.
+
+    Requests that repeat until the recording ends are not included.
+    """
     found, again = list[int](), 0
     for number in range(len(frames) - 1):
         if number not in silent:
@@ -194,8 +201,10 @@ def _given_up(frames: Sequence[TimedFrame], silent: set[int]) -> list[int]:
 
 
 def _periods(frames: Sequence[TimedFrame], numbers: Sequence[int]) -> list[PollPeriod]:
-    """Of each request that often comes with the same bytes; of kinds of frames where bytes differ. Repeats do not
-    count."""
+    """Return the periods of requests that recur with the same bytes, and of kinds of frames whose bytes differ.
+
+    Repeats are not counted.
+    """
     first = [
         number for at, number in enumerate(numbers)
         if not at or frames[numbers[at - 1]].data != frames[number].data or _is_answered(frames, numbers[at - 1])

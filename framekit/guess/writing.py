@@ -1,6 +1,6 @@
-"""What was guessed of a line, as a definition in YAML: frames, checks, request and reply.
+"""Output of a guess as a definition in YAML: frames, checks, request and reply.
 
-Only numbers and hex digits of the capture go into it, and names made here.
+The definition contains only numbers and hex digits of the capture, and names made by this program.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from framekit.guess.model import CheckGuess, FrameKind, Framing, Guess, GuessedF
 from framekit.guess.times import GuessedTimes
 
 TOLD_KINDS = ("unknown", "counter", "copy", "text", "named")
-"""Fields with a comment that says what is known of them."""
+"""Kinds of fields whose description is written as a comment."""
 
 
 def definition_text(guess: Guess, name: str, source: str) -> str:
@@ -43,11 +43,11 @@ def definition_text(guess: Guess, name: str, source: str) -> str:
 STANDARD_TIMEOUT = 1_000_000_000
 SHORTEST_TIMEOUT, LONGEST_TIMEOUT = 10_000_000, 60_000_000_000
 MOST_RETRIES = 10
-"""What `standard` waits for a reply, and what it may wait and repeat."""
+"""Retries and time-outs (ns) that may differ from those of `standard`."""
 
 
 def _params(times: GuessedTimes) -> Iterator[str]:
-    """Yield how long a client waits and how often it repeats, as far as that was seen."""
+    """Yield the lines of `params` for the observed time-out and number of repeats of the client."""
     rows = []
     if times.longest_timeout is not None:
         timeout, why = times.longest_timeout, "after that the client went on"
@@ -95,7 +95,7 @@ def _method(method: CheckMethod) -> str:
 
 
 def _receiver(guess: Guess, has_sides: bool) -> Iterator[str]:
-    """A pause ends a frame where nothing else does: half of the shortest one that was seen between two frames."""
+    """Yield a gap of half a typical short pause between frames, if no other rule ends a frame."""
     framing = guess.framing
     if framing is None or framing.kind not in ("pauses", "fixed"):
         if not has_sides:
@@ -180,7 +180,7 @@ def _wrap(framing: Framing, frames: Sequence[HeardFrame]) -> str:
 
 
 def _escaped(stuffing: Stuffing, frames: Sequence[HeardFrame]) -> list[int]:
-    """The bytes that were seen behind the escape byte, as they are without it."""
+    """Return the bytes observed after the escape byte, unescaped."""
     escape = bytes([stuffing.escape])
     seen = {part[0] ^ stuffing.xor for frame in frames for part in frame.data.split(escape)[1:] if part}
     return sorted(seen)
@@ -224,7 +224,9 @@ def _plain(field: GuessedField) -> str:
 
 
 def _data(field: GuessedField, kind: FrameKind, framing: Framing, sized: GuessedField | None) -> str:
-    """Bytes of varying size; a text ends before what stands behind it, where it never has those bytes itself."""
+    """Return the segment for bytes of varying size; a text ends at the constant bytes after it if they never occur
+    within it.
+    """
     size = "rest" if sized is None else _size_of_data(sized, kind, framing)
     if "text" in (field.wire, field.kind) and field.wire != "bytes":
         end = _end_of_text(field, kind, framing) if sized is None else b""
@@ -235,7 +237,7 @@ def _data(field: GuessedField, kind: FrameKind, framing: Framing, sized: Guessed
 
 
 def _end_of_text(field: GuessedField, kind: FrameKind, framing: Framing) -> bytes:
-    """The constant bytes behind a text that are never in it; none where there are none, or where bytes are stuffed."""
+    """Return the constant bytes after a text that never occur within it; empty if none exist or bytes are stuffed."""
     behind = kind.fields[kind.fields.index(field) + 1 :]
     is_mark = bool(behind) and behind[0].kind == "constant" and (behind[0].name == "end" or behind[0].is_mark)
     if not is_mark or framing.stuffing is not None:
@@ -246,7 +248,7 @@ def _end_of_text(field: GuessedField, kind: FrameKind, framing: Framing) -> byte
 
 
 def _length(field: GuessedField, kind: FrameKind, framing: Framing) -> str:
-    """A length counts the data, and what else goes with it."""
+    """Return the segment of a length field, with the bytes that it counts in addition to the data."""
     length = framing.length
     if field.kind == "length" and length is not None:
         digits = {"hex": "hex", "decimal": "dec"}.get(length.form)
@@ -279,12 +281,12 @@ def _size_of_data(field: GuessedField, kind: FrameKind, framing: Framing) -> str
 
 
 def _around(kind: FrameKind) -> int:
-    """Bytes of a frame beside its data."""
+    """Return the number of bytes of a frame other than its data."""
     return sum(field.size for field in kind.fields)
 
 
 def _check(kind: FrameKind, field: GuessedField, framing: Framing, check: str) -> str:
-    """The check, or, where the language cannot say in a wrap what it counts, a field with a comment."""
+    """Return the check segment, or a field with a comment if the range cannot be expressed within `wrap`."""
     assert kind.check is not None
     place = kind.check.place
     keys = [f"check: {check}"]
@@ -329,7 +331,7 @@ def _last_counted(kind: FrameKind) -> str:
 
 
 def bit_names(name: str, size: int) -> list[str]:
-    """Return the names of the bits of so many bytes, the lowest first."""
+    """Return the names of the bits of `size` bytes, lowest bit first."""
     return [f"{name}_{bit}" for bit in range(8 * size)]
 
 
@@ -338,7 +340,7 @@ def _hex(data: bytes) -> str:
 
 
 def named_apart(kinds: Sequence[FrameKind]) -> list[FrameKind]:
-    """Kinds with names of their own."""
+    """Return the kinds with unique names."""
     seen: dict[str, int] = {}
     found = []
     for kind in kinds:
