@@ -267,7 +267,7 @@ class VirtualClock(_CallHeap):
         self._now = max(self._now, time)
 
     def run_for(self, duration: int) -> None:
-        """Call `run_until` with a time so much later."""
+        """Advance the clock by `duration` (ns), as `run_until` does."""
         self.run_until(self._now + duration)
 
     def advance(self) -> bool:

@@ -1,8 +1,8 @@
-"""TCP and UDP: ports that connect to a host, and listeners that make a port of every connection or sender.
+"""TCP and UDP: ports that connect to a host, and listeners that create a port for each connection or sender.
 
-TCP is a stream. Over UDP a datagram is told as bytes that came without a pause; none is kept, and none is sent twice. A
-sender never says that it has finished: its port is there until it is closed. The operating system drops datagrams of
-strangers on a port that talks to one host; one that listens tells when the sender is another one.
+TCP is a stream. Over UDP a datagram is reported as bytes without a pause; no datagram is stored or repeated. UDP has no
+end of connection: the port of a sender exists until it is closed. On a port that talks to one host the operating system
+drops datagrams of other senders; a listening port reports a change of sender.
 """
 
 from __future__ import annotations
@@ -28,14 +28,15 @@ CONNECT_WITHIN = 10.0
 FAR_END_CLOSED = "the other side has closed the connection"
 
 NEWCOMER = 128
-"""To make a connection ready costs as much as so many bytes."""
+"""Cost of setting up a connection, as the number of bytes that cost as much."""
 
 
 class Connection(asyncio.BufferedProtocol):
-    """One connection, for as long as its port takes it for its own; what comes of it later is dropped.
+    """One connection, valid while its port refers to it; later events of the connection are dropped.
 
-    What is sent in one go is dealt with in many turns, with those of others in between; the rest waits in the network.
-    Where others have used up a turn, the piece that has been read waits for the next, and no more is read.
+    Received data is processed in turns of limited size, alternating with other connections; the rest waits in the
+    network. If other connections have used up a turn, the piece that has been read waits for the next turn, and reading
+    pauses.
     """
 
     def __init__(self, port: StreamPort) -> None:
@@ -53,7 +54,7 @@ class Connection(asyncio.BufferedProtocol):
             connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             connected.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         encrypts = transport.get_extra_info("sslcontext") is not None
-        transport.set_write_buffer_limits(int(encrypts), 0)  # TLS counts as full what is at the limit, not above it
+        transport.set_write_buffer_limits(int(encrypts), 0)  # TLS reports "full" at the limit, not above it
         self.transport = transport
         if self.port.connection is self:
             self.port.connected()
@@ -94,7 +95,7 @@ class Connection(asyncio.BufferedProtocol):
 
 
 class StreamPort(Port):
-    """What connected and accepted ports have in common."""
+    """Common part of connecting and accepted ports."""
 
     is_stream = True
 
@@ -107,35 +108,35 @@ class StreamPort(Port):
         self._sent_due = False
 
     def connected(self) -> None:
-        """The connection is there."""
+        """Report that the connection is established."""
         if self.events is not None:
             self.events.opened(self.clock.now())
 
     def hear(self, data: bytes) -> None:
-        """Bytes have come."""
+        """Report received bytes."""
         if self.events is not None:
             self.events.received(data, self.clock.now())
 
     def pace(self) -> None:
-        """More is read, but not while a piece waits for its turn."""
+        """Resume reading unless a piece waits for its turn."""
         transport = self._transport
         if transport is not None and not self._holds_back:
             transport.resume_reading()
 
     @property
     def _holds_back(self) -> bool:
-        """Whether nothing is to be read now."""
+        """Return whether reading must pause."""
         return self.connection is not None and self.connection.waits
 
     def lost(self, reason: str) -> None:
-        """The connection is over, or could not be made."""
+        """Report that the connection has ended, or could not be established."""
         events = self.events
         self._forget()
         if events is not None:
             events.closed(self.clock.now(), reason)
 
     def why_lost(self, error: Exception) -> str:
-        """What ended the connection, for people."""
+        """Return the reason for the end of a connection, as a text for users."""
         return str(error) or type(error).__name__
 
     def _forget(self) -> None:
@@ -172,14 +173,14 @@ class StreamPort(Port):
             self.clock.call_soon(lambda: self.left() if self.connection is connection else None)
 
     def left(self) -> None:
-        """The operating system may have taken everything."""
+        """Report `sent` if the operating system has taken all data."""
         connection = self.connection
         if self._sent_due and connection is not None and not connection.is_full and self.events is not None:
             self._sent_due = False
             self.events.sent(self.clock.now())
 
     def close(self) -> None:
-        """What has been handed over is still sent."""
+        """Close the port; data already handed over is still sent."""
         transport = self.connection.transport if self.connection is not None else None
         self._forget()
         if transport is not None:
@@ -234,7 +235,7 @@ _WHAT_TO_DO = {
 
 
 def _why(error: Exception) -> str:
-    """What the system says of an error, without the address that it puts before it, and what to look at."""
+    """Return the system's text of an error, without the leading address, and advice on what to check."""
     said = _said(error)
     todo = _WHAT_TO_DO.get(getattr(error, "errno", None) or 0)
     return f"{said} – {todo}" if todo else said
@@ -246,7 +247,7 @@ def _said(error: Exception) -> str:
 
 
 def host_and_port(url: str) -> tuple[str, int]:
-    """`HOST:PORT` behind a scheme, with brackets around an IPv6 address. Raises ValueError."""
+    """Parse the `HOST:PORT` part of a URL, with brackets around an IPv6 address. Raises ValueError."""
     text = url.partition("://")[2]
     host, colon, number = text.rstrip("/").rpartition(":")
     if not colon or not number.isdecimal():
@@ -258,12 +259,15 @@ def host_and_port(url: str) -> tuple[str, int]:
 
 
 def bracketed(host: str) -> str:
-    """Return a host as it stands before a port number."""
+    """Return a host in the form used before a port number: an IPv6 address in brackets."""
     return f"[{host}]" if ":" in host else host
 
 
 def listening_at(text: str, local: str = "127.0.0.1") -> tuple[str, int]:
-    """Address and number in `PORT` or `ADDRESS:PORT`; an address with colons stands in brackets. Raises ValueError."""
+    """Parse `PORT` or `ADDRESS:PORT`, with brackets around an IPv6 address; return address and number.
+
+    Raises ValueError.
+    """
     host, _, port = text.rpartition(":")
     host = host.removeprefix("[").removesuffix("]") or local
     try:
@@ -319,16 +323,17 @@ class TcpAcceptedPort(StreamPort, AcceptedPort):
 
 
 class Closable(Protocol):
-    """What is at work until it is closed."""
+    """An object that works until it is closed."""
 
     def close(self) -> None: ...
 
 
 class NetworkListener(ABC):
-    """Listens at `host`; `accepted` gets a port, not yet opened, for each who comes. `number` 0 asks for a free one.
+    """Base class of listeners: listen at `host` and pass a port, not yet opened, to `accepted` for each connection.
 
-    `admits`: whether a client with that address may come in, for those where coming in costs something; `refused` is
-    told the address of one that was turned away because there were too many.
+    `number` 0 requests any free port number. `admits` returns whether a client with that address may connect, for
+    schemes in which accepting is expensive; `refused` is called with the address of a connection dropped because of too
+    many others.
     """
 
     scheme: str
@@ -370,7 +375,7 @@ class NetworkListener(ABC):
 
     @abstractmethod
     async def _open(self, listening: socket.socket) -> None:
-        """From now on connections are accepted."""
+        """Begin to accept connections."""
 
     def stop(self) -> None:
         opening, self._opening = self._opening, None
@@ -432,11 +437,13 @@ LARGEST = 65_507
 """Bytes that fit into a datagram (IPv4)."""
 
 MOST_WAITING = 256
-"""So many pieces wait for their turn; datagrams that come all the same are lost, as datagrams may be."""
+"""Largest number of pieces that wait for their turn; further datagrams are dropped, as UDP permits."""
 
 
 class Datagrams:
-    """What came in datagrams, told with its sender in turns of the loop; a large one in pieces without a pause."""
+    """Received datagrams, reported with their sender in turns of the loop; a large datagram in pieces without a
+    pause.
+    """
 
     def __init__(self, turns: Turns, tell: Callable[[bytes, Any], None]) -> None:
         self._turns = turns
@@ -445,14 +452,14 @@ class Datagrams:
         self._comes = self._asks = False
 
     def add(self, data: bytes, sender: Any) -> None:
-        """A datagram came."""
+        """Add a received datagram."""
         if len(self._waiting) < MOST_WAITING:
             size = MOST - PIECE
             self._waiting.extend((data[at : at + size], sender) for at in range(0, max(len(data), 1), size))
             self._ask()
 
     def _ask(self) -> None:
-        """For a turn for the first that waits, and as long as there is room for the next."""
+        """Request a turn for the first waiting piece, and further turns while turns are granted at once."""
         if self._asks:
             return
         self._asks = True
@@ -468,12 +475,12 @@ class Datagrams:
             self._ask()
 
     def clear(self) -> None:
-        """Nothing more is told."""
+        """Discard all waiting datagrams."""
         self._waiting.clear()
 
 
 class DatagramPort(Port):
-    """What ports over datagrams have in common: what is sent has left in the next turn of the loop."""
+    """Common part of ports over datagrams: sent data has left in the next turn of the loop."""
 
     settings = None
 
@@ -485,7 +492,7 @@ class DatagramPort(Port):
     @property
     @abstractmethod
     def _is_ready(self) -> bool:
-        """Return whether something can be sent."""
+        """Return whether data can be sent."""
 
     def send_break(self, duration: int) -> None:
         if self._is_ready:
@@ -503,7 +510,9 @@ class DatagramPort(Port):
 
 
 class UdpPort(DatagramPort):
-    """Datagrams to and from `host:number`, or with `listens`, at it: then they go to the sender of the last one."""
+    """Port that exchanges datagrams with `host:number`; with `listens`, bind to that address and reply to the latest
+    sender.
+    """
 
     def __init__(self, host: str, number: int, clock: AsyncioClock, *, listens: bool = False) -> None:
         super().__init__(clock)
@@ -550,7 +559,7 @@ class UdpPort(DatagramPort):
             endpoint.transport.close()
 
     def lost(self, endpoint: _Endpoint, reason: str) -> None:
-        """The socket is gone, or could not be had."""
+        """Report that the socket was lost, or could not be opened."""
         events = self._events
         if self._endpoint is endpoint:
             self._opening = None
@@ -574,7 +583,7 @@ class UdpPort(DatagramPort):
         return self._endpoint is not None and self._endpoint.transport is not None
 
     def hear(self, endpoint: _Endpoint, data: bytes, peer: Any) -> None:
-        """A datagram came."""
+        """Report a received datagram."""
         if self._endpoint is endpoint and self._events is not None:
             if peer != self.peer:
                 is_other, self.peer = self.peer is not None, peer
@@ -595,13 +604,13 @@ class _Endpoint(asyncio.DatagramProtocol):
         self._came = Datagrams(port.clock.turns, lambda data, sender: port.hear(self, data, sender))
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        self.transport = cast(asyncio.DatagramTransport, transport)  # its class is no subclass of that
+        self.transport = cast(asyncio.DatagramTransport, transport)  # no subclass of DatagramTransport
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
         self._came.add(data, addr)
 
     def error_received(self, exc: Exception) -> None:
-        """Nothing listens there (yet): as on a line without an answer, the time-outs say so."""
+        """Ignore the error that no program listens at the host (yet): as on a silent line, time-outs report it."""
 
     def connection_lost(self, exc: Exception | None) -> None:
         if exc is not None:
@@ -641,7 +650,7 @@ class SenderPort(DatagramPort, AcceptedPort):
             self.hear(data)
 
     def hear(self, data: bytes) -> None:
-        """A datagram of this sender came."""
+        """Report a datagram of this sender, or keep it until the port is open."""
         if self._is_open and self._events is not None:
             self._events.received(data, self.clock.now())
         elif len(self._waiting) < MOST_KEPT:
@@ -692,7 +701,7 @@ class UdpListener(asyncio.DatagramProtocol, NetworkListener):
         await self.clock.loop.create_datagram_endpoint(lambda: self, sock=listening)
 
     def stop(self) -> None:
-        """Hears nothing and sends nothing more, also over the ports of senders."""
+        """Stop receiving and sending, also on the ports of senders."""
         self._came.clear()
         self._transport = None
         super().stop()
@@ -704,14 +713,14 @@ class UdpListener(asyncio.DatagramProtocol, NetworkListener):
                 self._transport.sendto(data[start : start + LARGEST], address)
 
     def forget(self, port: SenderPort) -> None:
-        """A port is closed."""
+        """Forget a closed port."""
         if self.senders.get(port.address) is port:
             del self.senders[port.address]
 
     # ---- events of the socket -----------------------------------------------------------------------------
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        self._at_work = self._transport = cast(asyncio.DatagramTransport, transport)  # its class is no subclass of that
+        self._at_work = self._transport = cast(asyncio.DatagramTransport, transport)  # no subclass of DatagramTransport
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
         self._came.add(data, addr)
@@ -725,4 +734,4 @@ class UdpListener(asyncio.DatagramProtocol, NetworkListener):
             port.hear(data)
 
     def error_received(self, exc: Exception) -> None:
-        """A sender does not listen any more: it will not ask again."""
+        """Ignore the error that a sender does not listen any more: it will not send further requests."""

@@ -1,7 +1,7 @@
-"""What a port is: bytes out, events in. One interface for real, simulated and network lines.
+"""Ports: the common interface of real, simulated and network lines. Bytes go out, events come in.
 
-A port never raises what happens on its line; it tells its owner, who gives `PortEvents` when opening it. Then three
-ports around other ports: one that passes on, one shared by several stations, one that shows what goes through it.
+A port never raises errors of its line; it reports them to its owner, who passes `PortEvents` to `open`. The module also
+has three ports around other ports: one passes everything on, one is shared by several stations, one shows the traffic.
 """
 
 from __future__ import annotations
@@ -17,110 +17,124 @@ from framekit.transport.clock import Clock
 
 
 class PortEvents:
-    """What a port tells its owner, with the time of each event (ns): when it happened, not when it is told.
+    """Events that a port reports to its owner, each with the time (ns) at which it happened, not at which it is
+    reported.
 
-    Nothing is told from inside of a call of the port's own methods. A subclass that leaves an event out ignores it.
+    No event is reported during a call of a method of the port. A subclass ignores the events that it does not override.
     """
 
     def opened(self, now: int) -> None:
-        """Bytes can be sent and received."""
+        """Handle the opening of the port: bytes can be sent and received from now on."""
 
     def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...] = ()) -> None:
-        """Bytes came, without a pause between them; `now` is when the last of them was complete."""
+        """Handle received bytes without a pause between them; `now`: when the last of them was complete."""
 
     def other_sender(self, now: int) -> None:
-        """What comes from now on comes from another sender than before: the two never make one frame."""
+        """Handle a change of sender: bytes before and after it never form one frame."""
 
     def line_break(self, now: int) -> None:
-        """The other side holds the line in break state, for longer than a character lasts."""
+        """Handle a break: the other side holds the line in break state for longer than a character."""
 
     def sent(self, now: int) -> None:
-        """The last bit of everything handed over (bytes and breaks) has left; told once, however many pieces it was."""
+        """Handle the end of transmission: the last bit of all data and breaks handed over has left.
+
+        Reported once for several pieces.
+        """
 
     def closed(self, now: int, reason: str) -> None:
-        """The port is gone, or could not be opened; it may be opened again."""
+        """Handle the loss of the port, or the failure to open it; it may be opened again."""
 
     def control(self, lines: Mapping[str, bool], now: int) -> None:
-        """The control lines as they are now, by name (cts, dsr, dcd, ri)."""
+        """Handle a change of control lines; `lines`: their present state by name (cts, dsr, dcd, ri)."""
 
 
 class Port(ABC):
-    """A place to send bytes to and receive them from.
+    """Interface for sending and receiving bytes.
 
-    `settings`, speed and format when it opens, is None where there is no baud rate. While a port is not open, all
-    methods but `open` do nothing.
+    While a port is not open, all methods except `open` have no effect.
     """
 
     name: str
     settings: LineFormat | None
+    """Speed and format at opening; None if the port has no baud rate."""
     opens_again = True
     """Whether it can be opened again after it was closed."""
     is_stream = False
-    """Whether what is written is only a row of bytes, without times or pieces that the other side sees."""
+    """Whether the port carries a plain stream of bytes, without times or pieces that the other side can see."""
     sender = ""
-    """Who sent what was told last, HOST:PORT, where several can be on the other side."""
+    """Sender of the latest reported bytes, as HOST:PORT, if several senders are possible."""
     hears_marks = False
-    """Whether it tells, while it is open, which characters have their ninth bit set."""
+    """Whether the port, while open, reports which characters have their ninth bit set."""
     has_bit_times = True
     """Whether bytes take their time on a line that has a speed, once it is open; they do not on a pseudo-terminal."""
     sees_damage = False
-    """Whether it tells, while it is open, which characters came damaged, and of breaks."""
+    """Whether the port, while open, reports damaged characters and breaks."""
     in_time = False
-    """Whether its time is that of the clock's calls, however late they come: so a busy process delays no device."""
+    """Whether the port uses the time of the clock's calls, however late they run, so that a busy process delays no
+    simulated device.
+    """
 
     @abstractmethod
     def open(self, events: PortEvents) -> None:
-        """Opens the port; `events.opened` or `events.closed` follows. What came before is dropped."""
+        """Open the port; `events.opened` or `events.closed` follows. Bytes received before are dropped."""
 
     @abstractmethod
     def write(self, data: bytes) -> None:
-        """Sends bytes behind everything handed over before; `sent` follows, also when there are none."""
+        """Send bytes after everything handed over before; `sent` follows, also for empty data."""
 
     def write_through(self, data: bytes) -> bool:
-        """As `write`, for ports that can say at once that everything has left: True, and then `sent` is not told."""
+        """Send bytes as `write` does; return True if everything has left already, in which case `sent` does not
+        follow.
+        """
         self.write(data)
         return False
 
     def write_marked(self, data: bytes, marked: int) -> None:
-        """As `write`, the byte at index `marked` with its ninth bit set and the others without, where there is one."""
+        """Send bytes as `write` does, with the ninth bit set for the byte at index `marked` only, if the format has a
+        ninth bit.
+        """
         self.write(data)
 
     @abstractmethod
     def close(self) -> None:
-        """Closes the port; no event follows. Closing twice does nothing."""
+        """Close the port; no event follows. Closing twice has no effect."""
 
     @abstractmethod
     def send_break(self, duration: int) -> None:
-        """Holds the line in break state for `duration` ns, behind everything handed over before; `sent` follows.
+        """Hold the line in break state for `duration` ns, after everything handed over before; `sent` follows.
 
-        Where there is no break state nothing is sent meanwhile; a network connection does not even wait.
+        If the port has no break state, it sends no data meanwhile; a network connection does not even wait.
         """
 
     def change_line(self, line: LineFormat) -> None:  # noqa: B027 - a port without a baud rate has nothing to do
-        """Other speed and format at once, where there are such, until it is opened anew; all it sent has left."""
+        """Change speed and format at once, if the port has them, until it is opened again; all sent data must have
+        left.
+        """
 
     def set_rts(self, on: bool) -> None:  # noqa: B027 - a port without the line has nothing to do
-        """Switches request-to-send at once, where there is one."""
+        """Set request-to-send at once, if the port has it."""
 
     def release(self) -> None:  # noqa: B027 - most hold nothing while they are closed
-        """It will not be opened any more: gives back what it holds even while it is closed."""
+        """Release the resources that the port holds even while closed; it must not be opened again."""
 
     def describes(self) -> str:
-        """What the port is, for people: its name and, where it has a baud rate, speed and format."""
+        """Return a description for users: the name and, if the port has a baud rate, speed and format."""
         return self.name if self.settings is None else f"{self.name} at {self.settings}"
 
 
 class AcceptedPort(Port):
-    """The port of one connection that came to a listener; it can't be opened again. What comes before waits for that.
+    """Port of one connection accepted by a listener; it cannot be opened again.
 
-    `host`: the address of the other side; `identity`: the name in its certificate, where it had to show one.
-    `ends_itself`: whether the other side tells when it has finished.
+    Bytes received earlier wait for its opening.
     """
 
     opens_again = False
     host = ""
+    """Address of the other side."""
     identity = ""
+    """Name in the certificate of the other side, if a certificate was required."""
     ends_itself = True
+    """Whether the other side reports the end of the connection."""
 
 
 Accepted = Callable[[AcceptedPort], None]
@@ -128,26 +142,25 @@ Accepted = Callable[[AcceptedPort], None]
 
 
 class PortListener(Protocol):
-    """Listens somewhere and makes a port of everything that connects. It can listen again after it was stopped.
-
-    `name`: where it listens; `reached`: how others name it. Both are exact once it listens.
-    """
+    """Listener that creates a port for each connection. It can listen again after `stop`."""
 
     name: str
+    """Address at which it listens; exact once it listens."""
     reached: str
+    """Name under which others connect; exact once it listens."""
 
     def listen(self) -> None:
         """Begin to listen; connections are accepted as soon as the loop goes on. Raises OSError."""
 
     async def start(self) -> None:
-        """As `listen`; connections are accepted when it returns. Raises OSError."""
+        """Listen as `listen` does; connections are accepted when it returns. Raises OSError."""
 
     def stop(self) -> None:
         """Accept no more; ports that have been accepted stay open where each has a connection of its own."""
 
 
 class PassingPort(Port, PortEvents):
-    """Passes on what its owner does, and what the port behind it tells."""
+    """Port that forwards all calls of its owner to `inner`, and all events of `inner` to its owner."""
 
     def __init__(self, inner: Port) -> None:
         self.inner = inner
@@ -158,10 +171,10 @@ class PassingPort(Port, PortEvents):
         self.events: PortEvents | None = None
 
     def forget(self) -> None:
-        """The use of the port is over."""
+        """End the use of the port."""
         self.events = None
 
-    # ---- what its owner does ------------------------------------------------------------------------------
+    # ---- calls of the owner -------------------------------------------------------------------------------
 
     def open(self, events: PortEvents) -> None:
         if self.events is not None:
@@ -207,7 +220,7 @@ class PassingPort(Port, PortEvents):
     def release(self) -> None:
         self.inner.release()
 
-    # ---- what the port behind it tells --------------------------------------------------------------------
+    # ---- events of the inner port -------------------------------------------------------------------------
 
     def opened(self, now: int) -> None:
         if self.events is not None:
@@ -241,7 +254,9 @@ class PassingPort(Port, PortEvents):
 
 
 class SharedPort(PortEvents):
-    """Opened by the first user that opens, closed by the first that closes; the others are told."""
+    """Port for several users: opened by the first user that opens, closed by the first that closes, with an event to
+    the others.
+    """
 
     def __init__(self, port: Port, clock: Clock) -> None:
         self.port = port
@@ -255,7 +270,7 @@ class SharedPort(PortEvents):
         """Return a port for one more user, not yet opened."""
         return UserPort(self)
 
-    # ---- what users do ------------------------------------------------------------------------------------
+    # ---- calls of the users -------------------------------------------------------------------------------
 
     def open(self, user: UserPort, events: PortEvents) -> None:
         self.users[user] = events
@@ -270,7 +285,7 @@ class SharedPort(PortEvents):
             events.opened(self.clock.now())
 
     def close(self, user: UserPort) -> None:
-        """The port is closed for all its users; the others are told, and may open it again."""
+        """Close the port for all users; the others get an event, and may open it again."""
         if self.users.pop(user, None) is None:
             return
         self.sending.discard(user)
@@ -304,7 +319,7 @@ class SharedPort(PortEvents):
             events.line_break(now)
 
     def sent(self, now: int) -> None:
-        """Everything has left: each user that has sent something since the last time is told."""
+        """Report `sent` to each user that has sent since the previous event."""
         sending, self.sending = self.sending, set()
         for user, events in list(self.users.items()):
             if user in sending:
@@ -395,7 +410,7 @@ Tap = Callable[[LineEvent], None]
 
 
 class TappedPort(PassingPort):
-    """The port `inner`, with `tap` told of everything before the user of the port."""
+    """Port that shows all traffic of `inner` to `tap`, before the user of the port gets it."""
 
     def __init__(self, inner: Port, clock: Clock, tap: Tap) -> None:
         super().__init__(inner)
@@ -403,7 +418,7 @@ class TappedPort(PassingPort):
         self.tap = tap
         self.is_open = False
 
-    # ---- what its owner does ------------------------------------------------------------------------------
+    # ---- calls of the owner -------------------------------------------------------------------------------
 
     def write(self, data: bytes) -> None:
         self._show(data)
@@ -440,7 +455,7 @@ class TappedPort(PassingPort):
     def describes(self) -> str:
         return self.inner.describes()
 
-    # ---- what the port behind it tells --------------------------------------------------------------------
+    # ---- events of the inner port -------------------------------------------------------------------------
 
     def opened(self, now: int) -> None:
         self.is_open = True

@@ -73,11 +73,10 @@ class PtyPair:
 
 
 class PtyPort(PassingPort):
-    """A port at a new pair of terminals, for a program at the other terminal until `release`.
+    """Port at a new pair of pseudo-terminals; another program uses the other terminal, until `release`.
 
-    `link`: the path of a symbolic link to the other terminal; it replaces an existing link to a terminal, such as from
-    an earlier start. Raises OSError if the link cannot be created, and ValueError if the path exists and is no such
-    link.
+    `link`: path of a symbolic link to the other terminal; it replaces an existing link to a terminal, such as from an
+    earlier start. Raises OSError if the link cannot be created, and ValueError if the path exists and is no such link.
     """
 
     name: str

@@ -1,17 +1,17 @@
 """Real serial ports, through pyserial: `/dev/ttyUSB0`, `COM3`, `socket://…`, `rfc2217://…`, `loop://`.
 
-A port keeps the order of bytes and breaks and knows when the last bit has left. Nothing that happens on the line
-raises: the owner is told that the port is closed, and why.
+A port keeps the order of bytes and breaks and determines when the last bit has left. No event on the line raises an
+error: the port reports to its owner that it is closed, and why.
 
-A device with a file descriptor (POSIX) is watched by the loop: reads and writes never wait. Damaged characters and
-breaks are told where the driver marks them: with PARMRK a character with a parity or framing fault is read as FF 00 and
-the character, a break as FF 00 00, and a good FF as FF FF (termios(3), "Input modes"). A pseudo-terminal has no
-marks, no bit times, no parity and no break.
+The loop watches a device with a file descriptor (POSIX): reads and writes never wait. Damaged characters and breaks are
+reported if the driver marks them: with PARMRK a character with a parity or framing fault is read as FF 00 and the
+character, a break as FF 00 00, and a good FF as FF FF (termios(3), "Input modes"). A pseudo-terminal has no marks, no
+bit times, no parity and no break.
 
-Characters of nine bits are sent as eight with a parity bit: mark parity for the marked byte, space parity for all
-others, switched when all before has left. While the port listens it has space parity, so a marked byte comes as one
-with a parity fault. Where there is no descriptor (a pyserial URL, a device of Windows),
-opening, writing and closing may take seconds: two threads do all of it.
+Characters of nine bits are sent as eight bits with a parity bit: mark parity for the marked byte, space parity for all
+others, switched when all earlier bytes have left. While receiving, the port uses space parity, so that a marked byte
+arrives with a parity fault. Without a file descriptor (a pyserial URL, a device of Windows), opening, writing and
+closing may take seconds: two threads do all of it.
 """
 
 from __future__ import annotations
@@ -44,14 +44,14 @@ READ_SIZE = 1024
 POLL = 0.05
 """How long a thread waits at a time for a device without a file descriptor (s)."""
 MARK_PARITY, SPACE = "M", "S"
-"""What pyserial calls the parities whose bit is always 1 and always 0."""
+"""Names in pyserial of the parities whose bit is always 1 and always 0."""
 STICKY_PARITY = 0x40000000
 """CMSPAR of Linux (termios(3)): the parity bit is always the same, 1 with PARODD and 0 without."""
 NO_STICKY_PARITY = "its driver has no mark and space parity, so no ninth bit – use an adapter that has it"
 SERIAL_ERRORS: tuple[type[Exception], ...] = (OSError, ValueError, TypeError, AttributeError, KeyError)
-"""What pyserial raises when a device is not there, goes away, is closed while a thread reads it, or a URL is wrong."""
+"""Errors of pyserial if a device is missing, is lost, is closed while a thread reads it, or a URL is wrong."""
 SWITCH_ERRORS: tuple[type[Exception], ...] = (*SERIAL_ERRORS, NotImplementedError)
-"""What pyserial raises where a driver cannot switch the direction."""
+"""Errors of pyserial if a driver cannot switch the direction."""
 
 CHANGE_ERRORS: tuple[type[Exception], ...] = (
     *SWITCH_ERRORS,
@@ -59,10 +59,10 @@ CHANGE_ERRORS: tuple[type[Exception], ...] = (
     struct.error,
     *(() if sys.platform == "win32" else (termios.error,)),
 )
-"""What pyserial raises when a device cannot have a speed or format."""
+"""Errors of pyserial if a device does not support a speed or format."""
 
 MOST_TOLD = 8
-"""So many devices are named where one is not there."""
+"""Largest number of existing devices named in the message about a missing device."""
 
 _REASONS = {
     errno.ENOENT: "there is no such device",
@@ -78,14 +78,14 @@ _REASONS = {
 
 
 class SerialConnection(ABC):
-    """A device from opening to closing. `has_bit_times`: bytes take their time on a line (they do not on a pty).
-
-    `hears_marks`: it tells which characters have their ninth bit set. `sees_damage`: it tells which are damaged.
-    """
+    """A device from opening to closing."""
 
     has_bit_times = True
+    """Whether bytes take their time on a line; False on a pseudo-terminal."""
     hears_marks = False
+    """Whether the device reports which characters have their ninth bit set."""
     sees_damage = False
+    """Whether the device reports damaged characters."""
 
     @abstractmethod
     def write(self, data: bytes) -> None:
@@ -98,28 +98,30 @@ class SerialConnection(ABC):
 
     @property
     def has_carrier(self) -> bool | None:
-        """Whether a modem says that there is a carrier (DCD); None where that is not known."""
+        """Return whether the modem reports a carrier (DCD); None if unknown."""
         return None
 
     @abstractmethod
     def set_line(self, name: str, on: bool) -> None:
-        """Set a pyserial attribute (`rts`, `break_condition`), where the device has it."""
+        """Set a pyserial attribute (`rts`, `break_condition`), if the device has it."""
 
     @abstractmethod
     def change_line(self, line: LineFormat) -> None:
-        """Gives the device another speed and format; where it cannot have them it is lost."""
+        """Change speed and format of the device; report it as lost if it does not support them."""
 
     @abstractmethod
     def set_ninth_bit(self, on: bool) -> None:
-        """The ninth bit of the characters written from now on, where the device has one; all before has left."""
+        """Set the ninth bit of the characters written from now on, if the device has it; all earlier characters must
+        have left.
+        """
 
     @abstractmethod
     def drop_output(self) -> None:
-        """Drops what has not left, where closing the device would wait for it."""
+        """Drop the data not yet sent, if closing the device would wait for it."""
 
     @abstractmethod
     def stop(self) -> None:
-        """Closes the device, soon; nothing is told any more."""
+        """Close the device soon; no event follows."""
 
 
 def open_device(url: str, settings: LineFormat | None, wiring: LineSettings = PLAIN) -> Any:
@@ -150,7 +152,7 @@ def open_device(url: str, settings: LineFormat | None, wiring: LineSettings = PL
 
 
 def _let_driver_switch(device: Any, direction: Direction) -> None:
-    """Hands the direction of the line over to the driver (TIOCSRS485). Raises OSError where it cannot do that."""
+    """Let the driver switch the direction of the line (TIOCSRS485). Raises OSError if it cannot."""
     from serial.rs485 import RS485Settings
 
     try:
@@ -166,7 +168,7 @@ def _let_driver_switch(device: Any, direction: Direction) -> None:
 
 
 def change_device(device: Any, line: LineFormat) -> None:
-    """Gives an open device another speed and format. Raises OSError where it cannot have them."""
+    """Change speed and format of an open device. Raises OSError if it does not support them."""
     try:
         device.baudrate, device.bytesize = line.speed, min(line.data_bits, 8)
         device.parity, device.stopbits = SPACE if line.has_marks else line.parity, line.stop_bits
@@ -185,9 +187,9 @@ def has_descriptor(url: str) -> bool:
 
 
 def reason_of(error: Exception) -> str:
-    """Why a device could not be opened or was lost, for people."""
+    """Return the reason why a device could not be opened or was lost, as a text for users."""
     number = getattr(error, "errno", None)
-    if number is None and error.__context__ is not None:  # pyserial hides what the system said of settings in words
+    if number is None and error.__context__ is not None:  # pyserial wraps the system's error about settings in a text
         number = next(iter(error.__context__.args), None)
     if number in _REASONS:
         return _REASONS[number]
@@ -200,7 +202,7 @@ def reason_of(error: Exception) -> str:
 
 
 def _what_there_is(name: str) -> str:
-    """What may be meant by a name that is no device: a host, or one of the devices of this machine."""
+    """Return advice for a name that is no device: a network port for that host, or the devices of this machine."""
     if re.fullmatch(r"localhost|[\w-]+(\.[\w-]+)+", name):
         return f"write tcp://{name}:PORT for a connection to that host"
     from serial.tools.list_ports import comports
@@ -211,7 +213,7 @@ def _what_there_is(name: str) -> str:
 
 
 def set_attribute(device: Any, name: str, on: bool) -> None:
-    """Set a line of a device; one that it does not have is passed over."""
+    """Set a control line of a device; ignore a control line that it does not have."""
     with contextlib.suppress(*SERIAL_ERRORS, NotImplementedError):
         setattr(device, name, on)
 
@@ -291,14 +293,14 @@ class ThreadConnection(SerialConnection):
         self._tell(lambda: self.events.lost(reason))
 
     def _tell(self, call: Callable[[], None]) -> None:
-        """A call of the loop, unless its events are not wanted any more or the loop is closed."""
+        """Run a call in the loop, unless the connection or the loop is closed."""
         with contextlib.suppress(RuntimeError):
             self.clock.loop.call_soon_threadsafe(lambda: None if self._closed else call())
 
     # ---- in the loop --------------------------------------------------------------------------------------
 
     def _received(self, data: bytes, now: int) -> None:
-        """What has been read has its turn; the next is read after that."""
+        """Queue received data for its turn; reading continues after the turn."""
         self.clock.turns.take(len(data), lambda: self._take(data, now))
 
     def _take(self, data: bytes, now: int) -> None:
@@ -338,12 +340,12 @@ class ThreadConnection(SerialConnection):
 
     @staticmethod
     def _switch(parity: str, device: Any) -> None:
-        """In the thread that writes, which may wait until all before has left."""
+        """Switch the parity in the writing thread, which may wait until all earlier data has left."""
         device.flush()
         device.parity = parity
 
     def drop_output(self) -> None:
-        """Nothing: a thread of its own closes the device, which is not waited for."""
+        """Keep the output: a separate thread closes the device, and no caller waits for it."""
 
 
 SHORTEST_LOOK = 500_000
@@ -353,7 +355,9 @@ CARRIER_EVERY = 250_000_000
 """How often the carrier of a modem is looked at (ns)."""
 
 LONGEST_HOLD = 30_000_000_000
-"""How long the other side may hold back what is to be sent (CTS off, XOFF) before the port counts as lost (ns)."""
+"""Longest time (ns) for which the other side may hold back data to be sent (CTS off, XOFF) before the port counts as
+lost.
+"""
 
 
 class SerialPort(Port):
@@ -390,7 +394,7 @@ class SerialPort(Port):
         return self._last_threads
 
     def forget(self) -> None:
-        """The use of the port is over."""
+        """End the use of the port."""
         self._use = None
 
     def close(self) -> None:
@@ -435,7 +439,7 @@ class SerialPort(Port):
 
 @dataclass(frozen=True, slots=True)
 class NinthBit:
-    """In what is to be sent: the ninth bit of the characters behind it."""
+    """Marker in the send queue: ninth bit of the characters after it."""
 
     on: bool
 
@@ -468,7 +472,7 @@ class _SerialUse:
                 self._look_at_carrier(None)
 
     def _look_at_carrier(self, before: bool | None) -> None:
-        """Tells when the carrier comes or goes; one that was never there (no wire in the cable) is not lost."""
+        """Report a change of the carrier. A carrier that was never present (not wired in the cable) is not lost."""
         if self._over or self.connection is None:
             return
         carrier = self.connection.has_carrier
@@ -493,7 +497,7 @@ class _SerialUse:
             self.events.closed(self.clock.now(), f"{self.port.name}: {reason}")
 
     def end(self) -> None:
-        """Closes the device; nothing is told any more."""
+        """Close the device; no event follows."""
         self._over = True
         self.is_open = False
         self.port.forget()
@@ -503,13 +507,13 @@ class _SerialUse:
     # ---- bytes and breaks out -----------------------------------------------------------------------------
 
     def put(self, what: bytes | int) -> None:
-        """Bytes, or a break of so many ns, go out behind everything before."""
+        """Queue bytes, or a break of so many ns, after everything queued before."""
         if self.is_open:
             self._queue.append(what)
             self._go_on()
 
     def put_marked(self, data: bytes, marked: int) -> None:
-        """As `put`, one byte with its ninth bit set where the device has such bits."""
+        """Queue bytes as `put` does, with the ninth bit set for one byte if the device has a ninth bit."""
         if self.is_open and self._has_marks and self.connection is not None and self.connection.has_bit_times:
             rest = (data[marked : marked + 1], NinthBit(False), data[marked + 1 :])
             self._queue += [piece for piece in (data[:marked], NinthBit(True), *rest) if piece]
@@ -528,7 +532,9 @@ class _SerialUse:
             self.connection.change_line(line)
 
     def _go_on(self) -> None:
-        """Hands over what may go out now; a break or another ninth bit waits until everything before it has left."""
+        """Write the queued data that may go out now; a break or a change of the ninth bit waits until all earlier data
+        has left.
+        """
         connection = self.connection
         if connection is None or self._in_break:
             return
@@ -542,7 +548,10 @@ class _SerialUse:
             self.clock.call_at(self._free, self._look)
 
     def _look(self) -> None:
-        """The last bit has left once the time for it is over and the driver's queue is empty."""
+        """Check whether the last bit has left: its time is over and the driver's queue is empty.
+
+        Then take the next step.
+        """
         self._looking = False
         connection = self.connection
         if self._over or connection is None:
@@ -629,7 +638,7 @@ class DamageCounts:
     breaks: int = 0
 
     def since(self, earlier: DamageCounts) -> DamageCounts:
-        """What has been added."""
+        """Return the difference to earlier counts."""
         return DamageCounts(self.framing - earlier.framing, self.parity - earlier.parity, self.breaks - earlier.breaks)
 
 
@@ -645,7 +654,7 @@ def damage_counts(descriptor: int) -> DamageCounts | None:
 
 
 def mark_damage(descriptor: int) -> bool:
-    """Switches the marks on, where the terminal can; whether it marks now. Raises nothing."""
+    """Enable marks for damaged characters and return whether the terminal now marks them. Raises no error."""
     try:
         attributes = termios.tcgetattr(descriptor)
         attributes[0] &= ~(termios.IGNPAR | termios.IGNBRK | termios.BRKINT | termios.ISTRIP)
@@ -657,7 +666,10 @@ def mark_damage(descriptor: int) -> bool:
 
 
 def has_sticky_parity(descriptor: int) -> bool:
-    """Whether the driver has kept mark or space parity; many that have none take it back. Raises nothing."""
+    """Return whether the driver kept mark or space parity; many drivers without it reset the setting.
+
+    Raises no error.
+    """
     try:
         return bool(termios.tcgetattr(descriptor)[2] & STICKY_PARITY)
     except (OSError, termios.error):
@@ -665,7 +677,7 @@ def has_sticky_parity(descriptor: int) -> bool:
 
 
 def set_sticky_parity(descriptor: int, on: bool) -> None:
-    """Mark parity, or space parity, for all that is written from now on; what is still to leave is waited for.
+    """Set mark parity or space parity for all data written from now on, after waiting until earlier data has left.
 
     Raises OSError.
     """
@@ -679,7 +691,7 @@ def set_sticky_parity(descriptor: int, on: bool) -> None:
 
 
 def read_at_least_one(descriptor: int) -> None:
-    """Makes "nothing there" and "the other end is gone" different answers to a non-blocking read. Raises nothing."""
+    """Let a non-blocking read distinguish "no data" from "the other end is gone". Raises no error."""
     try:
         attributes = termios.tcgetattr(descriptor)
         attributes[6][termios.VMIN], attributes[6][termios.VTIME] = 1, 0
@@ -723,7 +735,7 @@ class DescriptorConnection(SerialConnection):
         clock.call_soon(events.opened)
 
     def _line_is_set(self, line: LineFormat | None) -> None:
-        """Speed and format have been set, and with them all else: what is not pyserial's is set again."""
+        """Set the options that pyserial does not have again after a change of speed and format, which resets them."""
         has_marks = line is not None and line.has_marks
         self._fault = LineFault.FRAMING if line is None or line.parity == "N" else LineFault.PARITY
         self._parity_fault = LineFault.MARK if has_marks else LineFault.PARITY
@@ -796,11 +808,11 @@ class DescriptorConnection(SerialConnection):
             self._tell(*self._marks.take_out(data), now)
 
     def _tell(self, data: bytes, marked: list[int], now: int) -> None:
-        """Tells of characters and breaks in their order."""
+        """Report characters and breaks in order."""
         added = self._added() if marked else None
         breaks = [index for index in marked if data[index] == 0]
         if added is not None:
-            # A break is read as a marked 00, and so is a damaged 00; the driver's counts tell how many were breaks.
+            # A break is read as a marked 00, and so is a damaged 00; the driver's counts give the number of breaks.
             breaks = breaks[: max(0, added.breaks)]
         elif self.hears_marks:  # a marked 00 is common, a break is not
             breaks = []
@@ -819,7 +831,7 @@ class DescriptorConnection(SerialConnection):
             start = end + 1
 
     def _added(self) -> DamageCounts | None:
-        """The damage counted since the last time; None where it is not counted."""
+        """Return the damage counted since the previous call; None if the driver does not count it."""
         before, self._counts = self._counts, damage_counts(self._descriptor)
         return None if before is None or self._counts is None else self._counts.since(before)
 
@@ -835,7 +847,7 @@ class DescriptorConnection(SerialConnection):
         self._write_more()
 
     def _write_more(self) -> None:
-        """Hands over what the driver takes now; the rest follows when it can."""
+        """Write the data that the driver accepts now; the rest follows when the device is ready."""
         loop = self.clock.loop
         try:
             del self._unsent[: os.write(self._descriptor, self._unsent)]
@@ -869,7 +881,7 @@ class DescriptorConnection(SerialConnection):
 
 
 def _open(name: str, settings: LineFormat | None, wiring: LineSettings) -> Any:
-    """Return a pseudo-terminal need not know the speed and format of a real line; any will do then."""
+    """Open a device; a pseudo-terminal that rejects the speed and format is opened without them. Raises OSError."""
     try:
         try:
             return open_device(name, settings, wiring)
@@ -890,5 +902,5 @@ def is_pseudo(descriptor: int) -> bool:
 
 
 def is_pseudo_name(name: str) -> bool:
-    """Whether a path, or what it links to, is a pseudo-terminal."""
+    """Return whether a path, or the target of its link, is a pseudo-terminal."""
     return os.path.realpath(name).startswith(("/dev/pts/", "/dev/ttyp", "/dev/ttys0"))

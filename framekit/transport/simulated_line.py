@@ -1,16 +1,15 @@
 """A simulated line: any number of ports on one pair of wires, exact to the bit time, on any clock.
 
-Each character takes its bit times behind the one before it, at the speed and in the format of the port that sends it.
-A port with others hears it as its own bits fall on that character (`misheard`). On a stream (`settings` None) bytes
-only take `latency`,
-and ports are connected as by TCP.
+Each character takes its bit times after the previous character, at the speed and in the format of the sending port. A
+port with other settings samples the signal with its own bit times (`misheard`). On a stream (`settings` None) bytes
+only take `latency`, and ports are connected as by TCP.
 
-Bytes are not told one by one. What is complete of a transmission is told, at the time of its last character, before
-anything else on the clock happens and wherever a virtual clock stops; when nothing happens meanwhile, that is once, at
-the end of the transmission. So no timer can run out that a character should have stopped, and `received` always stands
-for characters without a pause between them. The one difference to an event a character: what follows from the bytes
-themselves (an answer to a frame with noise behind it in the same transmission) follows when they are told. Of two who
-talk at once on a full-duplex line a third one hears pieces, not single characters.
+Bytes are not reported singly. The complete characters of a transmission are reported, with the time of the last of
+them, before any other event of the clock and wherever a virtual clock stops; without other events that is once, at the
+end of the transmission. So no timer can expire that a character should have stopped, and each `received` covers
+characters without a pause between them. There is one difference to an event for each character: a reaction to the bytes
+(such as the answer to a frame with noise after it in the same transmission) follows when they are reported. If two
+stations send at once on a full-duplex line, a third station receives pieces, not single characters.
 """
 
 from __future__ import annotations
@@ -27,12 +26,13 @@ from framekit.transport.port import Port, PortEvents
 
 
 class Transmission:
-    """The bytes of one `write`, as the others hear them.
+    """The bytes of one `write`, as received by the other ports.
 
-    `sender` is the name of the port that sends, `number` counts the transmissions of the line from 0, `start` is when
-    the first start bit begins (ns), `step` what a character takes (0 on a stream). `told` characters have been told
-    to the others, or never will be. An empty transmission is not heard at all. `echo`: its sender hears it as well;
-    `connection` is the one it belongs to, on a stream; `marks` are the characters whose ninth bit is set.
+    `sender`: name of the sending port; `number`: index of the transmission on the line, from 0; `start`: begin of the
+    first start bit (ns); `step`: duration of a character (ns; 0 on a stream). The first `told` characters have been
+    reported to the others, or never will be. An empty transmission is not received at all. `echo`: whether the sender
+    receives it as well; `connection`: its connection, on a stream; `marks`: the indices of characters whose ninth bit
+    is set.
     """
 
     __slots__ = (
@@ -61,15 +61,15 @@ class Transmission:
 
     @property
     def end(self) -> int:
-        """When the last stop bit ends."""
+        """Return the end of the last stop bit (ns)."""
         return self.complete_at(len(self.data))
 
     def begins_at(self, index: int) -> int:
-        """When the start bit of a character begins."""
+        """Return the begin of the start bit of a character (ns)."""
         return self.complete_at(index + 1) - self.step
 
     def complete_at(self, count: int) -> int:
-        """When the first `count` characters are complete."""
+        """Return when the first `count` characters are complete (ns)."""
         time = self.start + count * self.step
         if self._pauses:
             time += sum(pause for index, pause in self._pauses.items() if index < count)
@@ -87,7 +87,7 @@ class Transmission:
         return first + self._characters(elapsed, len(self.data) - first)
 
     def _characters(self, elapsed: int, most: int) -> int:
-        """Return how many characters of a run without a pause are complete so long after its begin."""
+        """Return the number of characters of a run without a pause that are complete `elapsed` ns after its begin."""
         if elapsed < 0:
             return 0
         count = elapsed // self.step if self.step else most
@@ -98,7 +98,7 @@ class Transmission:
         return [*sorted(index for index in self._pauses if index), len(self.data)]
 
     def overlapped_by(self, other: Transmission) -> list[int]:
-        """Which characters are on the wire at the same time as characters of `other`."""
+        """Return the indices of characters that overlap characters of `other` on the wire."""
         return [
             index
             for index in range(self.told, len(self.data))
@@ -106,7 +106,7 @@ class Transmission:
         ]
 
     def within(self, start: int, end: int) -> list[int]:
-        """Which characters, of those not told, are on the wire between these times."""
+        """Return the indices of characters, among those not reported yet, that are on the wire between these times."""
         places = range(max(self.told, self.complete_by(start)), len(self.data))
         return [index for index in places if self.begins_at(index) < end]
 
@@ -116,10 +116,10 @@ class Transmission:
         return next_one < len(self.data) and self.begins_at(next_one) < end
 
     def heard_as(self, first: int, count: int, line: LineFormat | None) -> tuple[bytes, tuple[CharacterFault, ...]]:
-        """Characters from `first` on, `count` of the whole, as a port with these settings hears them.
+        """Return characters `first` to `count` as a port with these settings receives them, with their faults.
 
-        A port of another speed or format gets one character for each: it looks at the middle of each of its own bits,
-        and behind the stop bit the line rests. No two speeds that far apart ever agree: there is no good stop bit then.
+        A port of another speed or format gets one character for each: it samples at the middle of each of its own bits,
+        and the line is idle after the stop bit. Speeds that differ by more than `TOLERANCE` allows give a bad stop bit.
         """
         data = bytes(self.data[first:count])
         flagged = self.faults and {index - first: self.faults[index] for index in self.faults if first <= index < count}
@@ -138,19 +138,21 @@ class Transmission:
         told = [CharacterFault(index, flagged[index]) for index in sorted(flagged)]
         return data, (*told, *(CharacterFault(index, LineFault.MARK) for index in marks))
 
-    # ---- what is done to it -------------------------------------------------------------------------------
+    # ---- changes by faults --------------------------------------------------------------------------------
 
     @property
     def wire_bits(self) -> int:
-        """Bits of a character that can be flipped: data from bit 0, parity if there is one, the stop bit."""
+        """Return the number of bits of a character that can be flipped: data from bit 0, parity if any, the stop
+        bit.
+        """
         if self.settings is None:
             return 8
         return self.settings.data_bits + (self.settings.parity != "N") + 1
 
     def flip(self, index: int, mask: int) -> None:
-        """Flips bits of a character as they go over the wire (`wire_bits`), and flags it as a receiver would.
+        """Flip bits of a character on the wire (`wire_bits`), and flag it as a receiver would.
 
-        Even and odd parity notice an odd number of flipped bits, mark and space parity only their own bit; a flipped
+        Even and odd parity detect an odd number of flipped bits, mark and space parity only their own bit; a flipped
         stop bit is a framing fault. Flipping again undoes it.
         """
         flips = self.flips[index] = self.flips.get(index, 0) ^ mask
@@ -176,7 +178,7 @@ class Transmission:
         return LineFault.PARITY if parity != "N" and flips >> data_bits & 1 else None
 
     def truncate(self, count: int) -> None:
-        """Only the first `count` characters are heard."""
+        """Drop all characters after the first `count`."""
         del self.data[count:]
         self.marks = {index for index in self.marks if index < count}
         for places in (self.faults, self.flips, self._pauses):
@@ -192,21 +194,23 @@ class Transmission:
 
 
 TOLERANCE = 20
-"""Speeds that differ by more than one part of so many never agree: half a bit is lost within a character."""
+"""Reciprocal of the largest relative difference of speeds that still agree: beyond it half a bit is lost within a
+character.
+"""
 
 
 @lru_cache(4096)
 def misheard(value: int, sent: LineFormat, line: LineFormat) -> tuple[int, LineFault | None]:
-    """A character as a receiver of another speed or format reads it, and what it finds wrong with it.
+    """Return a character as a receiver of another speed or format reads it, with the fault it detects.
 
-    `value` and what is read have a ninth bit where the format has one.
+    `value` and the result have a ninth bit if the format has one.
     """
     bits = [0, *(value >> place & 1 for place in range(sent.data_bits))]
     if sent.parity != "N":
         bits.append(_parity_of(value, sent.parity))
 
     def at(place: int) -> int:
-        """The bit of this place, looked at in its middle; behind the last one the line rests."""
+        """Return the bit at this place, sampled in its middle; the line is idle after the last bit."""
         index = (2 * place + 1) * sent.speed // (2 * line.speed)
         return bits[index] if index < len(bits) else 1
 
@@ -231,7 +235,7 @@ Fault = Callable[[Transmission], None]
 
 
 def in_order(*faults: Fault) -> Fault:
-    """One fault after the other."""
+    """Return a fault that applies the given faults in order."""
 
     def all_of_them(transmission: Transmission) -> None:
         for fault in faults:
@@ -241,7 +245,9 @@ def in_order(*faults: Fault) -> Fault:
 
 
 def hits(random: Random, rate: float, count: int) -> Iterator[int]:
-    """Which of `count` are hit when each is with the probability `rate`; the cost grows with the hits only."""
+    """Yield the indices, out of `count`, that are hit with probability `rate` each; the cost grows with the hits
+    only.
+    """
     if rate >= 1:
         yield from range(count)
         return
@@ -259,10 +265,9 @@ FAR_END_CLOSED = "the other side has closed the connection"
 class SimulatedPort(Port):
     """A port made by `SimulatedLine.port`.
 
-    `format`: its speed and format now.
-    While not `present` (an adapter that is unplugged) it cannot be opened. `rts` is how its owner has set the line.
-    `wanted`: it is open or waits for a connection, `joined`: it takes part in `connection`. `fault` is done to what
-    this port sends, before that of the line.
+    `format`: present speed and format. While `present` is False (an unplugged adapter) the port cannot be opened.
+    `rts`: level set by its owner. `wanted`: the port is open or waits for a connection; `joined`: it takes part in
+    `connection`. `fault`: applied to transmissions of this port, before the fault of the line.
     """
 
     def __init__(self, line: SimulatedLine, name: str, in_time: bool) -> None:
@@ -298,7 +303,7 @@ class SimulatedPort(Port):
         return self._events is not None
 
     def _later(self, when: int, action: Callable[[], None]) -> None:
-        """Does something then, unless the port has been closed meanwhile."""
+        """Run an action at time `when` (ns), unless the port has been closed meanwhile."""
         opening = self._opening
 
         def call() -> None:
@@ -319,7 +324,7 @@ class SimulatedPort(Port):
             self._later(self._clock.now(), lambda: self.pull(f"{self.name} is not there"))
 
     def connect(self, connection: int) -> None:
-        """The line is there, or the connection: the port is open from now on."""
+        """Connect the port to the line, or to a connection on a stream: it opens now."""
         self.joined = True
         self.connection = connection
         self._later(self._clock.now(), self._opened)
@@ -335,7 +340,7 @@ class SimulatedPort(Port):
             self._forget()
 
     def _forget(self) -> None:
-        """What has not begun to leave never will."""
+        """End the use of the port: data that has not begun to leave is dropped."""
         self._events = None
         self.is_open = False
         self._opening += 1
@@ -346,14 +351,14 @@ class SimulatedPort(Port):
         self.joined = False
 
     def pull(self, reason: str = "pulled out") -> None:
-        """The port goes away, as an adapter does that is unplugged; its owner is told at once."""
+        """Remove the port, as if its adapter were unplugged; its owner gets `closed` at once."""
         events = self._events
         if events is not None:
             self._forget()
             events.closed(self._clock.now(), reason)
 
     def lose_at(self, when: int) -> None:
-        """The other side of a connection has gone; that is known here then."""
+        """Close the port at time `when` (ns), because the other side of a connection has closed."""
         self._later(when, lambda: self.pull(FAR_END_CLOSED))
 
     # ---- out ----------------------------------------------------------------------------------------------
@@ -382,7 +387,7 @@ class SimulatedPort(Port):
             self._later(self._free, self._left)
 
     def _left(self) -> None:
-        """The last bit has left, unless something else has been handed over meanwhile."""
+        """Report `sent` if the last bit has left and no further data was handed over."""
         self._sent_due = False
         if self._free > self._now():
             self._tell_when_sent()
@@ -399,7 +404,7 @@ class SimulatedPort(Port):
     # ---- in -----------------------------------------------------------------------------------------------
 
     def hear(self, transmission: Transmission, first: int, count: int) -> None:
-        """Characters without a pause between them: those from `first` on of the first `count`."""
+        """Receive the characters from `first` on, of the first `count`, without a pause between them."""
         if self._events is None or not self.is_open:
             return
         data, faults = transmission.heard_as(first, count, self.format)
@@ -413,27 +418,27 @@ class SimulatedPort(Port):
             self._events.received(data, now, faults)
 
     def hear_break(self, now: int) -> None:
-        """The line has been in break state for more than a character."""
+        """Report a break that has lasted longer than a character."""
         if self._events is not None and self.is_open:
             self._events.line_break(now)
 
     def signal(self, lines: Mapping[str, bool]) -> None:
-        """What is connected to the port switches control lines (cts, dsr, dcd, ri)."""
+        """Set control lines (cts, dsr, dcd, ri) as the connected equipment does."""
         if self._events is not None and self.is_open:
             self._events.control(lines, self._clock.now())
 
 
 _LACKING = {bits: bytes(range(256))[: 1 << bits] * (256 >> bits) for bits in (5, 6, 7)}
-"""What becomes of bytes where a character has fewer bits."""
+"""Translation of bytes to characters of fewer than 8 bits."""
 
 
 class SimulatedLine:
-    """A line that its ports share: every other port hears what one sends.
+    """A line shared by its ports: each port receives the transmissions of the others.
 
-    Without `full_duplex` two who talk at once damage each other: characters of the one that began first that overlap
-    the other are garbled (`seed`), sometimes with a framing fault; the other one's are lost until the first has
-    ended. `fault` may change every transmission; `echo` lets ports hear themselves, as many RS-485 adapters do;
-    `latency` (ns) is added to everything that is heard.
+    Without `full_duplex` simultaneous transmissions damage each other: characters of the first that overlap the second
+    are garbled (`seed`), sometimes with a framing fault; the second is lost until the first has ended. `fault` may
+    change every transmission; `echo` lets ports receive their own transmissions, as many RS-485 adapters do; `latency`
+    (ns) delays everything received.
     """
 
     def __init__(
@@ -471,9 +476,9 @@ class SimulatedLine:
     # ---- sending ------------------------------------------------------------------------------------------
 
     def transmit(self, sender: SimulatedPort, data: bytes, start: int, marked: int | None = None) -> int:
-        """Puts characters on the line from `start` on; when the last of them will have left the sender (ns).
+        """Transmit characters from `start` on; return when the last of them will have left the sender (ns).
 
-        `marked`: which one has its ninth bit set, where characters have nine bits.
+        `marked`: index of the character whose ninth bit is set, if characters have nine bits.
         """
         line = sender.format
         step = self.character_time if line is self.settings or line is None else line.character_time
@@ -526,7 +531,10 @@ class SimulatedLine:
     # ---- hearing ------------------------------------------------------------------------------------------
 
     def behind(self, until: int) -> int | None:
-        """See `Lagging`: when the first transmission with complete characters that is not known yet can be told."""
+        """Return the time of the first transmission with unreported complete characters up to `until`, or None.
+
+        See `Lagging`.
+        """
         first: int | None = None
         for _, transmission in self._under_way:
             count = transmission.complete_by(until)
@@ -536,7 +544,10 @@ class SimulatedLine:
         return first
 
     def catch_up(self, until: int) -> None:
-        """See `Lagging`. Those who are further on tell of it when it is their turn."""
+        """Report the transmissions whose complete characters end at `until`; later transmissions follow in order.
+
+        See `Lagging`.
+        """
         for sender, transmission in list(self._under_way):
             count = transmission.complete_by(until)
             if count > transmission.told and transmission.complete_at(count) == until:
@@ -554,7 +565,7 @@ class SimulatedLine:
             self.clock.end_lag(self)
 
     def _tell(self, sender: SimulatedPort, transmission: Transmission, count: int) -> None:
-        """Tells the others of the first `count` characters, as far as they do not know of them."""
+        """Report the first `count` characters to the other ports, without those already reported."""
         first = transmission.told
         if count <= first:
             return
@@ -566,7 +577,7 @@ class SimulatedLine:
     # ---- breaks, connections ------------------------------------------------------------------------------
 
     def break_from(self, sender: SimulatedPort, start: int, duration: int) -> None:
-        """The line is held in break state from `start`, now; the others notice when that has lasted a character."""
+        """Hold the line in break state from `start`; the others detect it after the duration of a character."""
         if self.settings is None:
             return
         begin = start + self.latency
@@ -580,14 +591,14 @@ class SimulatedLine:
             self.clock.call_at(begin + noticed, partial(self._tell_break, sender, begin, noticed))
 
     def _tell_break(self, sender: SimulatedPort, begin: int, character: int) -> None:
-        """Ports whose characters take so long notice it now."""
+        """Report a break to the ports whose characters have this duration."""
         for port in self.ports:
             is_theirs = port.format is not None and port.format.character_time == character
             if is_theirs and (port is not sender or self.echo):
                 port.hear_break(begin + character)
 
     def cut_off(self, sender: SimulatedPort) -> None:
-        """A port stops sending in the middle: of what is under way, only complete characters are heard.
+        """Cut off the transmissions of a port: only characters already complete are received.
 
         A stream delivers everything that has been handed over.
         """
@@ -602,7 +613,7 @@ class SimulatedLine:
         sender.heard_until = min(sender.heard_until, sent_by)
 
     def join(self, port: SimulatedPort) -> None:
-        """A port is opened: at once on a line; on a stream, when there is another one to connect to."""
+        """Connect a port: at once on a line; on a stream, once another port waits for a connection."""
         if self.settings is not None:
             port.connect(self.connection)
             return
@@ -613,7 +624,7 @@ class SimulatedLine:
                     it.connect(self.connection)
 
     def leave(self, port: SimulatedPort) -> None:
-        """A port is closed. On a stream that ends the connection for all, behind what has been sent before."""
+        """Disconnect a port; on a stream that ends the connection for all ports, after the data sent before."""
         if self.settings is not None or not port.joined or port.connection != self.connection:
             return
         self.connection += 1

@@ -1,8 +1,8 @@
-"""TLS over TCP, `tls://HOST:PORT`: a port that connects, and a listener that offers those whose handshake ends well.
+"""TLS over TCP, `tls://HOST:PORT`: a connecting port, and a listener that offers connections after a good handshake.
 
-What a side needs stands behind `?` in the port's name, files in PEM: `ca` and `name` of one that connects, `clients`
-of one that listens, `cert` and `key` of both. Files are read whenever a port is opened; one that listens sees when they
-have changed. So a new certificate needs no restart. No key, and nothing of its file, is ever shown.
+Options follow `?` in the name of the port, as PEM files: `ca` and `name` for a client, `clients` for a listener, `cert`
+and `key` for both. Files are read whenever a port is opened; a listener detects changes of its files. So a new
+certificate needs no restart. No key, and no content of its file, is ever shown.
 """
 
 from __future__ import annotations
@@ -42,11 +42,13 @@ SERVER_FORM = "tls://HOST:PORT?cert=FILE&key=FILE"
 HANDSHAKE_WITHIN = 10.0
 """How long a handshake may take (s)."""
 SHUTDOWN_WITHIN = 2.0
-"""How long the other side has to say that it has closed, too (s)."""
+"""Time limit for the other side to confirm the closing (s)."""
 MOST_HANDSHAKES = 64
 """At once; one more takes the place of the oldest one, of the address that has the most."""
 MOST_OF_ONE_ADDRESS = 16
-"""Of these; one more takes the place of the oldest one of that address."""
+"""Largest number of handshakes in progress from one address; a further handshake replaces the oldest of that
+address.
+"""
 ACCEPTS_AGAIN = 1.0
 """After the system could not take one more connection (s)."""
 
@@ -66,7 +68,10 @@ _REASONS = {
 
 
 def parted(url: str) -> tuple[str, dict[str, str]]:
-    """The URL without what stands behind `?`, and that by name. Raises ValueError for what no side knows."""
+    """Return the URL without the query, and the options of the query by name.
+
+    Raises ValueError for an unknown option.
+    """
     place, _, query = url.partition("?")
     found: dict[str, str] = {}
     for name, value in parse_qsl(query, keep_blank_values=True):
@@ -82,7 +87,7 @@ def parted(url: str) -> tuple[str, dict[str, str]]:
 
 
 def placed(url: str, folder: Path) -> str:
-    """The same with the files that it names in that folder, where they have no whole path. Raises ValueError."""
+    """Return the URL with relative file names resolved in that folder. Raises ValueError."""
     place, given = parted(url)
     for name in FILES:
         if name in given:
@@ -100,7 +105,7 @@ def _check_side(given: Mapping[str, str], known: tuple[str, ...], what: str) -> 
 
 
 def client_context(given: Mapping[str, str]) -> ssl.SSLContext:
-    """What a client needs for its handshakes. Raises OSError, with the name of the file that cannot be used."""
+    """Return the TLS context of a client. Raises OSError, with the name of a file that cannot be used."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.hostname_checks_common_name = False  # the alternative names alone say whose certificate it is
     context.minimum_version = ssl.TLSVersion.TLSv1_2
@@ -114,7 +119,7 @@ def client_context(given: Mapping[str, str]) -> ssl.SSLContext:
 
 
 def server_context(given: Mapping[str, str]) -> ssl.SSLContext:
-    """What a server needs for its handshakes. Raises OSError, with the name of the file that cannot be used."""
+    """Return the TLS context of a server. Raises OSError, with the name of a file that cannot be used."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
     _show(context, given)
@@ -148,12 +153,12 @@ def _show(context: ssl.SSLContext, given: Mapping[str, str]) -> None:
 
 
 def _no_password() -> str:
-    """Else the library asks on the terminal."""
+    """Raise PermissionError, because the library would otherwise ask for the password on the terminal."""
     raise PermissionError("the key has a password, and a port cannot ask for it – keep the key in a file without one")
 
 
 def why(error: Exception) -> str:
-    """What was wrong with a handshake, or ended a connection, for people."""
+    """Return the reason for a failed handshake or a lost connection, as a text for users."""
     if isinstance(error, ssl.SSLCertVerificationError):
         return f"the certificate of the other side is not good: {error.verify_message.rstrip('.')}"
     if isinstance(error, ssl.SSLError):
@@ -168,9 +173,9 @@ def why(error: Exception) -> str:
 
 
 class TlsPort(TcpPort):
-    """A connection to a server whose certificate is signed by one that is trusted, and names the host.
+    """Connection to a server whose certificate is trusted and names the host.
 
-    Raises ValueError for what is `given` and is nothing for this side.
+    Raises ValueError for options in `given` that are invalid for a client.
     """
 
     def __init__(
@@ -203,7 +208,7 @@ class TlsPort(TcpPort):
 
     def lost(self, reason: str) -> None:
         if reason == FAR_END_CLOSED and not self._has_heard and "cert" not in self._given:
-            reason += " – it may want a certificate: give cert= and key="  # TLS 1.3 tells that after the handshake
+            reason += " – it may want a certificate: give cert= and key="  # TLS 1.3 reports that after the handshake
         super().lost(reason)
 
     def why_lost(self, error: Exception) -> str:
@@ -214,9 +219,9 @@ class TlsPort(TcpPort):
 
 
 class TlsListener(NetworkListener):
-    """Accepts connections, and offers those whose handshake ends well; why another one did not is logged.
+    """Accept connections, and offer those whose handshake succeeds; the reason of a failed handshake is logged.
 
-    Raises ValueError for what is `given` and is nothing for this side, and where there is no certificate.
+    Raises ValueError for options in `given` that are invalid for a server, and if the certificate is missing.
     """
 
     scheme, reached_by, kind = "tls", "tls", socket.SOCK_STREAM
@@ -241,11 +246,13 @@ class TlsListener(NetworkListener):
         return socket.create_server(address, family=family)
 
     def _files(self) -> list[tuple[int, int, int] | None]:
-        """How the files are now; None for one that is not there."""
+        """Return the present state of the files; None for a missing file."""
         return [_stamp(self._given[name]) for name in FILES if name in self._given]
 
     def _context_now(self) -> ssl.SSLContext:
-        """What the files say now; while they cannot be used, as when one of two is replaced, what they said before."""
+        """Return the context of the present files; while they cannot be used, such as during a replacement, the
+        previous context. Raises OSError if no previous context exists.
+        """
         files = self._files()
         if self._context is None or files != self._loaded:
             self._loaded = files
@@ -284,7 +291,7 @@ class TlsListener(NetworkListener):
             await asyncio.sleep(0)  # a connection that waits is there at once: else none of the others would go on
 
     def _make_room(self, host: str) -> None:
-        """One more may begin: those that say nothing shut out none."""
+        """Cancel the oldest handshake if there are too many: idle connections must not block others."""
         each = Counter(self._handshakes.values())
         if each[host] >= MOST_OF_ONE_ADDRESS:
             in_the_way = host
@@ -322,7 +329,7 @@ class TlsListener(NetworkListener):
 
 
 def _stamp(file: str) -> tuple[int, int, int] | None:
-    """What changes when a file is written or replaced."""
+    """Return modification time (ns), size and inode of a file; None if it is missing."""
     try:
         found = os.stat(file)
     except OSError:

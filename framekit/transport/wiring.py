@@ -13,7 +13,9 @@ from framekit.transport.port import PassingPort, Port, PortEvents
 
 
 def wired(port: Port, wiring: LineSettings, clock: Clock) -> Port:
-    """What a port's wiring needs around it: direction, echo, modem; the port itself where it needs nothing."""
+    """Return the port with the wrappers that its wiring requires (direction, echo, modem); the port itself if none is
+    required.
+    """
     if wiring.direction is not None and wiring.direction.by == "rts":
         port = DirectionPort(port, wiring.direction, clock)
     if wiring.echo:
@@ -24,7 +26,9 @@ def wired(port: Port, wiring: LineSettings, clock: Clock) -> Port:
 
 
 class DirectionPort(PassingPort):
-    """A port whose RTS is at the sending level from `before` the first bit until `after` the last one."""
+    """Port whose RTS is at the sending level from `before` ns ahead of the first bit until `after` ns past the last
+    bit.
+    """
 
     def __init__(self, inner: Port, direction: Direction, clock: Clock) -> None:
         super().__init__(inner)
@@ -40,7 +44,7 @@ class DirectionPort(PassingPort):
         self.inner.set_rts(sending == self.direction.high)
 
     def _after(self, time: int) -> None:
-        """`_go_on` so much later; only the last one asked for comes."""
+        """Run `_go_on` after `time` (ns); a later call replaces the alarm."""
         self._alarm.set(self.clock.now() + time)
 
     def forget(self) -> None:
@@ -63,7 +67,7 @@ class DirectionPort(PassingPort):
         self._put(duration)
 
     def set_rts(self, on: bool) -> None:
-        """RTS belongs to the direction; a protocol that keys it by itself has nothing to say here."""
+        """Ignore the call: RTS belongs to the direction of the line."""
 
     def _put(self, what: bytes | int | tuple[bytes, int]) -> None:
         if self.events is None:
@@ -76,7 +80,7 @@ class DirectionPort(PassingPort):
             self._after(self.direction.before)
 
     def _go_on(self) -> None:
-        """The level has been there long enough: sending begins, or the line is given back."""
+        """Begin to send after the lead time, or release the line after the last bit."""
         if self._waiting:
             self._ready = True
             self._hand_over()
@@ -103,13 +107,14 @@ class DirectionPort(PassingPort):
 
 
 LATEST = 100_000_000
-"""An echo that has not come so long after the last bit left does not come any more (ns); adapters hold bytes back."""
+"""Longest delay of an echo after the last bit left (ns); adapters hold bytes back."""
 
 
 class EchoFreePort(PassingPort):
-    """A port without its echo. `removed` counts characters taken away, `damaged` those that came back wrong.
+    """Port that removes its echo.
 
-    `missing` counts transmissions that did not come back: their first character was another one, or nothing came.
+    `removed`: number of characters removed; `damaged`: number of those that returned damaged; `missing`: number of
+    transmissions that did not return, because the first character differed or no character arrived.
     """
 
     def __init__(self, inner: Port, clock: Clock) -> None:
@@ -223,7 +228,7 @@ class ModemPort(PassingPort):
         self.connected = True
         super().opened(now)
 
-    # ---- what comes ---------------------------------------------------------------------------------------
+    # ---- received data ------------------------------------------------------------------------------------
 
     def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...] = ()) -> None:
         if self.connected:
@@ -241,7 +246,7 @@ class ModemPort(PassingPort):
             super().received(rest, now)
 
     def _line(self, line: str, now: int) -> None:
-        """A result code of the modem, or the echo of a command."""
+        """Handle a line of the modem: a result code, or the echo of a command."""
         if line == "OK" and self._commands:
             self._commands.pop(0)
             self._tries = 0
@@ -259,7 +264,9 @@ class ModemPort(PassingPort):
             self._rings = 0
 
     def _data(self, data: bytes, now: int, faults: tuple[CharacterFault, ...]) -> None:
-        """Data of the connection; the words with which a modem ends it, alone, are its own."""
+        """Pass on data of the connection; the text with which the modem ends the connection is handled here if it
+        arrives alone.
+        """
         if self.modem.answer is not None and data.strip() == b"NO CARRIER":
             self._hang_up()
         else:
@@ -292,4 +299,4 @@ class ModemPort(PassingPort):
             super().send_break(duration)
 
     def change_line(self, line: LineFormat) -> None:
-        """The modem is spoken to as before; what the modems do between them is theirs."""
+        """Ignore the change: the format between computer and modem stays the same."""
