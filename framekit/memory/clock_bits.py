@@ -1,9 +1,9 @@
 """The bits a memory sets by itself: clocks, always on and off, the first scan, every scan.
 
-Sans-I/O: a driver says what time it is and is told when to come again. A clock of period T rises at T, 2T, 3T
-… after the start, is on for the first half of each period and off for the second; it is off before T. Every
-state is worked out from the time since the start, so nothing drifts, and a long gap costs no more than a
-short one. There is no scan here: one counts `profile.scan` nanoseconds.
+Sans-I/O: the caller passes the time and asks for the time of the next change. A clock of period T rises at T, 2T, 3T …
+after the start, is on for the first half of each period and off for the second; it is off before T. Every state is
+computed from the time since the start, so that no error accumulates, and a long gap costs no more than a short one. A
+memory has no real scan: a scan is `profile.scan` nanoseconds.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class _Clock:
     edge: int = 0
 
     def move(self, time: int) -> None:
-        """It is that time, not before `edge`."""
+        """Set the state at `time`, which must not be before `edge`."""
         if time < self.first:
             self.edge = self.first
             return
@@ -61,7 +61,7 @@ class _Word:
     clocks: list[_Clock] = field(default_factory=list)
 
     def next_edge(self, time: int, scan: int) -> int:
-        """When a bit of it changes next; NEVER when none does any more."""
+        """Return the time of the next change of a bit of the word; NEVER if no bit changes any more."""
         due = scan if time < scan and (self.first_scan or self.after_first_scan) else NEVER
         return min([due, *[clock.edge for clock in self.clocks]])
 
@@ -69,10 +69,10 @@ class _Word:
 class SystemBits:
     """Keeps the clock and fixed bits of `profile` in `memory`, read-only areas included.
 
-    `locate` finds the bit of an address; what it raises for a wrong one goes through, and one that is in no
-    whole word of its area raises MemoryRangeError. `wake` are the bits (area, bit number) that are waited for:
-    clocks and every-scan bits that are not among them do not count in `next_change`; they are right after every
-    `update`, so call it before they are read. None stands for all bits. `date` tells what date it is at a time.
+    `locate` finds the bit of an address; its errors pass through, and a bit outside of the whole words of its area
+    raises MemoryRangeError. `wake`: the bits (area, bit number) that are waited for; None stands for all bits. Clocks
+    and every-scan bits not among them are ignored in `next_change`, but are correct after every `update`, so call it
+    before reading them. `date` returns the date and time of day at a time.
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class SystemBits:
         self._scan = profile.scan
         self._origin: int | None = None
         self.look_at = 0
-        """Before this time `update` has nothing to do."""
+        """Time (ns) before which `update` has no effect."""
         self.due = NEVER
         """When a bit changes that is waited for."""
         self._time = 0
@@ -109,11 +109,11 @@ class SystemBits:
 
     @property
     def areas(self) -> set[str]:
-        """Return the names of the areas that such bits stand in."""
+        """Return the names of the areas that contain these bits."""
         return {word.area.name for word in self._words.values()} | {area.name for area, _, _ in self._calendar}
 
     def wait_for(self, wake: Collection[tuple[str, int]] | None) -> None:
-        """From here on these bits are waited for, and no others; None: all. Call `update` before."""
+        """Wait for these bits only from now on; None: all bits. Call `update` before."""
         self._wake = None if wake is None else {(self._memory.area(name).name, bit) for name, bit in wake}
         for word in self._words.values():
             for clock in word.clocks:
@@ -154,7 +154,7 @@ class SystemBits:
         return word, mask
 
     def start(self, now: int) -> None:
-        """Time zero: clocks are off, the first scan begins. May be called again, to begin anew."""
+        """Set time zero: clocks are off, the first scan begins. A repeated call starts again."""
         self._origin, self._time = now, 0
         for word in self._words.values():
             for clock in word.clocks:
@@ -165,7 +165,9 @@ class SystemBits:
         self._note_next_edge()
 
     def next_change(self, now: int) -> int:
-        """When `update` has something to do, `now` if it has already; NEVER when nothing changes any more."""
+        """Return the time of the next change, `now` if it has already passed; NEVER if no bit changes any more. Raises
+        DeviceMemoryError before `start`.
+        """
         if self._origin is None:
             raise DeviceMemoryError("the system bits have not been started")
         return max(now, self.due)
@@ -180,10 +182,10 @@ class SystemBits:
         self.due = min(change, self._next_second) if self._calendar_counts else change
 
     def update(self, now: int) -> None:
-        """Brings all bits to what they are at `now`; an earlier time than the last does nothing.
+        """Bring all bits up to date for `now`; a time before the previous one has no effect.
 
-        A clock that is waited for and has risen since the last update shows one rising edge, even if its on
-        phase has passed or a new one has begun: the word is then written up to three times.
+        A clock that is waited for and has risen since the last update shows one rising edge, even if its on phase has
+        passed or a new one has begun: the word is then written up to three times.
         """
         if now < self.look_at:
             return
@@ -206,7 +208,7 @@ class SystemBits:
         return bool(places) and (self._wake is None or any((name, bit // 16) in places for name, bit in self._wake))
 
     def _show_calendar(self, now: int) -> None:
-        """The words of the calendar, once a second."""
+        """Write the words of the calendar, once a second."""
         if not self._calendar:
             self._next_second = NEVER
             return
@@ -222,11 +224,11 @@ class SystemBits:
                 area.write("word", number, [word], force=True)
 
     def _look_again(self, *_: object) -> None:
-        """These bits have been written over: the next update puts them right."""
+        """Mark overwritten bits: the next update restores them."""
         self._next_edge = self.look_at = 0
 
     def _note_next_edge(self) -> None:
-        """Between two edges an update has nothing to do, and they are far apart."""
+        """Note the time of the next edge; until then an update has no effect."""
         words = self._words.values()
         self._next_edge = min((word.next_edge(self._time, self._scan) for word in words), default=NEVER)
         self._note_times()

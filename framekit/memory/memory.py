@@ -1,8 +1,8 @@
-"""Device memory: areas of bytes under their names, little-endian, with watches that tell of changes.
+"""Device memory: areas of bytes under their names, little-endian, with watches that report changes.
 
-An area is seen as bits, bytes, words, double words or long words. Every view counts from 0 in its own unit over the
-whole area: byte 3 is the high byte of word 1, bit 17 is bit 1 of word 1, dword 2 is words 4 and 5. Memory knows no
-addresses and no clock; it is used by one thread.
+An area is accessed as bits, bytes, words, double words or long words. Every view counts from 0 in its own unit over the
+whole area: byte 3 is the high byte of word 1, bit 17 is bit 1 of word 1, dword 2 is words 4 and 5. Memory has neither
+addresses nor a clock; it is used by one thread.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class DeviceMemoryError(Exception):
 
 
 class UnknownAreaError(DeviceMemoryError, LookupError):
-    """There is no area of that name."""
+    """The memory has no area of this name."""
 
 
 class MemoryRangeError(DeviceMemoryError, IndexError):
@@ -41,12 +41,15 @@ class MemoryValueError(DeviceMemoryError, ValueError):
 
 
 UNSIGNED_CODES = {8: "B", 16: "H", 32: "I", 64: "Q"}
-"""What `struct` calls unsigned numbers of so many bits."""
+"""Codes of unsigned numbers in `struct`, by their size in bits."""
 
 
 @cache
 def unit_bits(unit: str | int) -> int:
-    """Width in bits of `bit`, `byte`, `word`, `dword`, `lword`, `6 bytes`, or of N bytes. ValueError else."""
+    """Return the width in bits of `bit`, `byte`, `word`, `dword`, `lword`, `6 bytes`, or of N bytes.
+
+    Raises ValueError.
+    """
     if isinstance(unit, str):
         known = UNIT_BITS.get(unit)
         if known is not None:
@@ -62,7 +65,7 @@ def unit_bits(unit: str | int) -> int:
 
 
 def pack_bits(bits: Sequence[int]) -> bytes:
-    """Bits in bytes, the first in bit 0 of the first byte, padded with 0. Raises MemoryValueError."""
+    """Pack bits into bytes, the first in bit 0 of the first byte, padded with 0. Raises MemoryValueError."""
     if not bits:
         return b""
     for bit in bits:
@@ -81,7 +84,9 @@ def unpack_bits(data: bytes, count: int) -> list[int]:
 
 
 def ordered(data: bytes, order: str, size: int) -> bytes:
-    """Little-endian elements of `size` bytes in another order (as of fields), and back: each is its own reverse."""
+    """Convert little-endian elements of `size` bytes to another order (as of fields), or back: each conversion is its
+    own inverse.
+    """
     if order == "little" or size < 2:
         return data
     swapped = swap(data, 2) if order == "BADC" and not size % 2 else data
@@ -106,9 +111,9 @@ Content = TypeVar("Content")
 class Area:
     """`size` elements of `unit`: bit, byte, word, dword, lword, `6 bytes`, or a number of bytes.
 
-    `access` is `rw`, or `read` when only the owner, who says `force=True`, may write. Values are unsigned.
-    Methods raise MemoryRangeError for a place beyond the area, AccessError for a write that is not allowed,
-    MemoryValueError for a value that does not fit, ValueError for an unknown unit.
+    `access` is `rw`, or `read` if only the owner, by `force=True`, may write. Values are unsigned. Methods raise
+    MemoryRangeError for a place beyond the area, AccessError for a write that is not allowed, MemoryValueError for a
+    value that does not fit, ValueError for an unknown unit.
     """
 
     __slots__ = (
@@ -152,7 +157,7 @@ class Area:
         return f"<area {self.name}: {self.size} × {self.unit}, {self.access}>"
 
     def anew(self) -> Area:
-        """The same area with nothing in it."""
+        """Return an area with the same properties and all bits 0."""
         return Area(self.name, size=self.size, unit=self.unit, access=self.access, aliases=self.aliases)
 
     @property
@@ -161,35 +166,35 @@ class Area:
 
     @property
     def size_words(self) -> int:
-        """Words of 16 bits, the last of which may be cut short."""
+        """Return the number of words of 16 bits; the last may be incomplete."""
         return (len(self._data) + 1) // 2
 
     # --- bytes
 
     def read_bytes(self, offset: int, count: int) -> bytes:
-        """`count` bytes from byte `offset` on."""
+        """Return `count` bytes from byte `offset` on."""
         if offset < 0 or count < 0 or offset + count > len(self._data):
             raise self._beyond("byte", offset, count, len(self._data))
         return bytes(self._data[offset : offset + count])
 
     def bytes_reader(self, offset: int, count: int) -> Callable[[], bytes]:
-        """`read_bytes`, to be called again and again, without a call of Python in between."""
+        """Return a function that reads like `read_bytes`, for repeated calls without a Python frame."""
         if offset < 0 or count < 0 or offset + count > len(self._data):
             return partial(self.read_bytes, offset, count)
         return partial(bytes, memoryview(self._data)[offset : offset + count])
 
     def bytes_writer(self, offset: int, count: int) -> Callable[[bytes], None]:
-        """`write_bytes` of `count` bytes with `force`, to be called again and again: its place is validated once."""
+        """Return a function that writes `count` bytes with `force`, for repeated calls: the range is checked once."""
         if offset < 0 or offset + count > len(self._data) - bool(self._spare):
             return partial(self.write_bytes, offset, force=True)
         return partial(self._store, offset)
 
     def byte_reader(self, offset: int) -> Callable[[], int]:
-        """Reads byte `offset` as a number at every call."""
+        """Return a function that returns byte `offset` as a number."""
         return partial(self._data.__getitem__, offset)
 
     def holder(self, offset: int, data: bytes) -> Callable[[], bool]:
-        """Tells at every call whether these bytes stand at byte `offset`."""
+        """Return a function that returns whether these bytes are present at byte `offset`."""
         return partial(self._data.startswith, data, offset)
 
     def write_bytes(self, offset: int, data: bytes, *, force: bool = False) -> None:
@@ -206,7 +211,7 @@ class Area:
     # --- numbers of any unit
 
     def read(self, unit: str | int, start: int, count: int = 1) -> list[int]:
-        """`count` unsigned values of `unit`, from number `start` on."""
+        """Return `count` unsigned values of `unit`, from number `start` on."""
         bits = unit_bits(unit)
         self._within(unit, bits, start, count)
         if bits == 1:
@@ -226,7 +231,7 @@ class Area:
                 data = _PACK_WORD(values[0])
             except struct.error:
                 pass
-            else:  # as `_put_word`, since nothing stands between a write and what it triggers
+            else:  # a write notifies its watches before any other access, as in `_put_word`
                 memory, watches, at = self._data, self._watches, 2 * start
                 mask = 0 if watches is None else watches.masks[start]
                 changed = mask and mask & (memory[at] ^ data[0] | (memory[at + 1] ^ data[1]) << 8)
@@ -249,7 +254,7 @@ class Area:
     # --- numbers that begin at any bit
 
     def read_from(self, first_bit: int, unit: str | int, count: int = 1) -> list[int]:
-        """`count` unsigned values of `unit`, of which the first begins at bit `first_bit`."""
+        """Return `count` unsigned values of `unit`, of which the first begins at bit `first_bit`."""
         bits = unit_bits(unit)
         start, shift = divmod(first_bit, bits)
         if not shift:
@@ -271,13 +276,13 @@ class Area:
     # --- bits, packed
 
     def read_bit(self, start: int) -> bool:
-        """One bit."""
+        """Return a bit."""
         if not 0 <= start < self.size_bits:
             raise self._beyond("bit", start, 1, self.size_bits)
         return bool(self._data[start >> 3] >> (start & 7) & 1)
 
     def read_bits(self, start: int, count: int) -> bytes:
-        """`count` bits packed into bytes, the first in bit 0 of the first byte, unused ones 0."""
+        """Return `count` bits packed into bytes, the first in bit 0 of the first byte, unused bits 0."""
         self._within("bit", 1, start, count)
         if not count:
             return b""
@@ -296,11 +301,11 @@ class Area:
     # --- change
 
     def watch(self, first_word: int, count: int, callback: Changed, mask: int = ALL_BITS) -> Watch:
-        """Calls `callback(area, word, words)` once for every write that changes one of these words.
+        """Call `callback(area, word, words)` once for every write that changes a watched word; return the watch.
 
-        `mask`: of each of these words only the bits that are 1 there count. The calls come in order of registration,
-        after the data are in, with the first changed word of these and the number of words up to the last. A callback
-        should note the change and return: when it writes to a watched word itself, watches called after it hear of
+        `mask`: only the bits that are 1 there are watched, in each word. The calls follow the order of registration,
+        after the data are stored, with the first changed word and the number of words up to the last changed word. A
+        callback should note the change and return: if it writes to a watched word itself, later watches are called for
         that second write first.
         """
         if first_word < 0 or count < 1 or first_word + count > self.size_words:
@@ -348,7 +353,7 @@ class Area:
             self._tell(watches, offset >> 1, changed)
 
     def _tell(self, watches: WatchTable, word: int, changed: int) -> None:
-        """Watches of the bits that have changed in a word are told."""
+        """Call the watches of the bits that have changed in a word."""
         for watch in watches.by_word[word]:
             if changed & watch.mask and watch.active:
                 watch.callback(self, word, 1)
@@ -433,7 +438,9 @@ class LateArea(Area):
         self._watched: Callable[[], None] | None = None
 
     def own(self, bring: Callable[[], None], watched: Callable[[], None]) -> None:
-        """Call `bring` before each access, so that the owner writes what is late; call `watched` before a new watch."""
+        """Call `bring` before each access, so that the owner writes pending values; call `watched` before a new
+        watch.
+        """
         self._bring, self._watched = bring, watched
 
     def anew(self) -> LateArea:
@@ -457,7 +464,7 @@ class LateArea(Area):
         return self._after_bringing(super().holder(offset, data))
 
     def _after_bringing(self, read: Callable[[], Content]) -> Callable[[], Content]:
-        """Return `read`, called after the owner has written what is late."""
+        """Return a function that calls `read` after the owner has written pending values."""
         bring = self._bring
         if bring is None:
             return read
@@ -540,7 +547,7 @@ class Watch:
         self.active = True
 
     def cancel(self) -> None:
-        """No further calls, not even for the write that is being reported now. Twice does no harm."""
+        """End the calls, even for the write that is being reported now. Calling twice has no effect."""
         if self.active:
             self.active = False
             self._table.remove(self)
@@ -570,7 +577,7 @@ class WatchTable:
             self._listen(word, tuple(other for other in self.by_word[word] if other is not watch))
 
     def _listen(self, word: int, watches: tuple[Watch, ...]) -> None:
-        """From now on these watch the word."""
+        """Set the watches of a word."""
         self.marks[word] = bool(watches)
         self.masks[word] = reduce(or_, (watch.mask for watch in watches), 0)
         if watches:
@@ -579,7 +586,7 @@ class WatchTable:
             del self.by_word[word]
 
     def changed(self, first: int, before: bytes, after: bytes) -> list[tuple[Watch, int, int]]:
-        """In order of registration: watch, its first changed word, words from it to the last changed one.
+        """Return (watch, its first changed word, number of words up to its last changed word) in order of registration.
 
         `before` and `after` are the bytes from word `first` on, and differ; the last word may be half a word.
         """
@@ -603,10 +610,9 @@ class WatchTable:
 
 
 class DeviceMemory:
-    """Areas, found by name or alias. Raises ValueError when two areas claim one name.
+    """Areas, found by name or alias. Raises ValueError if two areas have the same name.
 
-    Every method that takes the name of an area raises UnknownAreaError, and what the area raises (see
-    `Area`).
+    Every method with an area's name as argument raises UnknownAreaError, and the errors of `Area`.
     """
 
     def __init__(self, areas: Iterable[Area]) -> None:
@@ -616,7 +622,7 @@ class DeviceMemory:
             self.add(area)
 
     def add(self, area: Area) -> None:
-        """One more area. Raises ValueError when another has its name."""
+        """Add an area. Raises ValueError if another area has its name."""
         self.areas[area.name] = area
         for name in (area.name, *area.aliases):
             if name in self._by_name:
@@ -630,7 +636,7 @@ class DeviceMemory:
         return iter(self.areas.values())
 
     def area(self, name: str) -> Area:
-        """The area of that name or alias."""
+        """Return the area with this name or alias."""
         found = self._by_name.get(name)
         if found is None:
             raise UnknownAreaError(no_such("the memory has no area", name, self._by_name))
@@ -639,7 +645,7 @@ class DeviceMemory:
     # --- access; see Area
 
     def read(self, area: str, unit: str | int, start: int, count: int = 1) -> list[int]:
-        """`count` unsigned values of `unit`, from number `start` on."""
+        """Return `count` unsigned values of `unit`, from number `start` on."""
         return self.area(area).read(unit, start, count)
 
     def write(self, area: str, unit: str | int, start: int, values: Sequence[int], *, force: bool = False) -> None:
@@ -647,7 +653,7 @@ class DeviceMemory:
         (self._by_name.get(area) or self.area(area)).write(unit, start, values, force=force)
 
     def read_bytes(self, area: str, offset: int, count: int) -> bytes:
-        """`count` bytes from byte `offset` on."""
+        """Return `count` bytes from byte `offset` on."""
         return self.area(area).read_bytes(offset, count)
 
     def write_bytes(self, area: str, offset: int, data: bytes, *, force: bool = False) -> None:
@@ -655,7 +661,9 @@ class DeviceMemory:
         self.area(area).write_bytes(offset, data, force=force)
 
     def watch(self, area: str, first_word: int, count: int, callback: Changed, mask: int = ALL_BITS) -> Watch:
-        """Calls `callback(area, first_changed_word, words)` once for every write that changes these words."""
+        """Call `callback(area, first_changed_word, words)` once for every write that changes these words; see
+        `Area.watch`.
+        """
         return self.area(area).watch(first_word, count, callback, mask)
 
     # --- the whole

@@ -1,7 +1,7 @@
-"""Memory profiles: what areas, addresses, clock bits and words of blocks a memory has, and how that is read.
+"""Memory profiles: areas, addresses, clock bits and words of blocks of a memory, and their reader.
 
-A profile stands in `NAME.memory.yaml`, beside the file that names it or among the shipped ones, or in place. Problems
-are collected and raised together.
+A profile is in `NAME.memory.yaml`, in the folder of the file that names it or among the shipped profiles, or written in
+place. Problems are collected and raised together.
 """
 
 from __future__ import annotations
@@ -41,20 +41,18 @@ CALENDAR_PARTS: dict[str, Callable[[datetime], int]] = {
     "weekday": lambda date: date.isoweekday() % 7,
     "days": lambda date: (date - datetime(1984, 1, 1)).days,
 }
-"""What a word of the calendar can show; a week begins with Sunday, 0, and days are counted from 1984 on."""
+"""Values that a word of the calendar can show; a week begins with Sunday, 0, and days are counted from 1984 on."""
 
 FixedKind = Literal["on", "off", "first_scan", "after_first_scan", "every_scan"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProfileArea(AreaModel):
-    """An area of a profile: what an area of a protocol is, with other names for it.
-
-    `retained`: its content outlasts a restart, where a run keeps its state.
-    """
+    """An area of a profile: an area of a protocol, with additional names."""
 
     aliases: tuple[str, ...] = ()
     retained: bool = False
+    """Whether its content outlasts a restart, if a run stores its state."""
     about: str = ""
 
 
@@ -104,30 +102,30 @@ class BlockItem:
 
     @property
     def bits(self) -> range:
-        """Its bits among those of a block."""
+        """Return the indices of its bits within the words of a block."""
         first = 16 * self.word + (self.bit or 0)
         return range(first, first + (16 * self.words if self.bit is None else 1))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BlockWords:
-    """Words that each block of a run has in `area`, one after the other, for `sets` sets of `blocks` blocks.
-
-    `first` is the first word of block 0 of set 1, `words` how many each block has, `items` what they hold.
-    """
+    """Words of the blocks of a run in `area`, one block after the other, for `sets` sets of `blocks` blocks."""
 
     name: str
     area: str
     first: int
+    """First word of block 0 of set 1."""
     words: int
+    """Number of words of each block."""
     sets: int
     blocks: int
     items: MappingOf[str, BlockItem]
+    """Contents of the words, by name."""
     at: Position
 
     @property
     def end(self) -> int:
-        """The first word behind those of all blocks."""
+        """Return the first word after the words of all blocks."""
         return self.first + self.words * self.sets * self.blocks
 
     def base(self, set_number: int, block: int) -> int:
@@ -142,10 +140,7 @@ class BlockWords:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MemoryProfile:
-    """Everything a profile says. `scan` is how long a scan counts, in nanoseconds.
-
-    Of the file's `flags`, those that are addresses are in `named`, those that are words of blocks in `flags`.
-    """
+    """A memory profile."""
 
     name: str
     about: str
@@ -156,9 +151,12 @@ class MemoryProfile:
     clocks: tuple[ClockBit, ...]
     fixed: tuple[FixedBit, ...]
     scan: int
+    """Duration of a scan (ns)."""
     calendar: tuple[CalendarWord, ...] = ()
     named: MappingOf[str, NamedPlace]
+    """Flags of the file that are addresses."""
     flags: MappingOf[str, BlockWords]
+    """Flags of the file that are words of blocks."""
     at: Position
 
     def create(self) -> DeviceMemory:
@@ -189,7 +187,7 @@ PLAIN = AddressForm(
     wire=True,
     at=NOWHERE,
 )
-"""How places are written where a profile does not say: `M100`, counted in the area's own unit."""
+"""Default form of addresses: `M100`, counted in the area's own unit."""
 
 _ACCESS: dict[str, Literal["rw", "read"]] = {"rw": "rw", "read": "read"}
 _AREA_KEYS = ("unit", "type", "size", "access", "aliases", "retained", "about")
@@ -210,10 +208,10 @@ def load_profile(name_or_path: str | Path, folder: Path | None = None, at: Posit
 
 
 def load_profile_node(node: Mapping, folder: Path | None = None) -> MemoryProfile:
-    """A profile written in place, `{areas: …}`, on top of the one named by its key `profile`, if it has that.
+    """Load a profile written in place, `{areas: …}`, on top of the profile named by its key `profile`, if present.
 
-    Sections are joined by name, in areas single keys are replaced. Keys no profile has are not looked at: what reads
-    the file around checks them. Raises DefinitionError.
+    Sections are joined by name, in areas single keys are replaced. Keys that no profile has are ignored: the reader of
+    the surrounding file checks them. Raises DefinitionError.
     """
     base = node.get("profile")
     reader = Reader()
@@ -414,7 +412,7 @@ class ProfileLoader:
         return flags
 
     def _apart(self, sections: list[BlockWords]) -> None:
-        """No two sections have words in common, and no two items of one the same bits."""
+        """Note a problem for sections that share words, and for items of a section that share bits."""
         for place, one in enumerate(sections):
             for other in sections[:place]:
                 if one.area == other.area and one.first < other.end and other.first < one.end:

@@ -15,7 +15,7 @@ from framekit.definition.problems import did_you_mean
 from framekit.memory.memory import UNSIGNED_CODES, MemoryValueError, unit_bits
 
 Order = Literal["ABCD", "CDAB", "BADC", "DCBA"]
-"""Where the bytes of 0xAABBCCDD stand in two words, each written with its high byte first."""
+"""Order of the bytes of 0xAABBCCDD in two words, each written with its high byte first."""
 
 ORDERS: tuple[str, ...] = get_args(Order)
 _UNITS = {8: "byte", 16: "word", 32: "dword", 64: "lword"}
@@ -25,7 +25,7 @@ _FORMATS = {
     "signed": {bits: code.lower() for bits, code in UNSIGNED_CODES.items()},
     "float": {32: "f", 64: "d"},
 }
-"""What `struct` calls numbers of so many bits, by their kind."""
+"""Codes of numbers in `struct`, by their kind and their size in bits."""
 _KINDS = {"i": "signed", "u": "unsigned", "f": "float", "b": "bcd"}
 _TYPES = {name: (bits, _KINDS[name[0]]) for name, bits in NUMBER_BITS.items()}
 VIEWS: tuple[str, ...] = (*_TYPES, "string")
@@ -48,9 +48,9 @@ class NumberView:
         return as_decimal(numbers, self.unit) if self.kind == "bcd" else numbers
 
     def write(self, values: Sequence[float]) -> bytes:
-        """Memory's form of the numbers; a fraction is rounded to the nearest float.
+        """Convert numbers to memory's form; a fraction is rounded to the nearest float.
 
-        Raises MemoryValueError for one that does not fit, and for a whole number that would become another one.
+        Raises MemoryValueError for a number that does not fit, and for a whole number that a float would change.
         """
         for value in values:
             if not isinstance(value, (int, float)) or (self.kind != "float" and not isinstance(value, int)):
@@ -74,7 +74,7 @@ class NumberView:
             raise MemoryValueError(what) from None
 
     def _keeps(self, value: int) -> None:
-        """Raise MemoryValueError for a whole number that no such float is."""
+        """Raise MemoryValueError if the float type cannot represent this whole number exactly."""
         code = f"<{self._code}"
         with suppress(OverflowError, struct.error):
             held = int(struct.unpack(code, struct.pack(code, value))[0])
@@ -97,7 +97,7 @@ class NumberView:
         return _FORMATS[self.kind][unit_bits(self.unit)]
 
     def _ordered(self, data: bytes) -> bytes:
-        """Between memory's form and elements with their low byte first: the same both ways."""
+        """Convert between memory's form and elements with their low byte first; the conversion is its own inverse."""
         size = unit_bits(self.unit) // 8
         if size > 1 and self.bytes_swapped:
             data = swap(data, 2)
@@ -114,11 +114,11 @@ class TextView:
     encoding: str = "latin-1"
 
     def unit(self, place: str) -> str:
-        """The unit in which text at a place of that unit is transferred."""
+        """Return the unit in which text is transferred at a place of unit `place`."""
         return "byte" if place == "byte" else "word"
 
     def units(self, characters: int, place: str) -> int:
-        """Return how many of these units hold so many characters."""
+        """Return the number of units required for this number of characters."""
         return characters if place == "byte" else (characters + 1) // 2
 
     def read(self, data: bytes, characters: int, place: str) -> str:
@@ -126,7 +126,7 @@ class TextView:
         return self._ordered(data, place)[:characters].partition(b"\0")[0].decode(self.encoding)
 
     def write(self, text: str, characters: int, place: str) -> bytes:
-        """Memory's form of the text, filled up with 00. Raises MemoryValueError for one that does not fit."""
+        """Convert a text to memory's form, padded with 00. Raises MemoryValueError if it does not fit."""
         try:
             data = text.encode(self.encoding)
         except UnicodeEncodeError as error:
@@ -142,9 +142,10 @@ class TextView:
 
 @dataclass(frozen=True, slots=True)
 class CountedTextView:
-    """Texts in elements of `size` bytes: a word with the number of characters, then these, the first in the high byte.
+    """Texts in elements of `size` bytes: a word with the number of characters, then the characters, the first in the
+    high byte.
 
-    What is behind them is not looked at, and 00 when written.
+    Bytes after the characters are ignored when read, and 00 when written.
     """
 
     size: int
@@ -158,7 +159,7 @@ class CountedTextView:
         ]  # fmt: skip
 
     def write(self, texts: Sequence[object]) -> bytes:
-        """Memory's form of the texts. Raises MemoryValueError for what is none, or does not fit."""
+        """Convert texts to memory's form. Raises MemoryValueError for a value that is no text, or does not fit."""
         return b"".join(self._element(text) for text in texts)
 
     def _element(self, text: object) -> bytes:
@@ -190,14 +191,14 @@ def view_of(type_: str, order: str | None = None) -> NumberView | TextView:
 
 
 def as_signed(values: Iterable[int], unit: str | int) -> list[int]:
-    """Unsigned values of this unit read as two's complement."""
+    """Convert unsigned values of this unit to signed values (two's complement)."""
     bits = unit_bits(unit)
     half, whole = 1 << (bits - 1), 1 << bits
     return [value - whole if value >= half else value for value in values]
 
 
 def as_decimal(values: Iterable[int], unit: str | int) -> list[int]:
-    """Unsigned values of this unit read as decimal digits of four bits (BCD). Raises MemoryValueError."""
+    """Convert unsigned values of this unit from BCD, four bits a digit. Raises MemoryValueError."""
     texts = [f"{value:0{unit_bits(unit) // 4}X}" for value in values]
     wrong = next((text for text in texts if not text.isdecimal()), None)
     if wrong is not None:
@@ -206,7 +207,10 @@ def as_decimal(values: Iterable[int], unit: str | int) -> list[int]:
 
 
 def from_decimal(values: Iterable[int], unit: str | int) -> list[int]:
-    """Return the reverse of `as_decimal`. Raises MemoryValueError for a value that has no such form."""
+    """Convert numbers to BCD; the inverse of `as_decimal`.
+
+    Raises MemoryValueError for a number with too many digits.
+    """
     digits, result = unit_bits(unit) // 4, []
     for value in values:
         if not 0 <= value < 10**digits:
@@ -216,7 +220,7 @@ def from_decimal(values: Iterable[int], unit: str | int) -> list[int]:
 
 
 def float_view(unit: str) -> NumberView:
-    """Dwords or lwords as IEEE 754 numbers of 32 or 64 bits. Raises ValueError for another unit."""
+    """Return the view of dwords or lwords as IEEE 754 numbers of 32 or 64 bits. Raises ValueError for another unit."""
     bits = unit_bits(unit)
     if bits not in _FORMATS["float"]:
         raise ValueError(f"a {unit} holds no floating-point number – only a dword or an lword does")

@@ -266,7 +266,7 @@ MOST_NAMES = 1000
 
 
 class RecordedError(ValueError):
-    """Raised for a file without usable values; the message says what to do."""
+    """Raised for a file without usable values; the message contains the remedy."""
 
 
 class _Value(NamedTuple):
@@ -402,7 +402,7 @@ def _samples(reading: KeyReading) -> Samples:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReplayedValues(Behaviour):
-    """Is what a point was, as a sink has kept it, in the same time."""
+    """Replay the values of a point as a sink has stored them, with the original times."""
 
     word: ClassVar[str] = "replay"
     samples: Samples = keys(

@@ -1,6 +1,6 @@
 """Simulated devices as files describe them: protocol, role, memory with start values, parameters, station.
 
-What a command line or a program says of a device to serve is put on top of its file, or of a bare protocol.
+Settings of a command line or a program replace the settings of the device file, or complete a bare protocol.
 """
 
 from __future__ import annotations
@@ -45,13 +45,7 @@ NO_PROFILE = ("set", "map", "sizes", "about", "source")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Device:
-    """A simulated device, ready to be put on a line. `grammar` reads addresses of its memory.
-
-    `profile` is None for a memory that is the areas of the protocol. `mapping`: areas of the protocol that stand
-    elsewhere in the memory (area → memory area and the number of its first element there). `shares`: it is the
-    device of that name before it, over another protocol of the line (`also`): they have one memory. `clients`: where
-    those may come from that are served; from everywhere, if it is empty. `read_only`: they may write nothing.
-    """
+    """A simulated device, ready to be put on a line."""
 
     name: str
     protocol: Protocol
@@ -60,18 +54,28 @@ class Device:
     params: MappingOf[str, Any]
     areas: tuple[MemoryArea, ...]
     grammar: AddressGrammar
+    """Reader of addresses of its memory."""
     profile: MemoryProfile | None
+    """Profile of its memory; None if the memory has the areas of the protocol."""
     mapping: MappingOf[str, tuple[str, int]]
+    """Areas of the protocol placed elsewhere in the memory: area → memory area and number of its first element
+    there.
+    """
     initial: tuple[tuple[OwnPlace, tuple[int, ...]], ...]
     faults: FaultPlan | None = None
     shares: bool = False
+    """Whether it is the same device as the one before it, over another protocol of the line (`also`): both use one
+    memory.
+    """
     behaviours: tuple[Behaviour, ...] = ()
     clients: tuple[Network, ...] = ()
+    """Networks whose clients are served; empty for all."""
     read_only: bool = False
+    """Whether clients may not write."""
 
     @property
     def station(self) -> str:
-        """Its own station for people: bytes that are a text as this text, others as hex pairs; '' for none."""
+        """Return the station for users: printable bytes as text, other bytes as hex pairs; '' for none."""
         if isinstance(self.own, bytes):
             text = self.own.rstrip(b"\0")
             return (
@@ -86,7 +90,7 @@ class Device:
         return self.own is None and (by_default or needs_station(self.protocol))
 
     def areas_without_memory(self) -> list[str]:
-        """Areas of the protocol that a memory of its own does not have: every request for them is refused."""
+        """Return the areas of the protocol that the device's own memory lacks: every request for them is refused."""
         if self.profile is None:
             return []
         known = {name for area in self.areas for name in (area.name, *area.aliases)}
@@ -104,9 +108,9 @@ class Device:
 
 
 def load_devices(name: str | Path, folder: Path, settings: DeviceSettings | None = None) -> tuple[Device, ...]:
-    """The device in a file, or one that simply serves a protocol's memory; once for every station that it has.
+    """Load the device of a file, or a device that serves the memory of a bare protocol; one device for each station.
 
-    `settings` go before what the file says. Raises DefinitionError with everything that is wrong.
+    `settings` take precedence over the file. Raises DefinitionError with all problems.
     """
     reader = Reader()
     documents = Documents(reader)
@@ -127,7 +131,7 @@ def load_devices(name: str | Path, folder: Path, settings: DeviceSettings | None
 def _over_others(
     reader: Reader, documents: Documents, definition: DeviceDefinition, devices: tuple[Device, ...]
 ) -> tuple[Device, ...]:
-    """The same devices over the other protocols that the file names (`also`); what is wrong is noted."""
+    """Return the same devices over the other protocols that the file names (`also`); problems are noted."""
     root, found = definition.root, list[Device]()
     for node in reader.items(root.get("also")):
         with reader.going_on():
@@ -152,7 +156,7 @@ def _over_others(
 
 
 def _definition(reader: Reader, documents: Documents, name: str | Path, folder: Path) -> DeviceDefinition:
-    """Raises Broken and DefinitionError."""
+    """Read the definition of a device or protocol file. Raises Broken and DefinitionError."""
     path = definition_path(name, folder)
     kind = kind_of(read_nodes(path, noted=[], begin="device: NAME or protocol: NAME"))
     if kind == "protocol":
@@ -182,7 +186,7 @@ class _DeviceLoader:
         self.is_protocol_sound = all(problem.warning for problem in reader.problems)
 
     def load(self) -> tuple[Device, ...]:
-        """The devices; what is wrong is noted. Raises Broken where a wrong protocol leaves their memory open."""
+        """Return the devices; problems are noted. Raises Broken if a wrong protocol makes their memory unknown."""
         reader, role = self.reader, None
         with reader.going_on():
             role = self._role()
@@ -215,7 +219,9 @@ class _DeviceLoader:
         return tuple(replace(device, name=f"{device.name} {own}", own=own) for own in stations)
 
     def _memory(self) -> tuple[MemoryProfile | None, tuple[MemoryArea, ...], AddressGrammar]:
-        """Profile, areas and addresses of the memory; where its description is wrong, any that look like addresses."""
+        """Return profile, areas and address grammar of the memory; if its description is wrong, a grammar that accepts
+        any address.
+        """
         try:
             profile = self._profile()
         except DefinitionError as error:
@@ -228,7 +234,7 @@ class _DeviceLoader:
         return profile, tuple(profile.create()), addresses_of(profile)
 
     def _behaviours(self, grammar: AddressGrammar) -> tuple[Behaviour, ...]:
-        """How its memory behaves; nothing where its addresses are not known."""
+        """Return the behaviours of the memory; an empty tuple if its addresses are unknown."""
         if isinstance(grammar, AnyAddresses):
             return ()
         loader, memory = BehaveLoader(self.reader, self.definition.path.parent, grammar), self.root.get("memory")
@@ -237,7 +243,7 @@ class _DeviceLoader:
         return found
 
     def _stations(self) -> list[Any]:
-        """The device's stations; what is wrong with one is noted."""
+        """Return the stations of the device; a wrong station is noted and left out."""
         found: list[Any] = []
         for node in self.reader.items(self.root.get("station")):
             with self.reader.going_on():
@@ -248,7 +254,9 @@ class _DeviceLoader:
         return found
 
     def _usual_station(self, role: str | None) -> list[Any]:
-        """The station of a bare protocol's device for which none is given: 1, where it has to have one."""
+        """Return the station of a bare protocol's device without a given station: 1 if the protocol needs a station
+        number.
+        """
         station = self.protocol.station
         if self.root.get("device") is not None or role is None or station.default is not None:
             return []
@@ -299,7 +307,7 @@ class _DeviceLoader:
         return load_profile(self.reader.text(node), folder, node.at)
 
     def _sizes(self, profile: MemoryProfile | None) -> dict[str, Area]:
-        """How large areas of the protocol are, where the file says so."""
+        """Return the sizes of areas of the protocol that the file gives."""
         memory = self.root.get("memory")
         node = memory.get("sizes") if isinstance(memory, MappingNode) else None
         if node is not None and profile is not None:
@@ -310,7 +318,10 @@ class _DeviceLoader:
 
 
 def with_faults(devices: SequenceOf[Device], name: str | None, folder: Path) -> list[Device]:
-    """The devices with a plan beside their own. Raises DefinitionError, also for what the protocol cannot do."""
+    """Return the devices with a plan added to their own.
+
+    Raises DefinitionError, also for faults that the protocol does not support.
+    """
     if name is None:
         return list(devices)
     plan = load_fault_plan(name, folder)
@@ -319,24 +330,26 @@ def with_faults(devices: SequenceOf[Device], name: str | None, folder: Path) -> 
     return [replace(device, faults=plan.joined(device.faults)) for device in devices]
 
 
-# ---- what a command line or a program puts on top ----------------------------------------------------------
+# ---- settings of a command line or a program ---------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DeviceSettings:
-    """Several `stations` are so many devices, each with a memory of its own.
-
-    `memory` is a profile's name; `initial` ADDRESS → values with commas between them; `sizes` ADDRESS → elements of
-    the area there; `params` NAME → value; `mapping` AREA of the protocol → ADDRESS in the memory where it begins.
-    """
+    """Settings that take precedence over a device file."""
 
     stations: tuple[str, ...] = ()
+    """Stations; each is a device with its own memory."""
     role: str | None = None
     memory: str | None = None
+    """Name of a memory profile."""
     initial: MappingOf[str, str] = field(default_factory=dict)
+    """Start values: ADDRESS → values separated by commas."""
     sizes: MappingOf[str, str] = field(default_factory=dict)
+    """Sizes of areas: ADDRESS → number of elements of its area."""
     params: MappingOf[str, str] = field(default_factory=dict)
+    """Parameters: NAME → value."""
     mapping: MappingOf[str, str] = field(default_factory=dict)
+    """AREA of the protocol → ADDRESS in the memory at which it begins."""
 
     def on(self, root: MappingNode) -> MappingNode:
         """Return the file with these settings in place of its own; start values and map entries are added to the
@@ -369,7 +382,7 @@ class DeviceSettings:
 
 
 def _texts(flag: str, texts: MappingOf[str, str]) -> dict[str, Node]:
-    """Values by name; one with commas is a list."""
+    """Return the values by name; a value with commas is a list."""
     found: dict[str, Node] = {}
     for name, text in texts.items():
         at = _at(flag, f"{name}={text}")
@@ -394,7 +407,7 @@ def _at(flag: str, text: str) -> Position:
 NO_FILE = Position("the command line", 0, 0)
 
 
-# ---- what files say of a memory ----------------------------------------------------------------------------
+# ---- memory in files ---------------------------------------------------------------------------------------
 
 
 def put_values(memory: DeviceMemory, initial: tuple[tuple[OwnPlace, tuple[int, ...]], ...]) -> None:
@@ -427,7 +440,7 @@ def _memory_area(name: str, area: Area) -> MemoryArea:
 
 
 def check_places(protocol: Protocol, grammar: AddressGrammar) -> Iterator[Problem]:
-    """Addresses that sequences mention, in `store` and in `memory('…', N)`, and that the memory does not have."""
+    """Yield a problem for each address in a sequence, in `store` or `memory('…', N)`, that the memory lacks."""
     sequences = list(protocol.sequences.values())
     places = [(where.at, text) for action in parts_of(sequences, Action) for where, text in action.store]
     for expression in expressions_of(sequences):
@@ -445,11 +458,13 @@ def check_places(protocol: Protocol, grammar: AddressGrammar) -> Iterator[Proble
 
 
 StartValue = tuple[OwnPlace, tuple[int, ...]]
-"""What stands in a memory from a place on."""
+"""Values of a memory from a place on."""
 
 
 def start_values(reader: Reader, grammar: AddressGrammar, node: Node | None) -> tuple[StartValue, ...]:
-    """`ADDRESS: value` or `ADDRESS: [values]`, each; those that are broken are noted and left out."""
+    """Return the start values of a mapping `ADDRESS: value` or `ADDRESS: [values]`; broken entries are noted and left
+    out.
+    """
     found = (_start_value(reader, grammar, entry) for entry in reader.entries(node))
     return tuple(value for value in found if value is not None)
 
@@ -476,7 +491,9 @@ MOST_ELEMENTS = 1 << 20
 
 
 def read_sizes(reader: Reader, node: Node | None, protocol: Protocol) -> dict[str, Area]:
-    """`sizes: {ADDRESS: elements}` by names of memory areas; what is broken is noted and left out."""
+    """Return the areas with the sizes of `sizes: {ADDRESS: elements}`, by name; broken entries are noted and left
+    out.
+    """
     found: dict[str, Area] = {}
     grammar = ProtocolAddresses(protocol)
     for entry in reader.entries(node):
@@ -505,7 +522,7 @@ def _first_of(reader: Reader, grammar: ProtocolAddresses, entry: Entry) -> Addre
 
 
 def check_profile(profile: MemoryProfile) -> Iterator[Problem]:
-    """What is no place of this memory, and bits that it cannot set by itself."""
+    """Yield a problem for each address outside of the memory, and for bits that the memory cannot set by itself."""
     grammar = addresses_of(profile)
 
     def place(text: str, at: Position) -> Address | Problem:

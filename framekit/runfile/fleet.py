@@ -1,4 +1,6 @@
-"""Reads `fleet:` of a run file: the broker where a run tells how it is, and whether it takes run files from there."""
+"""Reads `fleet:` of a run file: the broker to which a run reports its state, and from which it may receive run
+files.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,7 @@ _NAME = re.compile(r"[^\s/+#$][^/+#]{0,63}")
 
 
 def name_of(text: str) -> str:
-    """Return a name that can stand in a topic. Raises ValueError."""
+    """Return a name that is valid in a topic. Raises ValueError."""
     if _NAME.fullmatch(text) is None:
         raise ValueError(f"'{text}' is no name here – write up to 64 characters without / + #")
     return text
@@ -39,8 +41,10 @@ NAME = Form(ref("text"), _name)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FleetSection:
-    """What a run says of the fleet that it is one of. The key that has to be there is read last, so that all others
-    have been looked at when that is wrong."""
+    """The membership of a run in a fleet.
+
+    The required key is read last, so that all other keys are checked even if it is wrong.
+    """
 
     name: str = key(
         "name", NAME, "What this gateway is called, which no other one may be; default: the name of the machine.",
@@ -60,7 +64,7 @@ class FleetSection:
 
     @property
     def access(self) -> BrokerAccess:
-        """How it comes to the broker."""
+        """Return the access to the broker."""
         return BrokerAccess(self.broker, self.user, self.password, self.tls)
 
     @property
@@ -69,19 +73,19 @@ class FleetSection:
         return self.name or socket.gethostname()
 
     def mistakes(self) -> Iterator[tuple[str, str, str]]:
-        """What is wrong with it: the key ('' for all of it), what it is, what to do."""
+        """Yield the mistakes of the section: key ('' for the whole section), fault, remedy."""
         yield from mistakes_of_access(self.access)
 
 
 class _FleetLoader:
-    """What the keys need to be read."""
+    """The context of the readers of the keys."""
 
     def __init__(self, reader: Reader, folder: Path) -> None:
         self.reader, self.folder = reader, folder
 
 
 def read_fleet(reader: Reader, node: Node, folder: Path) -> FleetSection:
-    """Raises Broken; other problems are noted."""
+    """Return the section `fleet`. Raises Broken; other problems are noted."""
     mapping = reader.mapping(node)
     loader = _FleetLoader(reader, folder)
     fleet = FleetSection(at=mapping.at, **read_keys(FleetSection, loader, mapping, broken=lambda: None))

@@ -1,4 +1,4 @@
-"""Reads job profiles from `NAME.jobs.yaml`, beside the file that names them or among the shipped ones."""
+"""Reads job profiles from `NAME.jobs.yaml`, in the folder of the file that names them or among the shipped profiles."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ class JobProfileLoader:
         taken: dict[int, str] = {}
 
         def free(bit: int, name: str, node: Node | None) -> None:
-            """Notes a bit that is beyond the end, or shows something else already."""
+            """Reserve a bit; raise Broken if it is out of range or in use."""
             if node is None:
                 return
             if not 1 <= bit <= size:

@@ -1,7 +1,7 @@
 """`docs/reference.md`, every key of a protocol file, from the schema: `python -m framekit.runfile.reference_page`.
 
-The page is written from the schemas alone, so what editors, messages and readers are told is one text. A test holds the
-page equal to them.
+The page is generated from the schemas alone, so that editors, messages and readers get the same text. A test compares
+the page with the schemas.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ GUIDE = {
 
 
 class PagePart(NamedTuple):
-    """A mapping with keys of its own: what it is called, where it stands, the key of the first level it is under."""
+    """A mapping with keys of its own: its name, its places, and the key of the first level that contains it."""
 
     name: str
     schema: Schema
@@ -65,7 +65,8 @@ class PagePart(NamedTuple):
 class Reference:
     """The parts of the schema in the order in which a reader meets them.
 
-    A mapping of the schema that has a name there is one part however often it stands; each other one is a part too.
+    A mapping with a name in the schema is a single part, however often it is used; every other mapping is a part of its
+    own.
     """
 
     def __init__(self, schemas: Schemas) -> None:
@@ -76,14 +77,14 @@ class Reference:
         self.collect(self.root, "protocol file", "the file", "")
 
     def target(self, reference: str) -> Schema:
-        """What a reference within or between the two files points to."""
+        """Return the target of a reference within or between the two files."""
         _, _, name = reference.partition("#/$defs/")
         file = "common" if reference.startswith("common") or name not in self.root["$defs"] else "protocol"
         found: Schema = self.schemas[f"{file}.schema.json"]["$defs"][name]
         return found
 
     def collect(self, schema: Schema, owner: str, path: str, top: str) -> None:
-        """Keeps a schema's mappings, itself first, then those in it."""
+        """Collect the mappings of a schema, outermost first."""
         if (reference := schema.get("$ref")) is not None:
             found = self.target(reference)
             if id(found) not in self.parts or "properties" in found:
@@ -124,13 +125,13 @@ class Reference:
         return f"[{name}](#{words.replace(' ', '-')})"
 
     def description(self, schema: Schema) -> str:
-        """What a key is for: said at the key, else where its value is described."""
+        """Return the description of a key, or else of its value."""
         if "description" in schema or "$ref" not in schema:
             return str(schema.get("description", ""))
         return self.description(self.target(schema["$ref"]))
 
     def values(self, schema: Schema) -> str:
-        """What a key takes, in words and links."""
+        """Return the values of a key, as words and links."""
         if (reference := schema.get("$ref")) is not None:
             return self.values(self.target(reference))
         if "enum" in schema:

@@ -1,6 +1,6 @@
-"""The parts of `schemas/` that follow from tables of keys: `python -m framekit.runfile.schema_files` writes them.
+"""The parts of `schemas/` generated from tables of keys: `python -m framekit.runfile.schema_files` writes them.
 
-The files stand in the repository for editors, and are read at work; a test holds them equal to the tables.
+The files are stored in the repository for editors, and read at run time; a test compares them with the tables.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from framekit.sinks import SINKS
 from framekit.sinks.base import schema_of
 
 WIDTH = 140
-"""Characters of a line, where what stands in it holds other mappings."""
+"""Line width (characters) for values that contain other mappings."""
 
 PARTS = (
     ("step", Step, "What it does, in a sentence."),
     ("row", Row, "Why, in a sentence."),
     ("action", Action, "Why, in a sentence."),
 )
-"""Definitions of the schema with the classes that their keys are read into, and what `doc` holds there."""
+"""Definitions of the schema with the classes that their keys are read into, and the description of their `doc`."""
 
 VERSION = {
     "enum": [LANGUAGE, str(LANGUAGE)],
@@ -47,7 +47,7 @@ Schemas = dict[str, dict[str, Any]]
 
 
 def with_tables(schemas: Schemas) -> Schemas:
-    """Return the schemas, by the name of their file, with everything in them that tables of keys say."""
+    """Return the schemas, by file name, completed from the tables of keys."""
     assert segments.Segment in KINDS["field"].__mro__  # the kinds are there
     protocol, common = schemas["protocol.schema.json"]["$defs"], schemas["common.schema.json"]["$defs"]
     names = {f"{key}_segment": kind.schema() for key, kind in KINDS.items()}
@@ -84,7 +84,7 @@ def read_files(folder: Path) -> Schemas:
 
 
 def text_of(schema: Any, indent: int = 0) -> str:
-    """A schema as its file shows it: what holds nothing but words in one line."""
+    """Return a schema as JSON text: a value without inner mappings, or a short one, on one line."""
     flat = json.dumps(schema, ensure_ascii=False)
     parts = schema.values() if isinstance(schema, dict) else schema if isinstance(schema, list) else ()
     deep = any(isinstance(part, dict) for part in parts)

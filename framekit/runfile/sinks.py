@@ -19,7 +19,7 @@ from framekit.sinks.base import fits
 from framekit.sinks.store import NetworkSink
 
 SHORTEST = 100_000_000
-"""Values are not taken more often than this (ns); each change is told where no period is given."""
+"""Shortest period of a sink (ns); without a period each change is sent."""
 
 
 def _of_period(kind: SinkKind) -> Iterator[tuple[str, str, str]]:
@@ -39,7 +39,7 @@ class SinksLoader:
         self.taken: dict[str, str] = {os.path.abspath(folder / state): "where the state is kept"} if state else {}
 
     def load(self, node: Node | None) -> tuple[SinkKind, ...]:
-        """The sinks. Problems are noted, and what is broken is left out."""
+        """Return the sinks. Problems are noted, and broken sinks are left out."""
         found = []
         for item in self.reader.items(node):
             with self.reader.going_on():
@@ -73,7 +73,7 @@ class SinksLoader:
         return self._own_file(name, node.at, "name another file")
 
     def _own_file(self, name: str, at: Position, todo: str) -> str:
-        """A file that nothing else of the run has. Raises Broken."""
+        """Return the path of a file that no other part of the run uses. Raises Broken."""
         path = self.folder / name
         whole = os.path.abspath(path)
         if whole in self.taken:
@@ -82,7 +82,7 @@ class SinksLoader:
         return str(path)
 
     def patterns(self, node: Node) -> tuple[str, ...]:
-        """Names of points, with `*` for any text. Raises Broken for one that no point has."""
+        """Return names of points, with `*` for any text. Raises Broken for a pattern that matches no point."""
         found = self.reader.texts(node)
         for item, pattern in zip(self.reader.items(node), found, strict=True):
             if self.names and not any(fits(pattern, name) for name in self.names):

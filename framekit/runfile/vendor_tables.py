@@ -1,6 +1,6 @@
-"""Register lists as vendors give them, turned into points: columns and types by the many names that they have.
+"""Register lists of vendors, converted to points: columns and types are recognized by their many usual names.
 
-What cannot be read is told row by row; nothing is guessed: a type that is not known leaves its row out.
+Each row that cannot be read is reported; no value is guessed: a row with an unknown type is left out.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
     "size": ("size", "characters"),
     "about": ("about", "description", "comment", "remark", "remarks", "note", "notes", "meaning"),
 }
-"""The keys of a point, and what columns are called that say them; all in small letters, other signs as one blank."""
+"""The keys of a point, and the titles of columns that give them; in small letters, other characters as one space."""
 
 TYPES: Mapping[str, str] = {
     "bool": "bit", "boolean": "bit", "bit": "bit", "coil": "bit", "byte": "byte", "word": "word", "dword": "dword",
@@ -49,16 +49,21 @@ _PLACE = re.compile(r"0x(?P<x>[0-9a-f]+)|(?P<h>[0-9a-f]+)h|(?P<plain>[0-9]+)", r
 
 @dataclass(frozen=True, slots=True)
 class Imported:
-    """The points of a table, each as its keys in the order of a point; what was not read; columns without meaning."""
+    """Result of importing a table."""
 
     points: Mapping[str, Mapping[str, str]]
+    """Keys of each point, by the name of the point."""
     problems: tuple[Problem, ...]
+    """Rows that were not read."""
     unused: tuple[str, ...]
+    """Titles of columns without meaning here."""
 
 
 def read_vendor_table(path: Path, address: str = "{}", add: int = 0, order: str | None = None) -> Imported:
-    """Return the points of a register list. `address`: how a number is written, `{}` standing for it; `add`: more than
-    it. `order`: how the bytes of numbers of several words stand.
+    """Return the points of a register list.
+
+    `address`: form of an address, in which `{}` stands for the number; `add`: added to the number; `order`: byte order
+    of numbers that take several words.
 
     Raises DefinitionError for a file that is no table, or has no columns for names and addresses.
     """
@@ -106,7 +111,7 @@ def read_vendor_table(path: Path, address: str = "{}", add: int = 0, order: str 
 
 
 class TableRows(Protocol):
-    """What `csv.reader` gives."""
+    """The interface of `csv.reader`."""
 
     line_num: int
 
@@ -122,7 +127,7 @@ def numbered_rows(rows: TableRows) -> Iterator[tuple[int, list[str]]]:
 
 
 def _delimiter(text: str) -> str:
-    """What stands between cells: the sign of `;`, tab and `,` that the first lines have most of."""
+    """Return the separator of cells: `;`, tab or `,`, whichever occurs most often in the first lines."""
     head = text.splitlines()[:20]
     return max((";", "\t", ","), key=lambda sign: sum(line.count(sign) for line in head))
 
@@ -132,7 +137,7 @@ def _folded(text: str) -> str:
 
 
 def _keys(row: Sequence[str]) -> dict[str, int]:
-    """Which column says which key of a point; the first that does."""
+    """Return the column of each key of a point; the first of several."""
     found: dict[str, int] = {}
     for column, cell in enumerate(row):
         for key, names in COLUMNS.items():
@@ -170,13 +175,13 @@ def _point(cells: Mapping[str, str], naming: str, address: str, add: int) -> tup
 
 
 def label_of(text: str) -> str:
-    """A text as a name of a point or a file of points; '' where nothing of it can stand in one."""
+    """Convert a text to a valid name of a point or a file of points; '' if no character is usable."""
     return re.sub(r"[^A-Za-z0-9_.-]+", "_", text).strip("_.-")
 
 
 def _address(text: str, form: str, add: int) -> str:
-    """Return the first number of `40001`, `0x10`, `10h` or `40001-40002` in the form; as it stands where none is asked
-    for.
+    """Return the first number of `40001`, `0x10`, `10h` or `40001-40002` in the given form; the text unchanged if no
+    form is requested. Raises ValueError.
     """
     first = re.split(r"\s*(?:-|–|\.\.|…)\s*", text, maxsplit=1)[0]
     if form == "{}" and not add:
@@ -204,7 +209,7 @@ def _digits(text: str) -> str:
 
 
 def _number(text: str, key: str) -> Decimal:
-    """`0.1`, `0,1`, `1/10`, `x0.1`. Raises ValueError."""
+    """Parse `0.1`, `0,1`, `1/10` or `x0.1`. Raises ValueError."""
     if re.search(r"[1-9][0-9]{0,2},[0-9]{3}(?![0-9])", text):
         raise ValueError(f"'{text}' may be a {key} of thousands or a fraction")
     plain = text.lower().lstrip("x*× ").replace(",", ".")

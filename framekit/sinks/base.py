@@ -1,7 +1,7 @@
 """The interface of sinks: their keys in a run file, and the object that takes values.
 
-A kind is a class whose attributes, made by `key`, are its keys; the first names the kind and says where values go.
-`make` gives the sink itself, which is used by one thread.
+A kind is a class whose attributes, made by `key`, are its keys; the first names the kind and gives the destination of
+the values. `make` returns the sink itself, which is used by one thread.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _UINT64 = range(1 << 64)
 
 
 class Sampled(NamedTuple):
-    """Values of one moment (ns since 1970, UTC): one that has changed then, or all as they were then."""
+    """Values of one moment (ns since 1970, UTC): a changed value, or the values of all points."""
 
     time: int
     values: tuple[PointValue, ...]
@@ -91,14 +91,15 @@ def read_listening(reading: KeyReading, node: Node) -> tuple[str, int]:
 
 
 LISTENING = Form(ref("text"), read_listening)
-"""A port to listen on, on 127.0.0.1 unless an address stands before it."""
+"""A port to listen on, at 127.0.0.1 unless an address precedes it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SinkKind(ABC):
     """The keys of a sink in a run file.
 
-    `points`: names of points, where `*` stands for any text; `every` (ns): all of them so often, else each change.
+    `points`: names of points, in which `*` stands for any text; `every`: period (ns) of values of all points, or None
+    for each change.
     """
 
     word: ClassVar[str]
@@ -151,7 +152,10 @@ def fits(pattern: str, name: str) -> bool:
 
 
 class NeverTakenError(ValueError):
-    """The first of the samples will never be taken; the text says why. It is dropped, and counted."""
+    """Raised if the first of the samples will never be accepted; the text gives the reason.
+
+    The sample is dropped and counted.
+    """
 
 
 class Host(Interface):
@@ -162,7 +166,7 @@ class Host(Interface):
         """Return the name of the run."""
 
     def status(self) -> RunStatus:
-        """How channels, blocks and sinks are doing now. Raises TimeoutError while the run is busy or ends."""
+        """Return the present state of channels, blocks and sinks. Raises TimeoutError while the run is busy or ends."""
 
     def values(self) -> Sequence[PointValue]:
         """Return the present values of all points. Raises TimeoutError."""
@@ -174,7 +178,7 @@ class Host(Interface):
         """
 
     def lost(self, problem: str) -> None:
-        """The sink has lost its server: it is to be closed, and opened anew."""
+        """Report that the sink has lost its server: it must be closed and opened again."""
 
     def now(self) -> int:
         """Return the time of the run's clock (ns), which never goes back."""
@@ -187,28 +191,29 @@ class Sink(ABC):
     """Takes values. An exception of a method is reported, does not affect the lines, and the call is repeated later."""
 
     def meet(self, host: Host) -> None:  # noqa: B027 – most sinks ask nothing of the run
-        """Comes once, before everything else."""
+        """Receive the host, once, before all other calls."""
 
     @abstractmethod
     def open(self, points: Sequence[Point]) -> None:
-        """Begins, or goes on where another run has left off. `points`: those whose values come."""
+        """Open the sink, and continue after the data of an earlier run. `points`: the points whose values follow."""
 
     @abstractmethod
     def write(self, samples: Sequence[Sampled]) -> int:
-        """Takes samples, oldest first; how many: the others come again. When it raises, it has taken none.
+        """Write samples, oldest first, and return the number accepted: the others are passed again. If it raises, it
+        has accepted none.
 
-        Raises NeverTakenError for a first sample that will never be taken, so that the following ones are.
+        Raises NeverTakenError for a first sample that will never be accepted, so that the following samples are.
         """
 
     @abstractmethod
     def close(self) -> None:
-        """The end, also after something has failed."""
+        """Close the sink, also after a failure."""
 
 
 def open_alone(path: Path) -> int:
-    """Opens a file for one process that adds to it, and makes it where there is none.
+    """Open a file for appending by a single process; create it if it is missing. Return the file descriptor.
 
-    Raises OSError, also while another process has it: two that write one file would mix their lines.
+    Raises OSError, also while another process has the file open: two writers of one file would mix their lines.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

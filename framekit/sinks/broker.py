@@ -1,7 +1,7 @@
-"""A connection to an MQTT broker for sinks: what it takes, in order, and what it has confirmed.
+"""A connection to an MQTT broker for sinks: publications in order, and their confirmations.
 
-A lost connection is never mended here: the sink is opened anew, and sends again what was not confirmed. Its name at the
-broker stays the same, so that the broker drops what is left of the old connection before it takes anything new.
+A lost connection is not restored here: the sink is opened again and repeats unconfirmed messages. Its name at the
+broker stays the same, so that the broker closes the old connection before it accepts a message of the new one.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class Place:
 
 
 def place_of(text: str) -> Place:
-    """`HOST`, `HOST:PORT` or `[IPv6]:PORT`. Raises ValueError."""
+    """Parse `HOST`, `HOST:PORT` or `[IPv6]:PORT`. Raises ValueError."""
     match = _BROKER.fullmatch(text.strip())
     if match is None or (match["port"] is not None and not 0 < int(match["port"]) < 65536):
         raise ValueError(f"'{text.strip()}' is no address of a broker")
@@ -70,7 +70,7 @@ def place_of(text: str) -> Place:
 
 
 def read_place(reading: KeyReading, node: Node) -> Place:
-    """Return the place that a node says. Raises Broken."""
+    """Return the address of a broker from a node. Raises Broken."""
     try:
         return place_of(reading.reader.text(node))
     except ValueError as error:
@@ -81,7 +81,7 @@ PLACE = Form(ref("text"), read_place)
 
 
 def read_tls(reading: KeyReading, node: Node) -> str | None:
-    """'' for the certificates of the system, else a file of certificates; None: no TLS. Raises Broken."""
+    """Return '' for the certificates of the system, or a file of certificates; None for no TLS. Raises Broken."""
     text = reading.reader.text(node).strip()
     if text in ("no", "false", "off"):
         return None
@@ -94,12 +94,13 @@ def read_tls(reading: KeyReading, node: Node) -> str | None:
 
 
 class BrokerAccess(NamedTuple):
-    """How a client comes to a broker. `tls`: '' for the certificates of the system, else a file of them."""
+    """Address and credentials of a broker."""
 
     place: Place
     user: str = ""
     password: Secret | None = None
     tls: str | None = None
+    """'' for the certificates of the system, a file of certificates, or None for no TLS."""
 
     def __str__(self) -> str:
         return str(self.place)
@@ -122,7 +123,7 @@ class BrokerAccess(NamedTuple):
 
     @property
     def at(self) -> tuple[str, int]:
-        """Host and port."""
+        """Return host and port."""
         return self.place.host, self.place.port or (PORT if self.tls is None else TLS_PORT)
 
 
@@ -135,11 +136,11 @@ TLS_DOC = (
     "yes: encrypted, and the broker's certificate is checked against those of the system; or a file of certificates "
     "(PEM) to check it against."
 )
-"""What the keys of all that come to a broker say."""
+"""Descriptions of the keys common to all clients of a broker."""
 
 
 def mistakes_of_access(access: BrokerAccess) -> Iterator[tuple[str, str, str]]:
-    """What the keys of a broker say wrongly."""
+    """Yield the mistakes in the keys of a broker."""
     yield from not_installed("paho-mqtt", "paho.mqtt.client")
     if access.password is not None and not access.user:
         yield "password", "a password without a user has no effect", "add user:"
@@ -147,7 +148,7 @@ def mistakes_of_access(access: BrokerAccess) -> Iterator[tuple[str, str, str]]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BrokerSink(NetworkSink):
-    """What all sinks say that send to an MQTT broker."""
+    """Keys common to all sinks that send to an MQTT broker."""
 
     user: str = key("user", TEXT, USER_DOC, default="")
     password: Secret | None = key("password", SECRET, PASSWORD_DOC, default=None)
@@ -159,12 +160,12 @@ class BrokerSink(NetworkSink):
 
     @property
     def access(self) -> BrokerAccess:
-        """How it comes to the broker."""
+        """Return the access to the broker."""
         return BrokerAccess(self.place, self.user, self.password, self.tls)
 
     @property
     def place(self) -> Place:
-        """Where the broker is, with its port."""
+        """Return the address of the broker, with its port."""
         place: Place = getattr(self, self.word)
         return place if place.port is not None else replace(place, port=PORT if self.tls is None else TLS_PORT)
 
@@ -175,16 +176,17 @@ class BrokerSink(NetworkSink):
 
 
 class Message(NamedTuple):
-    """What is published. `retain`: the broker keeps it for those who come later."""
+    """A message to publish."""
 
     topic: str
     payload: bytes
     retain: bool = True
+    """Whether the broker keeps it for later subscribers."""
     qos: int = 1
 
 
 class Command(NamedTuple):
-    """What another client has published now; what the broker had kept is none."""
+    """A message that another client has published now; messages retained by the broker are not included."""
 
     topic: str
     payload: bytes
@@ -204,7 +206,7 @@ class BrokerConnection:
         self._subscribed: set[int] = set()
 
     def open(self, run: str, will: Message | None) -> None:
-        """Connects; `will` is what the broker publishes when this is cut off. Raises OSError, ValueError."""
+        """Connect; `will` is published by the broker if the connection is cut off. Raises OSError, ValueError."""
         kind, place = self.kind, self.kind.place
         client = kind.access.client(kind.client_name(run))
         client.on_connect = self._connected
@@ -225,18 +227,18 @@ class BrokerConnection:
                 raise ConnectionError(self._problem)
 
     def subscribe(self, topics: Sequence[str]) -> None:
-        """From now on what others publish there is heard."""
+        """Subscribe to topics."""
         if self._client is not None and topics:
             self._client.subscribe([(topic, 1) for topic in topics])
 
     def say(self, message: Message) -> None:
-        """Publishes, at least once while the connection lasts; any thread."""
+        """Publish at least once while the connection lasts; may be called by any thread."""
         client = self._client
         if client is not None:
             client.publish(message.topic, message.payload, qos=message.qos, retain=message.retain)
 
     def post(self, messages: Sequence[Message]) -> set[int]:
-        """Publishes, in order; the numbers by which they will be confirmed, those without QoS when they have left."""
+        """Publish in order; return the numbers by which messages are confirmed (without QoS, when they have left)."""
         client = self._client
         if client is None:
             return set()
@@ -260,7 +262,10 @@ class BrokerConnection:
             self._subscribed.clear()
 
     def send(self, groups: Sequence[Sequence[Message]]) -> int:
-        """Publishes, in order, and waits until it is confirmed; of how many groups all was. Raises ConnectionError."""
+        """Publish in order and wait for the confirmations; return the number of groups confirmed completely.
+
+        Raises ConnectionError.
+        """
         client = self._client
         if client is None:
             raise ConnectionError("there is no connection")
@@ -277,7 +282,7 @@ class BrokerConnection:
         return done
 
     def _wait(self, numbers: Sequence[set[int]]) -> int:
-        """How many of the first are confirmed, at the end or when nothing more comes."""
+        """Return the number of leading groups that are confirmed, at the end or when confirmations stop."""
         done = 0
         until = time.monotonic() + LONGEST_CONFIRM
         with self._change:
@@ -295,7 +300,7 @@ class BrokerConnection:
         return done
 
     def close(self, last: Message | None = None) -> None:
-        """The end, with `last` as the last thing that is said."""
+        """Close the connection, after publishing `last`."""
         client = self._client
         if client is None:
             return
@@ -345,5 +350,5 @@ class BrokerConnection:
 
 
 def lost_of(host: Host | None) -> Callable[[str], None]:
-    """Who is told that a connection was lost."""
+    """Return the function to report a lost connection to."""
     return (lambda problem: None) if host is None else host.lost

@@ -31,7 +31,7 @@ SET_BACK = 3_600_000_000_000
 """A time further than this before the first time of a file (ns) begins a new file."""
 
 Rotation = int | Literal["day", "hour"]
-"""When a new file begins: after so many bytes, or each day or hour (UTC)."""
+"""When a new file begins: after a number of bytes, or each day or hour (UTC)."""
 
 
 def read_rotation(reading: KeyReading, node: Node) -> Rotation:
@@ -120,7 +120,7 @@ class LinesFile(Sink):
         self._size = 0
         self._began = ""
         self._aside: list[Path] = []
-        """Files that this run has finished, in order; they are newer than all others, whatever their names say."""
+        """Files finished by this run, in order; they are newer than all others, regardless of their names."""
 
     @abstractmethod
     def head(self) -> bytes:
@@ -240,7 +240,10 @@ def name_with(path: Path, stamp: str) -> Path:
 
 
 def keep_newest(path: Path, most: int | None, finished: list[Path]) -> None:
-    """Keep `most` of the files named by `name_with`, or all (None). `finished`: those of this run, in order."""
+    """Keep the newest `most` of the files named by `name_with`, or all (None).
+
+    `finished`: the files of this run, in order.
+    """
     if most is None:
         return
     pattern = re.compile(rf"{re.escape(path.stem)}\.(\d{{8}}T\d{{6}})(?:\.(\d+))?{re.escape(path.suffix)}")

@@ -1,6 +1,6 @@
-"""Values to InfluxDB, and to what speaks its line protocol over HTTP: many lines in one request.
+"""Values to InfluxDB, and to servers of its line protocol over HTTP: many lines in one request.
 
-The same value twice is one there, so that nothing is doubled by what is sent again.
+The server stores a repeated value once, so that repetitions after a failure create no duplicates.
 """
 
 from __future__ import annotations
@@ -27,21 +27,22 @@ LONGEST_ANSWER = 10.0
 """Seconds until a server has to answer."""
 
 REFUSED = (400, 413, 422)
-"""Answers that say that the lines are wrong, or too many; all others but 2xx are tried again as they are."""
+"""Statuses for wrong lines or too many; after every other status except 2xx the same lines are tried again."""
 
 EXACT = 1 << 53
-"""Up to this number a float tells every whole number from the next one."""
+"""Largest whole number up to which a float represents every whole number."""
 LARGEST = 1 << 64
 """Whole numbers from here on are texts alone."""
 
 
 class ServerAddress(NamedTuple):
-    """Where a server is; `path`: what stands before its own paths."""
+    """Address of a server."""
 
     is_encrypted: bool
     host: str
     port: int | None
     path: str
+    """Path before the server's own paths."""
 
     def __str__(self) -> str:
         host = f"[{self.host}]" if ":" in self.host else self.host
@@ -50,7 +51,7 @@ class ServerAddress(NamedTuple):
 
 
 def read_server(reading: KeyReading, node: Node) -> ServerAddress:
-    """`http://HOST:PORT` or `https://…`. Raises Broken."""
+    """Parse `http://HOST:PORT` or `https://…`. Raises Broken."""
     text = reading.reader.text(node).strip()
     try:
         found = urlsplit(text)
@@ -66,7 +67,7 @@ def read_server(reading: KeyReading, node: Node) -> ServerAddress:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Influx(NetworkSink):
-    """InfluxDB, or what takes its line protocol: `bucket` for version 2 and later, `database` for version 1."""
+    """InfluxDB, or a server of its line protocol: `bucket` for version 2 and later, `database` for version 1."""
 
     word: ClassVar[str] = "influx"
     influx: ServerAddress = key("influx", Form(ref("text"), read_server), "The server: http://HOST:8086, or https.")
@@ -142,7 +143,10 @@ class InfluxSink(Sink):
         raise ConnectionError(f"the server answers {status} {answer}")
 
     def _post(self, body: bytes) -> tuple[int, str]:
-        """What the server answers. A connection that it has closed since the last time is opened once more."""
+        """Send a request and return status and text of the answer.
+
+        A connection closed by the server meanwhile is opened once more.
+        """
         connection, kind = self._connection, self.kind
         assert connection is not None
         query = {"bucket": kind.bucket, "org": kind.org} if kind.bucket else {"db": kind.database}
@@ -175,8 +179,9 @@ class InfluxSink(Sink):
 
 
 def _value(point: Point, value: PointValue) -> Iterator[str]:
-    """`value`, always a float: a field has one type for all points of a measurement. `text` for words, and for numbers
-    that a float cannot tell from their neighbours. Nothing where it is not good.
+    """Yield the fields of a value: `value`, always a float, because a field has one type for all points of a
+    measurement; `text` for words, and for numbers that a float cannot represent exactly. Yield no field if the quality
+    is not good.
     """
     if value.quality != "good":
         return
@@ -189,7 +194,7 @@ def _value(point: Point, value: PointValue) -> Iterator[str]:
 
 
 def _tag(text: str, equals: str = "") -> str:
-    """A name or a tag, without what cannot stand there: line ends, a last backslash. `equals` stays as it is."""
+    """Return a name or a tag without invalid characters: line ends, a last backslash. `equals` stays unchanged."""
     plain = " ".join(text.split("\n")).rstrip("\\").replace("\r", "")
     return "".join(f"\\{sign}" if sign in ", =" and sign != equals else sign for sign in plain)
 

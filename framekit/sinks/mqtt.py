@@ -271,7 +271,7 @@ def _no_number(text: str) -> None:
 
 
 def parsed(payload: bytes) -> tuple[Any, dict[str, Any]]:
-    """Return the value of a command, and its other keys: a value by itself, or `{"value": …, "who": …, "id": …}`.
+    """Return the value of a command, and its other keys: a bare value, or `{"value": …, "who": …, "id": …}`.
 
     Raise ValueError.
     """

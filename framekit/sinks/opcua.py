@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 LONGEST = 30
-"""So many seconds the server has to start, to take values and to end."""
+"""Time limit (s) for the server to start, to take values and to end."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -24,10 +24,10 @@ from framekit.sinks.base import Host, value_type
 from framekit.sinks.secrets import Secret
 
 LONGEST_WRITE = 60
-"""So many seconds a client waits at most until its value is written."""
+"""Longest time (s) that a client waits until its value is written."""
 
 UNITS = "http://www.opcfoundation.org/UA/units/un/cefact"
-"""The namespace of units; without a number of that list (-1) the text counts (OPC UA part 8, section 5.6.3)."""
+"""The namespace of units; without a number of that list (-1) the text is valid (OPC UA part 8, section 5.6.3)."""
 
 _TYPES = {
     "string": (ua.VariantType.String, str),
@@ -36,7 +36,7 @@ _TYPES = {
     "uint64": (ua.VariantType.UInt64, int),
 }
 _FLOAT = (ua.VariantType.Double, float)
-"""Also what whole numbers beyond 64 bits become."""
+"""Also the type of whole numbers beyond 64 bits."""
 
 _SAFE = (
     ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt,
@@ -46,7 +46,7 @@ _SAFE = (
 
 
 class ServerSettings(Protocol):
-    """What the keys of the sink say of its server; empty is not given."""
+    """The keys of the sink that concern its server; empty if not given."""
 
     @property
     def opcua(self) -> tuple[str, int]: ...
@@ -76,12 +76,12 @@ class PointServer:
 
     @property
     def port(self) -> int:
-        """Where it listens."""
+        """Return the number of the port on which it listens."""
         running = self._server.bserver
         return self.kind.opcua[1] if running is None else int(running.port)
 
     async def start(self, values: Sequence[PointValue]) -> None:
-        """Listens; each point has the value given. Raises OSError, ValueError."""
+        """Start the server; each point has the given value. Raises OSError, ValueError."""
         server, kind = self._server, self.kind
         await server.init()
         name = f"framekit {self.host.run}"
@@ -131,7 +131,7 @@ class PointServer:
         await self._server.stop()
 
     async def write(self, asked: ua.WriteValue, who: str) -> ua.StatusCode:
-        """Has a value written that a client sends; the answer comes when the device has it."""
+        """Write a value from a client; the status follows when the device has the value."""
         point = self.ids.get(asked.NodeId)
         if point is None or not point.is_writable:
             return ua.StatusCode(ua.StatusCodes.BadNotWritable)
@@ -158,7 +158,7 @@ class PointServer:
 
 
 def _refusal(point: Point, value: Any) -> Any:
-    """Why a value was not written: it is none of the point's, or the device did not take it."""
+    """Return the status for a refused value: it is invalid for the point, or the device did not accept it."""
     try:
         unscaled(point, value)
     except ValueError:
@@ -207,7 +207,7 @@ class _Session(InternalSession):
 
 
 class _Reader(UserManager):
-    """Everybody who reaches the port."""
+    """Access for every user who reaches the port."""
 
     def get_user(self, iserver: Any, username: Any = None, password: Any = None, certificate: Any = None) -> User:
         return User(role=UserRole.User)

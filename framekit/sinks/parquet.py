@@ -20,7 +20,7 @@ from framekit.sinks.base import FILE, Sink, SinkKind, good_value, not_installed,
 from framekit.sinks.files import LinesFile, keep_newest, name_with
 
 CELLS_AT_ONCE = 500_000
-"""So many values are in memory at most while a file is made."""
+"""Largest number of values in memory while a file is made."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,7 +1,7 @@
 """A history of values in PostgreSQL: one table, filled by COPY in batches; ready to be a hypertable of TimescaleDB.
 
-A batch goes in whole or not at all, and what is there already is left as it is: so nothing is doubled by what is sent
-again after a kill or a lost connection.
+A batch is stored completely or not at all, and existing rows are left unchanged: repetitions after a kill or a lost
+connection create no duplicates.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ SECRETS = {"password", "sslpassword", "passfile", "service", "servicefile"}
 
 
 def read_database(reading: KeyReading, node: Node) -> str:
-    """`postgresql://HOST:PORT/DATABASE`. Raises Broken."""
+    """Parse `postgresql://HOST:PORT/DATABASE`. Raises Broken."""
     text = reading.reader.text(node).strip()
     try:
         found = urlsplit(text)
@@ -93,8 +93,8 @@ class Postgres(NetworkSink):
 class PostgresSink(Sink):
     """Writes rows. Raises psycopg.Error, OSError, ValueError.
 
-    `value` is exact whatever a number has (numeric); `words` has texts, and the words of `enum`. Both are null where
-    the value is not good.
+    Column `value` has the exact number (numeric); `words` has texts, and the words of `enum`. Both are null if the
+    quality is not good.
     """
 
     def __init__(self, kind: Postgres) -> None:
@@ -166,7 +166,7 @@ class PostgresSink(Sink):
         return count
 
     def row(self, time: int, one: PointValue) -> tuple[Any, ...]:
-        """Return a value as a row; PostgreSQL has no character 0 in texts, ␀ stands for it."""
+        """Return a value as a row; `␀` replaces character 0, which PostgreSQL does not support in texts."""
         seconds, rest = divmod(time, 1_000_000_000)
         moment = datetime.fromtimestamp(seconds, UTC).replace(microsecond=rest // 1000)
         value = one.value if one.quality == "good" else None

@@ -140,7 +140,7 @@ Rows = Sequence[tuple[Sequence[str], float | None]]
 
 
 def _family(kind: Any, name: str, about: str, labels: Sequence[str], rows: Rows) -> Metric:
-    """One metric; rows without a value are left out."""
+    """Return a metric; rows without a value are left out."""
     found: Metric = kind(name, about, labels=labels)
     for values, number in rows:
         if number is not None:

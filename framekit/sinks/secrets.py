@@ -12,7 +12,7 @@ from framekit.definition.tree import Node
 
 @dataclass(frozen=True, slots=True)
 class Secret:
-    """Where a password stands: `env`, in the variable `name` of the environment, or `file`, in the file `name`."""
+    """Place of a password: `env`, the variable `name` of the environment, or `file`, the file `name`."""
 
     kind: str
     name: str
@@ -28,8 +28,10 @@ class Secret:
 
 
 def secret_named(text: str, what: str) -> Secret:
-    """`env:NAME` or `file:NAME`, as a command line says it; `what` messages call it. Raises ValueError, without the
-    text: it may be the secret itself."""
+    """Parse `env:NAME` or `file:NAME` of a command line; `what`: the noun for messages.
+
+    Raises ValueError, without the text: it may be the secret itself.
+    """
     kind, _, name = text.strip().partition(":")
     if kind not in ("env", "file") or not name.strip():
         raise ValueError(f"a {what} does not stand on the command line – write env:NAME or file:NAME")
@@ -37,7 +39,7 @@ def secret_named(text: str, what: str) -> Secret:
 
 
 def read_secret(reading: KeyReading, node: Node) -> Secret:
-    """`env:NAME` or `file:NAME`. Raises Broken, without the text: it may be a password."""
+    """Read `env:NAME` or `file:NAME`. Raises Broken, without the text: it may be a password."""
     kind, _, name = reading.reader.text(node).strip().partition(":")
     if kind not in ("env", "file") or not name.strip():
         what = "a secret does not stand in a run file"
@@ -46,4 +48,4 @@ def read_secret(reading: KeyReading, node: Node) -> Secret:
 
 
 SECRET = Form(ref("text"), read_secret)
-"""env:NAME, a variable of the environment, or file:NAME, a file beside the run."""
+"""env:NAME, a variable of the environment, or file:NAME, a file in the folder of the run."""

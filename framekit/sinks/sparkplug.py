@@ -1,8 +1,9 @@
-"""Values to an MQTT broker as Sparkplug B: a run is an edge node that tells its birth, its data by alias and its death.
+"""Values to an MQTT broker as Sparkplug B: a run is an edge node that publishes its birth, its data by alias and its
+death.
 
-After the specification 3.0.0: births and data go with QoS 0. So that nothing is lost with a connection, data count as
-sent when the broker has answered something that was asked behind them. The messages are those of protobuf: numbers of
-fields, types and qualities are those of the specification, chapter 6 (payloads) and its section on quality codes.
+After the specification 3.0.0: births and data have QoS 0. To lose no data with a connection, data count as sent when
+the broker has answered a later request. The messages are encoded with protobuf: numbers of fields, types and qualities
+are those of the specification, chapter 6 (payloads) and its section on quality codes.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ _PACKAGE = "framekit.sparkplug"
 
 @cache
 def payload_class() -> Any:
-    """The class of payloads. What it does not know of others' payloads it passes over."""
+    """Return the class of payloads. It skips unknown parts of received payloads."""
     from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
     kinds = descriptor_pb2.FieldDescriptorProto
@@ -84,18 +85,18 @@ def payload_class() -> Any:
 
 
 class Metric(NamedTuple):
-    """A value of a payload; `time` in ms since 1970. Births name it, with its type; data have its alias alone.
-
-    `value` None: there is none. `quality` None: nothing is said of it, which means good.
-    """
+    """A value of a payload. Births contain the name and the type, data only the alias."""
 
     value: int | float | bool | str | None
+    """The value; None if it is missing."""
     time: int
+    """Time in ms since 1970."""
     name: str = ""
     alias: int | None = None
     type: int | None = None
     is_historical: bool = False
     quality: int | None = None
+    """Quality code; None if not transmitted, which means good."""
     unit: str = ""
 
 
@@ -148,7 +149,7 @@ class CommandMetric(NamedTuple):
 
 
 def decoded(data: bytes) -> Iterator[CommandMetric]:
-    """The metrics of a command. Raises ValueError for what is no payload."""
+    """Yield the metrics of a command. Raises ValueError for an invalid payload."""
     from google.protobuf.message import DecodeError
 
     try:
@@ -171,7 +172,7 @@ log = logging.getLogger(__name__)
 REBIRTH = "Node Control/Rebirth"
 BIRTHS = "bdSeq"
 MOST_METRICS = 500
-"""So many metrics are in one message, unless one sample has more."""
+"""Largest number of metrics in a message, unless one sample has more."""
 
 _QUALITY = {"good": GOOD, "failed": BAD, "stale": STALE}
 _WHOLE = range(-(1 << 63), 1 << 63)
@@ -223,7 +224,7 @@ class SparkplugSink(Sink):
         self._lock = threading.Lock()
         self._seq = 0
         self._births = time.time_ns() // 1_000_000_000 % 256
-        """Which birth it is, 0 to 255; another one than that of the run before."""
+        """Number of the birth, 0 to 255; it differs from that of the previous run."""
         self._born = 0
 
     def meet(self, host: Host) -> None:
@@ -248,7 +249,7 @@ class SparkplugSink(Sink):
         connection.answered(self._topic("NCMD"))
 
     def _bear(self, connection: BrokerConnection) -> None:
-        """Tells all metrics, with their names, types and values as they are now."""
+        """Publish the birth: all metrics with their names, types and present values."""
         born = time.time_ns()
         values = () if self._host is None else self._host.values()
         now = {one.name: one for one in values if one.name in self._points}
@@ -285,7 +286,7 @@ class SparkplugSink(Sink):
                 if count and len(metrics) + len(sample.values) > MOST_METRICS:
                     break
                 at = sample.time // 1_000_000
-                is_old = sample.time <= self._born  # the birth has told what it has come to
+                is_old = sample.time <= self._born  # the birth has published the resulting value
                 metrics += [self._metric(one, at)._replace(is_historical=is_old) for one in sample.values]
                 count += 1
             if not metrics:
@@ -304,7 +305,7 @@ class SparkplugSink(Sink):
     # ---- commands -----------------------------------------------------------------------------------------
 
     def _heard(self, command: Command) -> None:
-        """A host wants everything told anew, or points written. It has no answer but the value."""
+        """Execute a command of a host: publish a new birth, or write points. The only answer is the new value."""
         connection, host = self._connection, self._host
         if connection is None or host is None:
             return

@@ -42,7 +42,7 @@ _POINT = "INSERT INTO points (name, unit) VALUES (?, ?) ON CONFLICT (name) DO UP
 
 
 class HistoryError(ValueError):
-    """A file that holds no history; the text says what to do."""
+    """Raised for a file that holds no history; the text contains the remedy."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,7 +127,7 @@ class SqliteSink(Sink):
         return len(samples)
 
     def _remove_old(self, database: sqlite3.Connection, now: int) -> None:
-        """Remove rows that are too old. What fails is tried again after the next write."""
+        """Remove rows that are too old. A failed removal is repeated after the next write."""
         assert self._ages is not None
         with suppress(sqlite3.Error):
             for where, limits in self._ages.old(now):
@@ -170,7 +170,7 @@ class RowAges:
         return self._began is not None
 
     def written(self, now: int, time: int, row: int) -> None:
-        """The rows up to `row` are written; the last of them is a value of this time."""
+        """Note that the rows up to `row` are written; the last of them has a value of this time."""
         if self._began is None:
             self._began, self._offset, self._due = now, time - now, now + CLEANING
             self._marks.append((now, self._last))
@@ -191,7 +191,7 @@ class RowAges:
             yield "rowid <= ?", (rows[-1],)
 
     def removed(self, now: int) -> None:
-        """The old rows were removed."""
+        """Note that the old rows were removed."""
         self._due = now + CLEANING
         while self._marks and self._marks[0][0] <= now - self._keep:
             self._marks.popleft()
@@ -203,7 +203,7 @@ def _last_row(database: sqlite3.Connection) -> int:
 
 
 def _storable(value: Any) -> Any:
-    """Whole numbers that SQLite has no room for as texts."""
+    """Convert whole numbers beyond the range of SQLite to texts."""
     return str(value) if isinstance(value, int) and not -(1 << 63) <= value < 1 << 63 else value
 
 

@@ -40,7 +40,7 @@ STORE = Form(ref("text"), lambda r, node: r.loader.file(node))
 
 
 class StoreError(ValueError):
-    """A file that is no store; the text says what to do."""
+    """Raised for a file that is no store; the text contains the remedy."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

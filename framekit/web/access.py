@@ -1,4 +1,4 @@
-"""Who may see the page, and who may do something: names of this machine only, no other web page, and a token to act."""
+"""Access control of the page: only names of this machine, no other web page, and a token for actions."""
 
 from __future__ import annotations
 
@@ -17,7 +17,10 @@ SHORTEST_TOKEN = 12
 
 
 class Access:
-    """The token of one server. `made`: it was not given, so that it has to be told."""
+    """The token of one server.
+
+    `made`: the token was generated, so that it has to be shown to the operator.
+    """
 
     def __init__(self, token: str = "") -> None:
         """Raise ValueError for a token that is too short to be a secret."""
@@ -27,13 +30,13 @@ class Access:
         self.token = token or secrets.token_urlsafe(24)
 
     def fits(self, given: object) -> bool:
-        """Whether this is the token; how long that takes tells nothing of it."""
+        """Return whether this is the token; the comparison takes constant time."""
         told = given if isinstance(given, str) else ""
         return hmac.compare_digest(told.encode(errors="replace"), self.token.encode(errors="replace"))
 
 
 class Visitor:
-    """A browser at `who`. `may`: it has given the token, and may act."""
+    """A browser at `who`. `may`: it has given the token and may act."""
 
     def __init__(self, access: Access, who: str) -> None:
         self.who = who
@@ -42,7 +45,7 @@ class Visitor:
         self._access = access
 
     def give(self, token: object) -> dict[str, bool]:
-        """What it is told when it gives a token."""
+        """Check the token of a browser and return the answer."""
         self.may = self._access.fits(token)
         if not self.may:
             self.wrong_tokens += 1
@@ -50,7 +53,7 @@ class Visitor:
         return {"may": self.may}
 
     def refused(self) -> str:
-        """Why it may not do something; '' if it may."""
+        """Return the reason why it may not act; '' if it may. A refusal is logged."""
         if self.may:
             return ""
         log.warning("web: refused to %s, who has not given the token", self.who)
@@ -58,7 +61,7 @@ class Visitor:
 
 
 def kept_token(text: str) -> str:
-    """Return the token that stands where `env:NAME` or `file:NAME` says. Raises ValueError, OSError."""
+    """Return the token at the place that `env:NAME` or `file:NAME` gives. Raises ValueError, OSError."""
     found = secret_named(text, "token").read()
     if not found:
         raise ValueError("there is no token – put one there")
@@ -86,7 +89,7 @@ def host_name(host: str) -> str:
 
 
 def is_own_origin(headers: Mapping[str, str]) -> bool:
-    """Return whether a request comes from this page, or from no page: browsers say of every other page which it is."""
+    """Return whether a request comes from this page, or has no origin: browsers send the origin of every other page."""
     origin = headers.get("origin")
     if origin is None:
         return True
@@ -106,4 +109,4 @@ HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
-"""What every answer says to the browser: nothing comes from elsewhere, and no script runs but the page's own."""
+"""Headers of every answer: no content from other servers, and no scripts but the page's own."""

@@ -1,6 +1,8 @@
-"""The page of an unknown line: the rows of a recording, a few at a time, what its bytes may be, and names for them.
+"""The page of an unknown line: the rows of a recording, a few at a time, possible types of its bytes, and names for
+them.
 
-A browser asks for what it shows; nothing is kept for it but the round of names that it knows.
+A browser requests the rows it shows; the server stores nothing for it except the version of the names that it has
+received.
 """
 
 from __future__ import annotations
@@ -30,14 +32,17 @@ MOST_DRAWN = 600
 LARGEST_RANGE = 64
 """Bytes that are looked at together."""
 POINTED = (1, 2, 4)
-"""So many bytes are looked at from a single one on."""
+"""Sizes (bytes) of the fields examined from a single byte on."""
 SHOWN = ("u", "i", "f", "t")
 _NOTHING: Mapping[str, str] = {}
 
 
 class HexBoard:
-    """What all browsers are shown of a recording. `names`: None where a definition says what the bytes are; then
-    `behaviours` says what its fields have in common in all frames, by FRAME.FIELD."""
+    """Content common to all browsers of a recording.
+
+    `names`: None if a definition describes the bytes; then `behaviours` gives the behaviour of its fields over all
+    frames, by FRAME.FIELD.
+    """
 
     home = "bytes.html"
 
@@ -54,20 +59,20 @@ class HexBoard:
         self._lock = asyncio.Lock()
 
     def session(self, access: Access, who: str) -> HexSession:
-        """That of one browser."""
+        """Return a session for a browser."""
         return HexSession(self, access, who)
 
     async def go_on(self) -> None:
-        """Nothing: a recording stays as it is."""
+        """Return at once: a recording does not change."""
 
     async def give(self, naming: FieldNaming) -> None:
-        """Names bytes. Raises NamingError."""
+        """Give a name to bytes. Raises NamingError."""
         async with self._lock:
             await asyncio.to_thread(self._names().give, naming)
             self._renamed()
 
     async def forget(self, kind: str, offset: int) -> None:
-        """Bytes have no name any more. Raises NamingError."""
+        """Remove the name of bytes. Raises NamingError."""
         async with self._lock:
             await asyncio.to_thread(self._names().forget, kind, offset)
             self._renamed()
@@ -102,11 +107,11 @@ class HexSession:
 
     @property
     def wrong_tokens(self) -> int:
-        """So many it has given."""
+        """Return the number of wrong tokens it has sent."""
         return self.visitor.wrong_tokens
 
     def hello(self) -> Message:
-        """What stays as it is."""
+        """Return the constant content."""
         board = self.board
         path = None if board.names is None else board.names.path
         return {
@@ -125,7 +130,7 @@ class HexSession:
         }
 
     def news(self) -> Iterator[Message]:
-        """That there are other names than before."""
+        """Yield an update if the names have changed."""
         if self._round != self.board.round:
             self._round = self.board.round
             draft = None if self.board.names is None else self.board.names.draft
@@ -136,7 +141,7 @@ class HexSession:
             }
 
     async def answer(self, told: Any) -> Message | None:
-        """Does what a message says; what is to be told. Raises ValueError for what is no message of the page."""
+        """Execute a message and return the answer. Raises ValueError if it is no message of the page."""
         return await answered(self._actions, told)
 
     # ---- rows ---------------------------------------------------------------------------------------------
@@ -159,7 +164,7 @@ class HexSession:
         }  # fmt: skip
 
     def _line(self, line: HexLine, width: int) -> list[Any]:
-        """Number of the row, first byte, time, pause before it, way, kind, size, bytes, fields, fault."""
+        """Return number of the row, first byte, time, pause before it, direction, kind, size, bytes, fields, fault."""
         table = self.board.table
         row = table.rows[line.row]
         end = line.offset + width
@@ -216,7 +221,9 @@ class HexSession:
         return number, first, size
 
     async def _point(self, row: Any, told: Told) -> Message:
-        """What these bytes are, and what they would be as each type; a single one also together with those after it."""
+        """Return the known fields of these bytes, and their value as each type; for a single byte also together with
+        the bytes after it.
+        """
         number, first, size = self._range(row, told)
         table, data = self.board.table, self.board.table.rows[number].data
         sizes = [one for one in POINTED if first + one <= len(data)] if size == 1 else [size]
@@ -241,7 +248,7 @@ class HexSession:
         }  # fmt: skip
 
     def _guessed(self, kind: int, span: HexSpan) -> tuple[str, str, bool]:
-        """So many of so many, the type that people gave it with its order, and whether its size varies."""
+        """Return the evidence of a field, its given type with the order, and whether its size varies."""
         names = self.board.names
         fields = () if names is None or kind == NOISE else names.guess.kinds[kind].fields
         field = next((one for one in fields if one.name == span.name), None)
@@ -271,7 +278,7 @@ class HexSession:
         return {"draft": "" if names is None else names.draft.text, "file": "" if names is None else names.draft.name}
 
     async def _name(self, name: Any, told: Told) -> Message:
-        """Bytes are to have a name and a type. `size` 0: data of varying size."""
+        """Give a name and a type to bytes. `size` 0: data of varying size."""
         kind, type_, order = (plain_text(told.get(key)) for key in ("kind", "type", "order"))
         first, size = (whole_number(told.get(key)) for key in ("first", "size"))
         naming = FieldNaming(kind, first, size, plain_text(name), type_, order)
@@ -279,7 +286,7 @@ class HexSession:
         return await self._tried(told, lambda: self.board.give(naming), f"{naming.name!r} for {where}")
 
     async def _forget(self, kind: Any, told: Told) -> Message:
-        """Return a field is to have no name any more."""
+        """Remove the name of a field."""
         name, first = plain_text(kind), whole_number(told.get("first"))
         return await self._tried(told, lambda: self.board.forget(name, first), f"no name for byte {first} of {name}")
 

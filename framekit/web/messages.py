@@ -1,4 +1,4 @@
-"""Messages of a browser, and what is refused as none: all that pages have in common."""
+"""Messages of browsers, and their validation: the common part of all pages."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LARGEST_NUMBER = 2**53
 Message = dict[str, Any]
 Told = Mapping[str, Any]
 Actions = Mapping[str, Callable[[Any, Told], Message | Awaitable[Message] | None]]
-"""What a browser may ask for, by the first word of its message."""
+"""Requests of a browser: the action for each first key of a message."""
 
 
 class PageSession(Protocol):
@@ -22,32 +22,32 @@ class PageSession(Protocol):
 
     @property
     def wrong_tokens(self) -> int:
-        """So many it has given."""
+        """Return the number of wrong tokens it has sent."""
 
     def hello(self) -> Message:
-        """What it is told first."""
+        """Return the first message to the browser."""
 
     def news(self) -> Iterator[Message]:
-        """What it has not seen."""
+        """Yield the changes since the last call."""
 
     async def answer(self, told: Any) -> Message | None:
-        """Does what it asks for. Raises ValueError for what is no message of the page."""
+        """Execute a message and return the answer. Raises ValueError if it is no message of the page."""
 
 
 class PageBoard(Protocol):
-    """What all browsers are shown. `home`: the file of the page."""
+    """Content common to all browsers. `home`: the file of the page."""
 
     home: str
 
     def session(self, access: Access, who: str) -> PageSession:
-        """That of one browser."""
+        """Return a session for a browser."""
 
     async def go_on(self) -> None:
-        """What has to be done as long as the page is there."""
+        """Do the work of the page while the server runs."""
 
 
 async def answered(actions: Actions, told: Any) -> Message | None:
-    """What the action says that a message asks for. Raises ValueError for what is no message."""
+    """Execute the action that a message requests and return its answer. Raises ValueError if it is no message."""
     if not isinstance(told, dict) or not told:
         raise ValueError("this is no message")
     name = next(iter(told))

@@ -16,7 +16,7 @@ MOST_OF_AN_ADDRESS = 16
 LONGEST_SILENCE = 5.0
 """Seconds in which a connection must complete a request."""
 LONGEST_ANSWER = 6
-"""Number of such times in which a client must take an answer."""
+"""Number of these periods within which a client must take an answer."""
 
 
 class ImpatientProtocol(H11Protocol):
